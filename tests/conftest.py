@@ -1,0 +1,64 @@
+"""What every test runs under: repeatable examples, and programs from outside that may be absent."""
+
+import os
+import shutil
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+# A test passes or fails for everybody; finding new examples is a job for a run of its own.
+settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.load_profile("repeatable")
+
+DESELECTED = pytest.StashKey[dict[str, int]]()
+UNDER_CI = os.environ.get("CI", "").lower() not in ("", "0", "false")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[DESELECTED] = {}
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if UNDER_CI:
+        return  # they fail instead, see pytest_runtest_setup
+    kept: list[pytest.Item] = []
+    dropped: list[pytest.Item] = []
+    for item in items:
+        missing = missing_programs(item)
+        for program in missing:
+            config.stash[DESELECTED][program] = config.stash[DESELECTED].get(program, 0) + 1
+        (dropped if missing else kept).append(item)
+    if dropped:
+        config.hook.pytest_deselected(items=dropped)
+        items[:] = kept
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if missing := missing_programs(item):
+        pytest.fail(f"{' and '.join(missing)} not found, and under CI every external test must run", pytrace=False)
+
+
+def missing_programs(item: pytest.Item) -> list[str]:
+    wanted: Iterable[str] = dict.fromkeys(name for mark in item.iter_markers("external") for name in mark.args)
+    return [program for program in wanted if shutil.which(program) is None]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    for program, count in sorted(config.stash[DESELECTED].items()):
+        terminalreporter.write_line(f"{program} not found: {count} external test(s) deselected")
+
+
+# Under xdist the workers collect and the main process prints.
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    output: dict[str, Any] | None = getattr(session.config, "workeroutput", None)
+    if output is not None:
+        output["deselected"] = session.config.stash[DESELECTED]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    node.config.stash[DESELECTED].update(getattr(node, "workeroutput", {}).get("deselected", {}))

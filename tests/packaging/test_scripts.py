@@ -1,0 +1,309 @@
+"""The two commands of the README on machines of every kind; Python and pip are played by shell scripts here."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Writes down how it was called, and makes an environment in which nothing is real.
+FAKE_PYTHON = """#!/bin/sh
+echo "python $*" >>"$LOG"
+case "$*" in
+    *version_info*) echo "{version}" ;;
+    *ensurepip*) exit {no_venv} ;;
+    *hashlib*) exec "{real}" "$@" ;;
+    "-m venv --clear "*)
+        rm -rf "$4" && mkdir -p "$4/bin" && echo "#!$4/bin/python" >"$4/bin/pip"
+        cp "$FAKES/venv-python" "$4/bin/python"
+        sed -i "s/VERSION/{version}/" "$4/bin/python"
+        cp "$FAKES/tool" "$4/bin/ruff" && cp "$FAKES/tool" "$4/bin/mypy" && cp "$FAKES/tool" "$4/bin/lint-imports"
+        ;;
+esac
+"""
+FAKE_VENV_PYTHON = """#!/bin/sh
+echo "venv $*" >>"$LOG"
+case "$*" in
+    *version_info*) echo VERSION ;;
+    "-m pip install"*)
+        cp "$FAKES/lift-manager" "${0%/python}/lift-manager"
+        exit "${PIP_EXITS:-0}"
+        ;;
+esac
+"""
+FAKE_TOOL = """#!/bin/sh
+echo "${0##*/} $*" >>"$LOG"
+[ "${0##*/}" != "${FAILING_TOOL:-}" ]
+"""
+FAKE_LIFT_MANAGER = """#!/bin/sh
+for word in "$@"; do echo "[$word]"; done
+"""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A checkout in a folder with a space in its name, and a folder of fake programs in front of PATH."""
+
+    repo: Path
+    fakes: Path
+    log: Path
+
+    def add(self, name: str, script: str) -> Path:
+        path = self.fakes / name
+        path.write_text(script)
+        path.chmod(0o755)
+        return path
+
+    def add_python(self, name: str, *, version: str = "3.11", has_venv: bool = True) -> Path:
+        script = FAKE_PYTHON.format(version=version, no_venv=int(not has_venv), real=sys.executable)
+        return self.add(name, script)
+
+    def run(
+        self, script: str, *args: str, more: dict[str, str] | None = None, cwd: Path | None = None
+    ) -> subprocess.CompletedProcess[str]:
+        """Start a script; `log` then holds what happened in this start only."""
+        self.log.write_text("")
+        environment = {name: value for name, value in os.environ.items() if name != "LIFT_MANAGER_PYTHON"}
+        environment |= {"LOG": str(self.log), "FAKES": str(self.fakes), "PATH": f"{self.fakes}:/usr/bin:/bin"}
+        return subprocess.run(
+            [self.repo / "scripts" / script, *args],
+            cwd=cwd or self.fakes,
+            env=environment | (more or {}),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    @property
+    def installs(self) -> list[str]:
+        return [line.rpartition(" ")[2] for line in self.lines("venv -m pip install")]
+
+    def lines(self, start: str) -> list[str]:
+        return [line for line in self.log.read_text().splitlines() if line.startswith(start)]
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    repo = tmp_path / "a lift"
+    fakes = tmp_path / "fakes"
+    fakes.mkdir()
+    shutil.copytree(ROOT / "scripts", repo / "scripts")
+    shutil.copy(ROOT / "pyproject.toml", repo)
+    machine = Machine(repo=repo, fakes=fakes, log=tmp_path / "log")
+    machine.add_python("python3")
+    machine.add("venv-python", FAKE_VENV_PYTHON)
+    machine.add("tool", FAKE_TOOL)
+    machine.add("lift-manager", FAKE_LIFT_MANAGER)
+    return machine
+
+
+@pytest.mark.parametrize("path", ["scripts/demo", "scripts/test", ".ci/run"])
+def test_the_commands_are_executable_and_free_of_syntax_errors(path: str) -> None:
+    assert os.access(ROOT / path, os.X_OK)
+    for script in (ROOT / path, ROOT / "scripts" / "lib.sh"):
+        done = subprocess.run(["bash", "-n", script], capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_first_demo_says_one_line_installs_what_the_program_needs_and_starts_it(machine: Machine) -> None:
+    done = machine.run("demo", "--port", "5010", "two words")
+    assert (done.returncode, done.stdout) == (0, "[demo]\n[--port]\n[5010]\n[two words]\n")
+    assert done.stderr == "Installing into .venv (first start, about a minute) ...\n"
+    assert machine.installs == [str(machine.repo).split(" ")[-1]]
+
+
+def test_a_second_demo_installs_nothing_and_says_nothing(machine: Machine) -> None:
+    machine.run("demo")
+    done = machine.run("demo")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "[demo]\n", "")
+    assert machine.lines("venv") == []
+    assert machine.lines("python -m") == []
+
+
+def test_a_demo_environment_is_completed_by_test_and_then_serves_both(machine: Machine) -> None:
+    machine.run("demo")
+    machine.run("test", "tests")
+    assert [what.endswith("[dev]") for what in machine.installs] == [True]
+    assert machine.lines("python -m venv") == []
+    machine.run("demo")
+    assert machine.installs == []
+    machine.run("test", "tests")
+    assert machine.installs == []
+
+
+def test_a_changed_pyproject_is_installed_into_the_same_environment(machine: Machine) -> None:
+    machine.run("test", "tests")
+    with (machine.repo / "pyproject.toml").open("a") as file:
+        file.write("# changed\n")
+    machine.run("demo")
+    assert [what.endswith("[dev]") for what in machine.installs] == [True], "a test environment stays one"
+    assert machine.lines("python -m venv") == []
+
+
+def test_another_python_version_gets_a_new_environment(machine: Machine) -> None:
+    machine.run("demo")
+    machine.add_python("python3", version="3.13")
+    machine.run("demo")
+    assert len(machine.lines("python -m venv")) == 1
+    assert len(machine.installs) == 1
+
+
+def test_an_environment_made_by_hand_is_completed_and_not_thrown_away(machine: Machine) -> None:
+    machine.run("demo")
+    (machine.repo / ".venv" / "stamp").unlink()
+    machine.run("demo")
+    assert machine.lines("python -m venv") == []
+    assert len(machine.installs) == 1
+
+
+def test_an_interrupted_install_is_not_taken_for_a_ready_one(machine: Machine) -> None:
+    done = machine.run("demo", more={"PIP_EXITS": "1"})
+    assert done.returncode == 1
+    assert "the next start tries again" in done.stderr
+    done = machine.run("demo")
+    assert (done.returncode, done.stdout) == (0, "[demo]\n")
+    assert len(machine.lines("python -m venv")) == 1
+    assert len(machine.installs) == 1
+
+
+def test_an_interrupted_upgrade_is_not_taken_for_a_ready_one(machine: Machine) -> None:
+    machine.run("demo")
+    machine.run("test", "tests", more={"PIP_EXITS": "1"})
+    machine.run("demo")
+    assert len(machine.installs) == 1
+
+
+def test_a_copied_folder_gets_an_environment_of_its_own(machine: Machine, tmp_path: Path) -> None:
+    machine.run("demo")
+    copy = Machine(repo=tmp_path / "a copy", fakes=machine.fakes, log=machine.log)
+    shutil.copytree(machine.repo, copy.repo)
+    assert copy.run("demo").returncode == 0
+    assert len(copy.lines("python -m venv")) == 1
+
+
+def test_the_commands_work_from_any_folder(machine: Machine, tmp_path: Path) -> None:
+    for cwd in (tmp_path, machine.repo, machine.repo / "scripts", Path("/")):
+        assert machine.run("demo", cwd=cwd).stdout == "[demo]\n"
+
+
+@pytest.mark.parametrize("script", ["demo", "test"])
+def test_an_old_python_is_answered_with_one_sentence_that_says_what_to_install(machine: Machine, script: str) -> None:
+    machine.add_python("python3", version="3.9")
+    done = machine.run(script, more={"LIFT_MANAGER_PYTHON": "python3"})
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "needs Python 3.11 or newer, but python3 is 3.9" in done.stderr
+    assert "apt-get install python3 python3-venv" in done.stderr
+    assert not (machine.repo / ".venv").exists()
+
+
+@pytest.mark.parametrize("version", ["2.7", "3.9", "3.10"])
+def test_where_python3_is_too_old_a_newer_one_beside_it_is_used(machine: Machine, version: str) -> None:
+    machine.add_python("python3", version=version)
+    machine.add_python("python3.14", version="3.14")
+    assert machine.run("demo").returncode == 0
+    assert (machine.repo / ".venv" / "stamp").read_text().startswith("demo 3.14 ")
+
+
+def test_no_python_at_all_is_answered_with_one_sentence_that_says_what_to_install(machine: Machine) -> None:
+    done = machine.run("demo", more={"LIFT_MANAGER_PYTHON": "no-such-python"})
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "found no no-such-python" in done.stderr
+    assert "apt-get install python3 python3-venv" in done.stderr
+
+
+def test_a_missing_venv_module_is_answered_with_one_sentence_that_says_what_to_install(machine: Machine) -> None:
+    machine.add_python("python3", has_venv=False)
+    done = machine.run("demo")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].endswith("its venv module is not installed: apt-get install python3-venv")
+    assert not (machine.repo / ".venv").exists()
+
+
+def test_the_interpreter_can_be_chosen_even_in_a_folder_with_a_space(machine: Machine) -> None:
+    chosen = machine.repo / "my python"
+    machine.add_python("python3", version="3.9").rename(machine.fakes / "old")
+    machine.add_python("python3", version="3.12").rename(chosen)
+    assert machine.run("demo", more={"LIFT_MANAGER_PYTHON": str(chosen)}).returncode == 0
+    assert (machine.repo / ".venv" / "stamp").read_text().startswith("demo 3.12 ")
+
+
+def test_test_runs_the_linters_and_then_the_tests(machine: Machine) -> None:
+    assert machine.run("test").returncode == 0
+    ran = machine.log.read_text().splitlines()[-5:]
+    assert ran == ["ruff check --quiet", "ruff format --check --quiet", "mypy ", "lint-imports ", "venv -m pytest"]
+
+
+def test_test_with_arguments_hands_them_to_the_tests_alone(machine: Machine) -> None:
+    assert machine.run("test", "tests/drivers", "-k", "late").returncode == 0
+    assert machine.log.read_text().splitlines()[-1] == "venv -m pytest tests/drivers -k late"
+    assert machine.lines("ruff") == []
+
+
+def test_a_linter_that_complains_does_not_hide_the_tests_but_fails_the_run(machine: Machine) -> None:
+    done = machine.run("test", more={"FAILING_TOOL": "mypy"})
+    assert done.returncode == 1
+    assert done.stderr.endswith("Failed: mypy\n")
+    assert machine.lines("venv -m pytest") == ["venv -m pytest"]
+
+
+def test_what_ros_puts_into_the_environment_does_not_reach_the_program(machine: Machine) -> None:
+    machine.add("lift-manager", '#!/bin/sh\necho "${PYTHONPATH-none}"\n')
+    assert machine.run("demo", more={"PYTHONPATH": "/opt/ros"}).stdout == "none\n"
+
+
+FAKE_APT = """#!/bin/sh
+echo "apt-get $*" >>"$LOG"
+case "$*" in
+    update*) [ "${APT_FAILS:-no}" = no ] || [ "$(grep -c update "$LOG")" -gt 1 ] ;;
+esac
+"""
+
+
+@pytest.fixture
+def ci_machine(machine: Machine) -> Machine:
+    """Where nothing is installed but a shell, apt and what the test adds."""
+    shutil.copytree(ROOT / ".ci", machine.repo / ".ci")
+    tests = machine.repo / "scripts" / "test"
+    tests.write_text('#!/bin/sh\necho "tests $#" >>"$LOG"\nexit "${TESTS_EXIT:-0}"\n')
+    for name in ("bash", "sh", "env", "dirname", "grep"):
+        (machine.fakes / name).symlink_to(shutil.which(name) or name)
+    machine.add("apt-get", FAKE_APT)
+    machine.add("sleep", "#!/bin/sh\n")
+    return machine
+
+
+def run_ci(machine: Machine, **more: str) -> subprocess.CompletedProcess[str]:
+    return machine.run("../.ci/run", more={"PATH": str(machine.fakes), **more})
+
+
+def test_ci_installs_what_is_missing_and_runs_the_command_of_the_readme(ci_machine: Machine) -> None:
+    ci_machine.add_python("python3", has_venv=False)
+    ci_machine.add("tshark", FAKE_TOOL)
+    done = run_ci(ci_machine)
+    assert done.returncode == 0, done.stderr
+    assert ci_machine.lines("apt-get")[-1].endswith(" python3 python3-venv mbpoll chromium")
+    assert ci_machine.lines("tests") == ["tests 0"]
+
+
+def test_ci_asks_nothing_of_apt_when_everything_is_there(ci_machine: Machine) -> None:
+    for name in ("mbpoll", "tshark", "chromium"):
+        ci_machine.add(name, FAKE_TOOL)
+    assert run_ci(ci_machine).returncode == 0
+    assert ci_machine.lines("apt-get") == []
+
+
+def test_ci_asks_apt_a_second_time_when_it_fails(ci_machine: Machine) -> None:
+    assert run_ci(ci_machine, APT_FAILS="once").returncode == 0
+    assert len(ci_machine.lines("apt-get update")) == 2
+    assert ci_machine.lines("tests") == ["tests 0"]
+
+
+def test_ci_fails_when_the_tests_fail(ci_machine: Machine) -> None:
+    assert run_ci(ci_machine, TESTS_EXIT="3").returncode == 3
