@@ -1,0 +1,131 @@
+"""Every error a driver raises; each says what reached the wire (`sent`).
+
+DriverError
+    LinkDown                 there is no connection; nothing was sent
+    ConnectFailed            the connection could not be made; `problem` says why
+    ConnectionLost           the connection went away while the answer was awaited
+    AnswerTimeout            no answer in time
+    AnswerMismatch           the answer does not fit its request: the stream is out of step
+    ControllerException      the controller answered with an exception code
+        UnitOffline          a gateway answered for a unit that it cannot reach (0A, 0B)
+    PressRefused             the permit said no immediately before the bytes left
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum, unique
+
+from register_maps.errors import EXCEPTION_NAMES
+
+BUSY = 6
+PATH_UNAVAILABLE = 0x0A
+TARGET_SILENT = 0x0B
+
+
+@unique
+class Sent(StrEnum):
+    """Whether the request reached the controller, so whether it may have been carried out."""
+
+    NO = "no"
+    YES = "yes"
+    UNKNOWN = "unknown"
+
+
+@unique
+class ConnectProblem(StrEnum):
+    """Why a connection could not be made."""
+
+    REFUSED = "refused"
+    """Nothing listens on that port, or the host turns us away."""
+    TIMED_OUT = "timed out"
+    HOST_NOT_FOUND = "host not found"
+    OTHER = "other"
+
+
+class DriverError(Exception):
+    """Root of everything that a driver raises on purpose."""
+
+    def __init__(self, text: str, sent: Sent) -> None:
+        super().__init__(text)
+        self.sent = sent
+
+
+class LinkDown(DriverError):
+    """There is no connection, so nothing was sent."""
+
+    def __init__(self, link: str, reason: str, down_for_s: float) -> None:
+        super().__init__(f"{link}: no connection for {down_for_s:.1f} s: {reason}", Sent.NO)
+        self.reason = reason
+        self.down_for_s = down_for_s
+
+
+class ConnectFailed(DriverError):
+    """The connection could not be made."""
+
+    def __init__(self, peer: str, problem: ConnectProblem, detail: str) -> None:
+        super().__init__(f"{peer}: {detail}", Sent.NO)
+        self.problem = problem
+
+
+class ConnectionLost(DriverError):
+    """The connection went away while the answer was awaited."""
+
+    def __init__(self, link: str, request: str, reason: str) -> None:
+        super().__init__(f"{link}: {request}: connection lost before the answer: {reason}", Sent.UNKNOWN)
+        self.reason = reason
+
+
+class AnswerTimeout(DriverError):
+    """No answer came in time."""
+
+    def __init__(self, link: str, request: str, timeout_s: float) -> None:
+        super().__init__(f"{link}: {request}: no answer within {timeout_s:g} s", Sent.UNKNOWN)
+        self.timeout_s = timeout_s
+
+
+class AnswerMismatch(DriverError):
+    """The answer does not fit its request: answers and requests are out of step."""
+
+    def __init__(self, link: str, detail: str) -> None:
+        super().__init__(f"{link}: {detail}", Sent.UNKNOWN)
+
+
+class ControllerException(DriverError):
+    """The controller answered with an exception code.
+
+    Code 5 (acknowledge) means accepted and still at work; code 6 (busy) means not carried out, so `sent` is no.
+    """
+
+    def __init__(self, link: str, request: str, code: int, sent: Sent | None = None) -> None:
+        self.code = code
+        self.name = EXCEPTION_NAMES.get(code, "not in the specification")
+        if sent is None:
+            sent = Sent.NO if code == BUSY else Sent.YES
+        super().__init__(f"{link}: {request}: exception {code:02X} ({self.name})", sent)
+
+
+class UnitOffline(ControllerException):
+    """A gateway answered for a unit that it cannot reach; other units on the same link may be well.
+
+    0A: nothing was passed on. 0B: it was passed on and not answered, so nobody knows.
+    """
+
+    def __init__(self, link: str, request: str, code: int) -> None:
+        super().__init__(link, request, code, Sent.NO if code == PATH_UNAVAILABLE else Sent.UNKNOWN)
+
+
+class PressRefused(DriverError):
+    """The permit said no immediately before the bytes would have left."""
+
+    def __init__(self, link: str, request: str, reason: str) -> None:
+        super().__init__(f"{link}: {request}: not sent: {reason}", Sent.NO)
+        self.reason = reason
+
+
+class HeartbeatStopped(DriverError):
+    """The controller answers, but the counter that shows a running program stands still: what it says may be old."""
+
+    def __init__(self, link: str, still_for_s: float, limit_s: float) -> None:
+        super().__init__(
+            f"{link}: its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)", Sent.NO
+        )

@@ -1,0 +1,78 @@
+"""Whether a command took effect: looked for in later readings, never in the echo of its write. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.model import Command, CommandKind, FloorName, LiftValues, Proof
+from register_maps.words import Door, Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What would confirm one command."""
+
+    command: Command
+    any_of: tuple[str, ...]
+    """As in the map: signal names, `effect`, `readback`."""
+    before: LiftValues | None
+    """What the lift said when the press left."""
+    floors: Sequence[FloorName]
+    """Lowest first."""
+
+
+def proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
+    """Return what the newest reading proves, the strongest first."""
+    for name in expected.any_of:
+        if name == "effect" and _takes_effect(expected, now):
+            return Proof.EFFECT
+        if name == "readback" and read_back:
+            return Proof.READBACK
+        if _shows(name, expected.command, now):
+            return Proof.LAMP
+    return Proof.NONE
+
+
+def _shows(signal: str, command: Command, now: LiftValues) -> bool:
+    match signal:
+        case "car_floor":
+            shown = now.floor
+        case "destination":
+            shown = now.destination
+        case "call_accepted":
+            shown = now.call_accepted
+        case _:
+            return now.flags.get(signal, False)
+    return shown is not None and shown == command.floor
+
+
+def _takes_effect(expected: Expectation, now: LiftValues) -> bool:
+    command = expected.command
+    match command.kind:
+        case CommandKind.GO_TO:
+            return _goes(expected, now)
+        case CommandKind.HOLD_DOOR:
+            return command.side is not None and now.doors.get(command.side) in (Door.OPEN, Door.OPENING)
+        case CommandKind.CLOSE_DOOR:
+            return command.side is not None and now.doors.get(command.side) in (Door.CLOSED, Door.CLOSING)
+        case CommandKind.ROBOT_MODE:
+            return now.flags.get("robot_mode_on", False)
+
+
+def _goes(expected: Expectation, now: LiftValues) -> bool:
+    """Whether the car is there, or has set out for there."""
+    target, before = expected.command.floor, expected.before
+    if target is None or now.floor == target:
+        return now.floor is not None
+    if before is None or before.floor is None:
+        return False
+    upwards = expected.floors.index(target) > expected.floors.index(before.floor)
+    if now.motion in (Motion.UP, Motion.DOWN):
+        return (now.motion is Motion.UP) is upwards
+    if now.floor is None:
+        return all(door is Door.CLOSED for door in now.doors.values())
+    return (
+        now.floor != before.floor
+        and (expected.floors.index(now.floor) > expected.floors.index(before.floor)) is upwards
+    )

@@ -1,0 +1,253 @@
+"""The transactions of one connection: two lanes, one request in flight, answers matched and checked.
+
+It ends with its connection; `link` makes a new one for the next.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+
+from drivers.errors import (
+    BUSY,
+    PATH_UNAVAILABLE,
+    TARGET_SILENT,
+    AnswerMismatch,
+    AnswerTimeout,
+    ConnectionLost,
+    ControllerException,
+    DriverError,
+    PressRefused,
+    UnitOffline,
+)
+from drivers.modbus.settings import LinkSettings, LinkStats
+from drivers.modbus.wire import Wire
+from register_maps.errors import ExceptionAnswer, Mismatch
+from register_maps.frames import Request, check, describe_answer, frame, tid_of
+
+Permit = Callable[[], str | None]
+"""Asked immediately before a press leaves: None lets it go, a text says why not. It only looks: no call to the link."""
+
+_Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int]
+"""(whom to tell, what to ask, whether it may leave, how often it may still be asked again)."""
+
+_HIGHEST_TID = 65535
+_REMEMBERED = 256
+"""An answer to one of so many last requests is late rather than foreign. Chosen: seconds of polling at any pace, and
+far from a whole turn of the transaction ids, after which every number would look like ours."""
+_LAST_LOOKS = 2
+"""Turns of the loop between a deadline and the verdict. If our own process was held up, the answer may lie unread in
+the socket: libuv runs timers before it reads, and what a timer starts runs before it reads too."""
+
+
+class Exchange:
+    """One request at a time over one open wire; commands before reads, each lane in order.
+
+    A caller that is cancelled before its request has left leaves the lane; after that the lane stays taken until the
+    answer or the time-out, so no late answer can be given to a later request.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: LinkSettings,
+        stats: LinkStats,
+        wire: Wire,
+        *,
+        last_tid: int,
+        on_broken: Callable[[str], None],
+        on_proved: Callable[[], None],
+    ) -> None:
+        """`on_broken` hears why the connection must end; `on_proved` hears of the first good answer."""
+        self.last_tid = last_tid
+        """The transaction id issued last; the next connection goes on from there."""
+        self.proved = False
+        """Whether the controller has given a good answer on this connection."""
+        self._name = name
+        self._settings = settings
+        self._stats = stats
+        self._wire = wire
+        self._on_broken = on_broken
+        self._on_proved = on_proved
+        self._loop = asyncio.get_running_loop()
+        self._timeout_s = settings.timeout_s
+        self._gap_s = settings.min_gap_s
+        self._tid_echo = settings.tid_echo
+        self._sent_before = stats.transactions
+        self._commands: deque[_Job] = deque()
+        self._reads: deque[_Job] = deque()
+        self._job: _Job | None = None
+        self._deadline = 0.0
+        self._timeouts_in_a_row = 0
+        self._timer: asyncio.Handle | None = None
+        self._gap: asyncio.Handle | None = None
+        self._busy_pause: asyncio.Handle | None = None
+
+    def read(self, request: Request) -> asyncio.Future[bytes]:
+        """Ask in the read lane."""
+        future: asyncio.Future[bytes] = self._loop.create_future()
+        self._reads.append((future, request, None, self._settings.busy_retries))
+        if self._job is None and self._gap is None:
+            self._next()
+        return future
+
+    def command(self, request: Request, permit: Permit | None) -> asyncio.Future[bytes]:
+        """Ask in the command lane."""
+        future: asyncio.Future[bytes] = self._loop.create_future()
+        self._commands.append((future, request, permit, self._settings.busy_retries))
+        if self._job is None and self._gap is None:
+            self._next()
+        return future
+
+    def stop(self, reason: str, down: Callable[[], DriverError]) -> None:
+        """The connection is gone: tell everyone who waits. `down` makes the error of those whose request never left."""
+        for handle in (self._timer, self._gap, self._busy_pause):
+            if handle is not None:
+                handle.cancel()
+        job, self._job = self._job, None
+        if job is not None:
+            _fail(job, ConnectionLost(self._name, str(job[1]), reason))
+        for lane in (self._commands, self._reads):
+            while lane:
+                _fail(lane.popleft(), down())
+
+    def on_frame(self, answer: bytes) -> None:
+        """Take an answer from the wire."""
+        job = self._job
+        if job is None or (self._tid_echo and (answer[0] << 8 | answer[1]) != self.last_tid):
+            self._on_stray(answer)
+            return
+        try:
+            payload = check(job[1], answer)
+        except ExceptionAnswer as error:
+            self._on_exception(job, error)
+        except Mismatch as error:
+            self._on_mismatch(job, error)
+            return
+        else:
+            future = job[0]
+            if not future.done():
+                future.set_result(payload)
+        self._timeouts_in_a_row = 0
+        if not self.proved:
+            self.proved = True
+            self._on_proved()
+        self._finish()
+
+    def _next(self) -> None:
+        """Send what has waited longest, commands first."""
+        while True:
+            if self._commands:
+                job = self._commands.popleft()
+            elif self._reads and self._busy_pause is None:
+                job = self._reads.popleft()
+            else:
+                return
+            # Done already: its caller was cancelled.
+            if not job[0].done() and (job[2] is None or self._may_leave(job, job[2])):
+                break
+        self._job = job
+        self.last_tid = tid = self.last_tid % _HIGHEST_TID + 1
+        self._stats.transactions += 1
+        self._deadline = self._loop.time() + self._timeout_s
+        # One timer serves many transactions: deadlines only move later, so at worst it fires early and is set again.
+        if self._timer is None:
+            self._timer = self._loop.call_at(self._deadline, self._on_timer, _LAST_LOOKS)
+        self._wire.send(frame(job[1], tid))
+
+    def _may_leave(self, job: _Job, permit: Permit) -> bool:
+        try:
+            refusal = permit()
+        except Exception as error:  # noqa: BLE001 - a bug of the caller's: the caller is told, the others go on
+            _fail(job, error)
+            return False
+        if refusal is not None:
+            _fail(job, PressRefused(self._name, str(job[1]), refusal))
+        return refusal is None
+
+    def _finish(self) -> None:
+        """The transaction in flight is over, and the connection goes on."""
+        self._job = None
+        if self._gap_s:
+            self._gap = self._loop.call_later(self._gap_s, self._on_gap_over)
+        elif self._commands or self._reads:
+            self._next()
+
+    def _on_gap_over(self) -> None:
+        self._gap = None
+        self._next()
+
+    def _on_busy_pause_over(self) -> None:
+        self._busy_pause = None
+        if self._job is None and self._gap is None:
+            self._next()
+
+    def _on_exception(self, job: _Job, answer: ExceptionAnswer) -> None:
+        future, request, _, retries = job
+        self._stats.exceptions += 1
+        if answer.code == BUSY and not request.is_write and retries and not future.done():
+            self._reads.appendleft((future, request, None, retries - 1))
+            if self._busy_pause is not None:
+                self._busy_pause.cancel()
+            self._busy_pause = self._loop.call_later(self._settings.busy_pause_s, self._on_busy_pause_over)
+            return
+        kind = UnitOffline if answer.code in (PATH_UNAVAILABLE, TARGET_SILENT) else ControllerException
+        _fail(job, kind(self._name, str(request), answer.code), answer)
+
+    def _on_mismatch(self, job: _Job, mismatch: Mismatch) -> None:
+        _fail(job, AnswerMismatch(self._name, str(mismatch)), mismatch)
+        self._desync(str(mismatch))
+
+    def _on_stray(self, answer: bytes) -> None:
+        """Nobody waits for this answer under this transaction id."""
+        if self._tid_echo:
+            tid = tid_of(answer)
+            sent_here = min(self._stats.transactions - self._sent_before, _REMEMBERED)
+            if tid and (self.last_tid - tid) % _HIGHEST_TID < sent_here:
+                self._stats.late += 1
+                return
+        text = f"an answer nobody asked for, transaction id {tid_of(answer)}: {describe_answer(answer)}"
+        if self._tid_echo and tid_of(answer) == 0:
+            text += " (a device that does not return transaction ids needs tid_echo: false)"
+        if self._job is not None:
+            _fail(self._job, AnswerMismatch(self._name, f"{self._job[1]}: {text}"))
+        self._desync(text)
+
+    def _desync(self, reason: str) -> None:
+        self._stats.desyncs += 1
+        self._recycle(f"answers are out of step with requests: {reason}")
+
+    def _recycle(self, reason: str) -> None:
+        self._stats.recycles += 1
+        self._job = None
+        self._on_broken(reason)
+
+    def _on_timer(self, looks: int) -> None:
+        self._timer = None
+        job = self._job
+        if job is None:
+            return
+        # Half a millisecond: libuv's clock counts whole ones, and may call a timer due just before its time.
+        if self._deadline - self._loop.time() > 0.0005:
+            self._timer = self._loop.call_at(self._deadline, self._on_timer, _LAST_LOOKS)
+        elif looks:
+            self._timer = self._loop.call_soon(self._on_timer, looks - 1)
+        else:
+            self._on_timeout(job)
+
+    def _on_timeout(self, job: _Job) -> None:
+        self._stats.timeouts += 1
+        self._timeouts_in_a_row += 1
+        _fail(job, AnswerTimeout(self._name, str(job[1]), self._timeout_s))
+        if self._timeouts_in_a_row >= (2 if self._tid_echo else 1):
+            times = "twice in a row" if self._tid_echo else "and late answers cannot be told from right ones"
+            self._recycle(f"no answer within {self._timeout_s:g} s, {times}")
+        else:
+            self._finish()
+
+
+def _fail(job: _Job, error: Exception, cause: Exception | None = None) -> None:
+    error.__cause__ = cause
+    if not job[0].done():
+        job[0].set_exception(error)

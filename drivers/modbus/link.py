@@ -1,0 +1,213 @@
+"""One connection to one controller over any wire, kept for ever: connect, use, notice the loss, connect again.
+
+A link repeats nothing but a read that was answered with busy. What it cannot vouch for it reports; after a second
+time-out in a row, or at once where answers and requests are out of step, it makes a new connection.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from enum import StrEnum, unique
+
+from drivers.errors import ConnectFailed, LinkDown
+from drivers.modbus.exchange import Exchange, Permit
+from drivers.modbus.settings import LinkSettings, LinkStats
+from drivers.modbus.wire import Wire
+from register_maps.frames import Request
+
+__all__ = ["Link", "LinkSettings", "LinkState", "LinkStats", "Permit"]
+
+_logger = logging.getLogger(__name__)
+
+
+@unique
+class LinkState(StrEnum):
+    """Where a link is."""
+
+    DOWN = "down"
+    """No connection, and none being made."""
+    CONNECTING = "connecting"
+    UP = "up"
+
+
+class Link:
+    """One connection to one controller: `run` keeps it, everything else uses it.
+
+    One transaction is in flight at a time. A command waits for that one at most, never behind queued reads.
+    """
+
+    def __init__(self, make_wire: Callable[[], Wire], settings: LinkSettings | None = None, *, name: str) -> None:
+        """`make_wire` is called for every attempt to connect; `name` begins every message."""
+        self.name = name
+        self.settings = settings or LinkSettings()
+        self.stats = LinkStats()
+        self.epoch = 0
+        """Rises by one with every connection made; 0 before the first. What an earlier epoch told counts no more."""
+        self._make_wire = make_wire
+        self._wire: Wire | None = None
+        self._exchange: Exchange | None = None
+        self._last_tid = 0
+        self._state = LinkState.DOWN
+        self._reason = "not started"
+        self._since: float | None = None
+        self._quiet_since = 0.0
+        self._warned = False
+        self._running = False
+        self._up = asyncio.Event()
+        self._down = asyncio.Event()
+        self._closing = asyncio.Event()
+        self._ended = asyncio.Event()
+
+    @property
+    def state(self) -> LinkState:
+        """Where it is now."""
+        return self._state
+
+    @property
+    def reason(self) -> str:
+        """Why it is not up; empty while it is."""
+        return self._reason
+
+    @property
+    def since(self) -> float | None:
+        """Loop time at which it came up or went down (trying again changes nothing); None before `run`."""
+        return self._since
+
+    async def read(self, request: Request) -> bytes:
+        """Register or bit bytes, in the read lane. Raises a DriverError: LinkDown, AnswerTimeout and so on."""
+        if self._exchange is None:
+            raise self._link_down()
+        if request.values:
+            raise ValueError(f"not a read: {request}")
+        return await self._exchange.read(request)
+
+    async def read_urgent(self, request: Request) -> bytes:
+        """As `read`, in the command lane: to see what a command did."""
+        if self._exchange is None:
+            raise self._link_down()
+        if request.values:
+            raise ValueError(f"not a read: {request}")
+        return await self._exchange.command(request, None)
+
+    async def write(self, request: Request, permit: Permit | None = None) -> None:
+        """Write, in the command lane; never sent a second time. Raises as `read`, and PressRefused if `permit` objects.
+
+        The error's `sent` says whether the controller may have carried it out.
+        """
+        if self._exchange is None:
+            raise self._link_down()
+        if not request.values:
+            raise ValueError(f"not a write: {request}")
+        await self._exchange.command(request, permit)
+
+    async def wait_up(self) -> int:
+        """Wait until it is up; returns the epoch. Raises LinkDown once the link is closed."""
+        while self._state is not LinkState.UP:
+            if self._closing.is_set():
+                raise self._link_down()
+            await self._up.wait()
+        return self.epoch
+
+    async def run(self) -> None:
+        """Connect, and connect again after every loss, until cancelled or closed."""
+        if self._running:
+            raise RuntimeError(f"{self.name}: the link is already running")
+        loop = asyncio.get_running_loop()
+        least_s, most_s = self.settings.reconnect_min_s, self.settings.reconnect_max_s
+        pause_s = least_s
+        self._running = True
+        self._since = loop.time()
+        try:
+            while not self._closing.is_set():
+                began = loop.time()
+                if await self._serve():
+                    pause_s = least_s
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(max(least_s, began + pause_s - loop.time())):
+                        await self._closing.wait()
+                pause_s = min(2 * pause_s, most_s)
+        finally:
+            self._running = False
+            self._end("closed" if self._closing.is_set() else "stopped")
+            self._ended.set()
+
+    async def close(self) -> None:
+        """End it for good: everyone who waits is told, further use raises LinkDown, and `run` returns."""
+        self._closing.set()
+        self._end("closed")
+        self._up.set()
+        if self._running:
+            await self._ended.wait()
+
+    async def _serve(self) -> bool:
+        """One connection from its making to its end; returns whether the controller ever answered on it."""
+        wire = self._wire = self._make_wire()
+        exchange = Exchange(
+            self.name,
+            self.settings,
+            self.stats,
+            wire,
+            last_tid=self._last_tid,
+            on_broken=self._fault,
+            on_proved=self._on_proved,
+        )
+        self._down.clear()
+        self._state = LinkState.CONNECTING
+        try:
+            await wire.open(exchange.on_frame, self._on_lost, timeout_s=self.settings.connect_timeout_s)
+        except ConnectFailed as error:
+            self.stats.failed_connects += 1
+            # No wire: it was ended meanwhile, and for a better reason.
+            if self._wire is not None:
+                self._fault(str(error))
+            return False
+        self._exchange = exchange
+        self.epoch += 1
+        self.stats.connects += 1
+        self._state, self._reason, self._since = LinkState.UP, "", asyncio.get_running_loop().time()
+        _logger.debug("%s: connected to %s", self.name, wire.peer)
+        self._up.set()
+        await self._down.wait()
+        return exchange.proved
+
+    def _on_lost(self, reason: str) -> None:
+        self.stats.losses += 1
+        self._fault(reason)
+
+    def _fault(self, reason: str) -> None:
+        """The connection ends, or was never made, and that was not our wish."""
+        if not self._warned:
+            self._quiet_since = asyncio.get_running_loop().time()
+        _logger.log(logging.DEBUG if self._warned else logging.WARNING, "%s: no connection: %s", self.name, reason)
+        self._warned = True
+        self._end(reason)
+
+    def _end(self, reason: str) -> None:
+        wire, self._wire = self._wire, None
+        if wire is not None:
+            wire.close()
+        if self._state is LinkState.UP:
+            self._since = asyncio.get_running_loop().time()
+        self._state, self._reason = LinkState.DOWN, reason
+        self._up.clear()
+        self._down.set()
+        exchange, self._exchange = self._exchange, None
+        if exchange is not None:
+            self._last_tid = exchange.last_tid
+            exchange.stop(reason, self._link_down)
+
+    def _on_proved(self) -> None:
+        """The controller has answered: only now is an outage over, for some take every connection and serve none."""
+        if self._warned:
+            self._warned = False
+            silent_s = asyncio.get_running_loop().time() - self._quiet_since
+            _logger.info("%s: answers again after %.1f s", self.name, silent_s)
+        elif self.epoch == 1:
+            _logger.info("%s: connected", self.name)
+
+    def _link_down(self) -> LinkDown:
+        down_for_s = 0.0 if self._since is None else asyncio.get_running_loop().time() - self._since
+        return LinkDown(self.name, self._reason, down_for_s)

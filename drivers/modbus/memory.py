@@ -1,0 +1,280 @@
+"""A wire without a network, and a small controller at its end, for seeded tests and tests on virtual time.
+
+`MemoryWire` passes the same contract tests as the real wire. It uses nothing but the running loop's clock.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.errors import TARGET_SILENT, ConnectFailed, ConnectProblem
+from drivers.modbus.wire import CLOSED_BY_CONTROLLER, NOT_MODBUS, OnBytes, OnFrame, OnLost
+from register_maps import frames
+from register_maps.errors import BadRequest, FrameError
+from register_maps.frames import Request
+from register_maps.words import BIT_TABLES, Table
+
+Reply = tuple[float, bytes | None]
+"""After so many seconds these bytes come; None: the device closes the connection."""
+Answer = Callable[[bytes], Iterable[Reply]]
+"""What a device makes of one request frame."""
+Admit = Callable[[], ConnectProblem | None]
+"""Why a connection is not made; None: it is."""
+
+_ILLEGAL_ADDRESS = 2
+
+
+def _everyone() -> ConnectProblem | None:
+    return None
+
+
+class MemoryWire:
+    """A wire to `answer`; `admit` is asked at every attempt to connect."""
+
+    def __init__(self, answer: Answer, *, admit: Admit = _everyone, peer: str = "memory") -> None:
+        self.on_bytes: OnBytes | None = None
+        self._answer = answer
+        self._admit = admit
+        self._peer = peer
+        self._open = False
+        self._rest = b""
+        # Rises with every opening and end; what was scheduled under an earlier number no longer arrives.
+        self._generation = 0
+        self._on_frame: OnFrame
+        self._on_lost: OnLost
+
+    @property
+    def peer(self) -> str:
+        return self._peer
+
+    @property
+    def is_open(self) -> bool:
+        return self._open
+
+    async def open(self, on_frame: OnFrame, on_lost: OnLost, *, timeout_s: float) -> None:
+        self.close()
+        generation = self._generation
+        problem = self._admit()
+        await asyncio.sleep(timeout_s if problem is ConnectProblem.TIMED_OUT else 0)
+        if problem is not None:
+            raise ConnectFailed(self._peer, problem, problem.value)
+        if generation != self._generation:
+            raise ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
+        self._on_frame, self._on_lost = on_frame, on_lost
+        self._rest = b""
+        self._open = True
+
+    def close(self) -> None:
+        self._generation += 1
+        self._open = False
+
+    def send(self, frame: bytes) -> None:
+        if not self._open:
+            return
+        if self.on_bytes is not None:
+            self.on_bytes(True, frame)
+        loop = asyncio.get_running_loop()
+        for delay_s, data in self._answer(frame):
+            if delay_s > 0:
+                loop.call_later(delay_s, self._arrive, self._generation, data)
+            else:
+                loop.call_soon(self._arrive, self._generation, data)
+
+    def deliver(self, data: bytes) -> None:
+        """These bytes come now, asked for or not."""
+        try:
+            whole, self._rest = frames.split(self._rest + data)
+        except FrameError as error:
+            self.drop(f"{NOT_MODBUS}: {error}")
+            return
+        generation = self._generation
+        for frame in whole:
+            if generation != self._generation:
+                return
+            if self.on_bytes is not None:
+                self.on_bytes(False, frame)
+            self._on_frame(frame)
+
+    def drop(self, reason: str = CLOSED_BY_CONTROLLER) -> None:
+        """The connection goes away now."""
+        if self._open:
+            self.close()
+            self._on_lost(reason)
+
+    def _arrive(self, generation: int, data: bytes | None) -> None:
+        if generation != self._generation:
+            return
+        if data is None:
+            self.drop()
+        else:
+            self.deliver(data)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """How a device treats one request, other than right."""
+
+    replies: Callable[[bytes, bytes], Iterable[Reply]]
+    """(request frame, right answer) -> what comes instead."""
+    executes: bool = True
+    """Whether the device does what was asked all the same."""
+
+
+def silence(*, executes: bool = True) -> Fault:
+    """No answer."""
+    return Fault(lambda _request, _answer: (), executes=executes)
+
+
+def late(delay_s: float) -> Fault:
+    """The right answer, this many seconds later."""
+    return Fault(lambda _request, answer: ((delay_s, answer),))
+
+
+def twice(second_after_s: float = 0.0) -> Fault:
+    """The right answer, and then the same bytes again."""
+    return Fault(lambda _request, answer: ((0.0, answer), (second_after_s, answer)))
+
+
+def edited(edit: Callable[[bytes], bytes]) -> Fault:
+    """Other bytes made from the right answer: wrong transaction id, wrong echo, cut short."""
+    return Fault(lambda _request, answer: ((0.0, edit(answer)),))
+
+
+def exception(code: int) -> Fault:
+    """An exception answer; nothing is executed."""
+    return Fault(lambda request, _answer: ((0.0, frames.exception_answer(request, code)),), executes=False)
+
+
+def hang_up(*, executes: bool = True) -> Fault:
+    """The connection is closed instead of an answer."""
+    return Fault(lambda _request, _answer: ((0.0, None),), executes=executes)
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One request as the device heard it."""
+
+    at_s: float
+    """On the loop's clock."""
+    request: Request
+    executed: bool
+
+
+class MemoryDevice:
+    """A controller in memory: FC 1 to 6, 15 and 16, exceptions 1, 2 and 3, and 0B for a foreign unit.
+
+    What was never set reads 0. `served` lists the first and last address of each range, and what it does not list
+    answers with exception 2; without it everything is served.
+    """
+
+    def __init__(
+        self,
+        *,
+        unit: int = 1,
+        served: Mapping[Table, Sequence[tuple[int, int]]] | None = None,
+        delay_s: float = 0.0,
+        peer: str = "memory",
+    ) -> None:
+        self.values: dict[Table, dict[int, int]] = {table: {} for table in Table}
+        """The register image; tests read and set it."""
+        self.heard: list[Heard] = []
+        """Every well-formed request, in order."""
+        self.connects = 0
+        """Attempts to connect, those turned away included."""
+        self.turns_away: ConnectProblem | None = None
+        """Set it to let no connection in."""
+        self.delay_s = delay_s
+        """How long an answer takes, seconds."""
+        self._unit = unit
+        self._served = served
+        self._peer = peer
+        self._wires: list[MemoryWire] = []
+        self._faults: list[tuple[Fault, Callable[[Request], bool]]] = []
+
+    def wire(self) -> MemoryWire:
+        """A new wire to this device: what a link takes as its factory."""
+        wire = MemoryWire(self.answer, admit=self._admit, peer=self._peer)
+        self._wires.append(wire)
+        return wire
+
+    def fail_next(self, fault: Fault, *, times: int = 1, on: Callable[[Request], bool] = lambda _request: True) -> None:
+        """Treat the next requests (those for which `on` holds) like this; faults queue up."""
+        self._faults.extend([(fault, on)] * times)
+
+    def clear_faults(self) -> None:
+        """Behave again."""
+        self._faults.clear()
+
+    def disconnect(self) -> None:
+        """Close every connection."""
+        for wire in self._wires:
+            wire.drop()
+
+    def say(self, data: bytes) -> None:
+        """Send bytes nobody asked for to everyone who is connected."""
+        for wire in self._wires:
+            if wire.is_open:
+                wire.deliver(data)
+
+    @property
+    def executed(self) -> list[Request]:
+        """What was carried out, in order."""
+        return [heard.request for heard in self.heard if heard.executed]
+
+    @property
+    def writes(self) -> list[Request]:
+        """The writes that were carried out, in order."""
+        return [request for request in self.executed if request.is_write]
+
+    def answer(self, frame: bytes) -> list[Reply]:
+        """Carry out one request and say what comes back."""
+        try:
+            request = frames.parse_request(frame)
+        except BadRequest as error:
+            return [(self.delay_s, frames.exception_answer(frame, error.code))]
+        fault = self._take_fault(request)
+        code = self._objection(request)
+        executes = code is None and (fault is None or fault.executes)
+        self.heard.append(Heard(asyncio.get_running_loop().time(), request, executes))
+        if code is not None:
+            right = frames.exception_answer(frame, code)
+        else:
+            if executes:
+                self._write(request)
+            right = frames.answer(request, frames.tid_of(frame), self._read(request))
+        replies = [(0.0, right)] if fault is None else fault.replies(frame, right)
+        return [(self.delay_s + delay_s, data) for delay_s, data in replies]
+
+    def _admit(self) -> ConnectProblem | None:
+        self.connects += 1
+        return self.turns_away
+
+    def _take_fault(self, request: Request) -> Fault | None:
+        for place, (fault, applies) in enumerate(self._faults):
+            if applies(request):
+                del self._faults[place]
+                return fault
+        return None
+
+    def _objection(self, request: Request) -> int | None:
+        if request.unit != self._unit:
+            return TARGET_SILENT
+        if self._served is None:
+            return None
+        last = request.address + request.count - 1
+        if any(low <= request.address and last <= high for low, high in self._served.get(request.table, ())):
+            return None
+        return _ILLEGAL_ADDRESS
+
+    def _write(self, request: Request) -> None:
+        self.values[request.table].update(enumerate(request.values, start=request.address))
+
+    def _read(self, request: Request) -> bytes:
+        if request.is_write:
+            return b""
+        image = self.values[request.table]
+        found = [image.get(address, 0) for address in range(request.address, request.address + request.count)]
+        return frames.pack_bits(found) if request.table in BIT_TABLES else struct.pack(f">{request.count}H", *found)

@@ -1,0 +1,57 @@
+"""What a link is told, and what it counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkSettings:
+    """How one controller wants to be spoken to. Durations in seconds."""
+
+    timeout_s: float = 0.5
+    """For an answer. Chosen: controllers answer within 20 to 100 ms; a second chance fits into one second of age."""
+    connect_timeout_s: float = 1.0
+    """For a connection. Chosen: TCP repeats its request after 1 s, and the next attempt of ours is not far."""
+    min_gap_s: float = 0.0
+    """From the end of one transaction to the start of the next. From the controller's manual."""
+    reconnect_min_s: float = 0.2
+    """From the end of one connection to the next attempt. Chosen: a device with one slot needs time to free it."""
+    reconnect_max_s: float = 1.0
+    """Most from the start of one attempt to that of the next. Chosen: heals within 2 s of the controller's return."""
+    tid_echo: bool = True
+    """Whether the device answers with the transaction id of the request, as the specification says; some do not."""
+    busy_retries: int = 3
+    """How often a read that was answered with busy (06) is asked again. Chosen."""
+    busy_pause_s: float = 0.05
+    """How long reads wait after a busy answer; commands do not. Chosen: about one poll period."""
+
+    def __post_init__(self) -> None:
+        for name in ("timeout_s", "connect_timeout_s", "reconnect_min_s"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be more than 0 s")
+        if self.min_gap_s < 0 or self.busy_pause_s < 0 or self.busy_retries < 0:
+            raise ValueError("min_gap_s, busy_pause_s and busy_retries must not be less than 0")
+        if self.reconnect_max_s < self.reconnect_min_s:
+            raise ValueError("reconnect_max_s must not be less than reconnect_min_s")
+
+
+@dataclass(slots=True)
+class LinkStats:
+    """What has happened since the link was made."""
+
+    transactions: int = 0
+    """Requests sent."""
+    timeouts: int = 0
+    late: int = 0
+    """Answers to requests of ours that are no longer waited for: too late, or given twice. Thrown away."""
+    desyncs: int = 0
+    """Answers that fit no request of ours."""
+    recycles: int = 0
+    """Connections that we ended because of time-outs or a desync."""
+    connects: int = 0
+    failed_connects: int = 0
+    losses: int = 0
+    """Connections that the other side ended, or that brought something other than Modbus/TCP."""
+    exceptions: int = 0
+    """Exception answers, busy ones included."""

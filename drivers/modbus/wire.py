@@ -1,0 +1,194 @@
+"""Whole Modbus/TCP frames to and from one controller: the `Wire` Protocol, and its form on pymodbus.
+
+It stands on pymodbus's transport layer alone. What pymodbus has above it (transactions, retries, a lock) repeats writes
+by itself and accepts answers to other questions; `link` does that work. Nothing else in drivers imports pymodbus.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+from typing import Protocol
+
+from pymodbus.transport import CommParams, CommType, ModbusProtocol
+
+from drivers.errors import ConnectFailed, ConnectProblem
+from register_maps.errors import FrameError
+from register_maps.frames import split
+
+OnFrame = Callable[[bytes], None]
+"""Receives every whole frame that comes, in order."""
+OnLost = Callable[[str], None]
+"""Receives the reason when the connection goes away without `close`: at most once, and nothing comes after it."""
+OnBytes = Callable[[bool, bytes], None]
+"""For traces: (sent, frame) of every frame, a sent one just before it leaves and a received one before `OnFrame`."""
+
+CLOSED_BY_CONTROLLER = "the controller closed the connection"
+NOT_MODBUS = "what came is not Modbus/TCP"
+
+
+class Wire(Protocol):
+    """Whole frames to and from one controller. It never repeats, answers or reconnects by itself.
+
+    Every form passes tests/drivers/test_wire_contract.py.
+    """
+
+    on_bytes: OnBytes | None
+
+    @property
+    def peer(self) -> str:
+        """Who is at the other end, for messages: "127.0.0.1:5020"."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether frames can be sent."""
+
+    async def open(self, on_frame: OnFrame, on_lost: OnLost, *, timeout_s: float) -> None:
+        """Connect. May be called again after `close` or a loss; nothing of an earlier connection is heard any more.
+
+        `on_lost` is not called before it has returned. Raises ConnectFailed; also if `close` was called meanwhile.
+        """
+
+    def close(self) -> None:
+        """Drop the connection at once, with all that waits to be sent. May be repeated.
+
+        Neither callback is called any more, not even for frames that came in the same segment.
+        """
+
+    def send(self, frame: bytes) -> None:
+        """Send one frame. Never waits and never raises: a connection that is gone is told by `OnLost`."""
+
+
+class PymodbusWire:
+    """A wire over TCP, on the transport layer of pymodbus."""
+
+    def __init__(self, host: str, port: int = 502) -> None:
+        self.on_bytes: OnBytes | None = None
+        self._params = _tcp_params(host, port)
+        self._peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self._connection: _Connection | None = None
+
+    @property
+    def peer(self) -> str:
+        return self._peer
+
+    @property
+    def is_open(self) -> bool:
+        return self._connection is not None and self._connection.is_active()
+
+    async def open(self, on_frame: OnFrame, on_lost: OnLost, *, timeout_s: float) -> None:
+        self.close()
+        connection = _Connection(self._params, self, on_frame, on_lost)
+        self._connection = connection
+        try:
+            # Not `ModbusProtocol.connect`: it turns every failure into False and logs it on each attempt.
+            async with asyncio.timeout(timeout_s):
+                await connection.call_create()
+        except TimeoutError as error:
+            self.close()
+            detail = f"no answer to the connection request within {timeout_s:g} s"
+            detail += "; the controller may be off, or may have no free connection slot"
+            raise ConnectFailed(self._peer, ConnectProblem.TIMED_OUT, detail) from error
+        except (OSError, UnicodeError) as error:
+            self.close()
+            raise _connect_failed(self._peer, error) from error
+        except BaseException:
+            self.close()
+            raise
+        if self._connection is not connection or not connection.is_active():
+            raise ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
+        connection.announced = True
+
+    def close(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.abort()
+
+    def send(self, frame: bytes) -> None:
+        if self._connection is None:
+            return
+        if self.on_bytes is not None:
+            self.on_bytes(True, frame)
+        self._connection.write(frame)
+
+
+class _Connection(ModbusProtocol):
+    """One TCP connection, from its making to its end; it is never used for a second one."""
+
+    def __init__(self, params: CommParams, wire: PymodbusWire, on_frame: OnFrame, on_lost: OnLost) -> None:
+        super().__init__(params, is_server=False)
+        self._wire = wire
+        self._on_frame = on_frame
+        self._on_lost = on_lost
+        self._rest = b""
+        self._aborted = False
+        self.announced = False
+        """Whether `open` has returned; a loss before that is its failure."""
+
+    def write(self, frame: bytes) -> None:
+        # Not `ModbusProtocol.send`: it forgets the first half of an answer that is still coming in, and keeps every
+        # frame in a list that the whole process shares.
+        if self.transport is not None:
+            self.transport.write(frame)  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
+
+    def abort(self) -> None:
+        """Drop the connection. `close` alone would wait until a silent peer has taken what is still to be sent."""
+        self._aborted = True
+        if self.transport is not None:
+            self.transport.abort()  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
+        self.close()
+
+    def callback_new_connection(self) -> ModbusProtocol:
+        raise NotImplementedError("a client accepts no connections")
+
+    def callback_connected(self) -> None:
+        if self._aborted:
+            self.transport.abort()  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
+            return
+        # Both asked for by the messaging guide, 4.3.2; asyncio sets the first only on some platforms.
+        connected = self.transport.get_extra_info("socket")
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+
+    def callback_disconnected(self, exc: Exception | None) -> None:
+        if self._aborted:
+            return
+        self._aborted = True
+        if self.announced:
+            self._on_lost(f"the connection broke: {exc}" if exc else CLOSED_BY_CONTROLLER)
+
+    def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
+        raise NotImplementedError("data_received does not pass it on")
+
+    def data_received(self, data: bytes) -> None:
+        # Not left to ModbusProtocol: its buffer drops everything that comes when more than 516 bytes come together.
+        try:
+            frames, self._rest = split(self._rest + data)
+        except FrameError as error:
+            self.abort()
+            if self.announced:
+                self._on_lost(f"{NOT_MODBUS}: {error}")
+            return
+        for frame in frames:
+            if self._aborted:
+                return
+            if self._wire.on_bytes is not None:
+                self._wire.on_bytes(False, frame)
+            self._on_frame(frame)
+
+
+def _tcp_params(host: str, port: int) -> CommParams:
+    # Modbus/TCP Security differs in these parameters only: CommType.TLS and an `sslctx`.
+    return CommParams(comm_name=host, comm_type=CommType.TCP, host=host, port=port, reconnect_delay=0)
+
+
+def _connect_failed(peer: str, error: OSError | UnicodeError) -> ConnectFailed:
+    # UnicodeError: a name that no host can have, such as "lift..local".
+    if isinstance(error, (socket.gaierror, UnicodeError)):
+        return ConnectFailed(peer, ConnectProblem.HOST_NOT_FOUND, "no host of this name is known")
+    if isinstance(error, ConnectionRefusedError):
+        return ConnectFailed(peer, ConnectProblem.REFUSED, "connection refused; nothing listens on this port")
+    if isinstance(error, TimeoutError):
+        return ConnectFailed(peer, ConnectProblem.TIMED_OUT, "no answer to the connection request")
+    return ConnectFailed(peer, ConnectProblem.OTHER, f"cannot connect: {error}")

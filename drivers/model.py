@@ -1,0 +1,129 @@
+"""What a lift says and what it can be told, free of registers and of the manager."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum, unique
+
+from register_maps.words import Door, Mode, Motion, Side
+
+FloorName = str
+"""A floor as the site names it, such as `L1`."""
+
+
+@unique
+class CommandKind(StrEnum):
+    """The commands the manager knows; only what a passenger can do, and the controller's own robot mode."""
+
+    GO_TO = "go_to"
+    HOLD_DOOR = "hold_door"
+    CLOSE_DOOR = "close_door"
+    ROBOT_MODE = "robot_mode"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One thing to tell the lift."""
+
+    kind: CommandKind
+    floor: FloorName | None = None
+    """Only with `go_to`."""
+    side: Side | None = None
+    """Only with door commands."""
+
+    @property
+    def name(self) -> str:
+        """The name the map uses: `go_to`, `hold_door.front`."""
+        return self.kind if self.side is None else f"{self.kind}.{self.side}"
+
+    def __str__(self) -> str:
+        return self.name if self.floor is None else f"{self.name} {self.floor}"
+
+
+@unique
+class Result(StrEnum):
+    """How a command ended. Acknowledged is not done."""
+
+    CONFIRMED = "confirmed"
+    REJECTED = "rejected"
+    """It was not carried out: nothing was sent, or the controller said no."""
+    UNCONFIRMED = "unconfirmed"
+    """It was sent, or may have been, and nothing shows that it took effect."""
+
+
+@unique
+class Proof(StrEnum):
+    """What confirmed a command. The echo of a write is no proof."""
+
+    NONE = "none"
+    READBACK = "readback"
+    """The point still holds what was written."""
+    LAMP = "lamp"
+    """A signal that the map names for it."""
+    EFFECT = "effect"
+    """The lift does it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one command."""
+
+    command: Command
+    result: Result
+    reason: str = ""
+    proof: Proof = Proof.NONE
+    frames: tuple[str, ...] = ()
+    """The writes as hex, transaction id left out, in the order they were sent."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiftValues:
+    """Everything one lift says at one moment. A signal the map does not have is None (or absent)."""
+
+    floor: FloorName | None = None
+    """The floor the car reports; None between floors, unlisted or contradictory."""
+    destination: FloorName | None = None
+    call_accepted: FloorName | None = None
+    motion: Motion | None = None
+    mode: Mode = Mode.UNKNOWN
+    doors: Mapping[Side, Door] = field(default_factory=dict)
+    flags: Mapping[str, bool] = field(default_factory=dict)
+    """Flag signals by name; a flag that cannot be read is absent."""
+    unknown: Mapping[str, int] = field(default_factory=dict)
+    """Signals whose raw value is outside their table, with that value."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiftReading:
+    """One whole poll of one lift."""
+
+    at: float
+    """Monotonic seconds when the first request of the poll left: nothing in here is older."""
+    epoch: int
+    """Which connection it came over; a new epoch means that nothing from before may be assumed."""
+    values: LiftValues
+    """The same object as in the reading before when no register changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What this lift, with this map, can say and be told."""
+
+    commands: frozenset[str]
+    """Names as in the map, such as `hold_door.front`; empty where the site grants no control."""
+    signals: frozenset[str]
+    doors: tuple[Side, ...]
+    one_block: bool
+    """Floor, doors and motion come from one request, so one reading cannot be torn."""
+    evidence: str
+    """`level`, `motion_stopped` or `position_stable`."""
+    evidence_for_s: float
+    max_age_s: float
+    call_requires: frozenset[str]
+    """Flags that a call waits for, such as `robot_mode_on`."""
+    granted_within_s: float
+    arrive_within_s: float
+    not_visible: Mapping[str, str]
+    map_name: str
+    trust: str

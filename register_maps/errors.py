@@ -1,0 +1,60 @@
+"""Every error this package raises.
+
+RegisterMapError
+    FrameError             bytes that are not the Modbus/TCP frame they should be
+        BadRequest         a request the specification does not allow; `code` is what a device answers to it
+        Mismatch           an answer that does not fit its request
+        ExceptionAnswer    the device answered with an exception code
+"""
+
+from __future__ import annotations
+
+EXCEPTION_NAMES = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "server device failure",
+    5: "acknowledge",
+    6: "server device busy",
+    8: "memory parity error",
+    0x0A: "gateway path unavailable",
+    0x0B: "gateway target device failed to respond",
+}
+"""Exception codes by their names in Modbus Application Protocol V1.1b3, section 7."""
+
+
+class RegisterMapError(Exception):
+    """Root of everything that register_maps raises on purpose."""
+
+
+class FrameError(RegisterMapError):
+    """The bytes are not a Modbus/TCP frame, or not the one they should be."""
+
+
+class BadRequest(FrameError):
+    """The specification does not allow this request."""
+
+    def __init__(self, text: str, code: int = 3) -> None:
+        super().__init__(text)
+        self.code = code
+        """The exception code a device gives for it: 1 function, 2 address, 3 count or value."""
+
+
+class Mismatch(FrameError):
+    """An answer does not fit its request."""
+
+    def __init__(self, asked: str, expected: str, came: str) -> None:
+        super().__init__(f"asked to {asked}: expected {expected}, came {came}")
+        self.asked = asked
+        self.expected = expected
+        self.came = came
+
+
+class ExceptionAnswer(FrameError):
+    """The device answered with an exception code: a valid answer, and not the one wished for."""
+
+    def __init__(self, function: int, code: int) -> None:
+        self.function = function
+        self.code = code
+        self.name = EXCEPTION_NAMES.get(code, "not in the specification")
+        super().__init__(f"function {function} answered with exception {code:02X} ({self.name})")
