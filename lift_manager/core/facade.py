@@ -1,0 +1,24 @@
+"""What every face sees of the manager."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.state import LiftState
+
+
+class LiftFacade(Protocol):
+    """All lifts of a site, as a face uses them; nothing here waits, so a hung controller delays nobody."""
+
+    def lift_names(self) -> tuple[str, ...]:
+        """Every lift of the site, in the site's order, whether or not it can be reached."""
+        ...
+
+    def state(self, lift: str) -> LiftState | None:
+        """The newest state, from memory; None when the site has no such lift."""
+        ...
+
+    def request(self, ask: Ask) -> Accepted | Refused:
+        """Decide at once. All session rules live behind this call, the release rule for a closed door included."""
+        ...

@@ -1,0 +1,130 @@
+"""One call of the car to one floor, from the wish to the arrival. Pure.
+
+A caller that only ever repeats itself must neither press twice for one call nor strand on one lost pulse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum, unique
+
+from drivers.model import Capabilities, FloorName, Outcome, Result
+from lift_manager.domain.sight import Sight, moving
+from register_maps.words import Door
+
+BACKOFF_S = (2.0, 30.0)
+"""First and longest pause before a failed call may be pressed again (DESIGN section 7)."""
+
+LOST_AFTER_READINGS = 3
+"""A call counts as lost when this many readings in a row show neither it nor the car at its floor. Chosen: one or two may fall
+between the end of a trip and the evidence that the car stands."""
+
+
+@unique
+class CallPhase(StrEnum):
+    """Where a call is."""
+
+    WANTED = "wanted"
+    """To be pressed as soon as what it requires is granted."""
+    PRESSED = "pressed"
+    CONFIRMED = "confirmed"
+    ARRIVED = "arrived"
+    FAILED = "failed"
+    """Rejected, unconfirmed, lost or too late; the next repeat of the request may press again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """The call that belongs to a session's floor."""
+
+    floor: FloorName
+    phase: CallPhase
+    since: float
+    """When it entered this phase."""
+    failures: int = 0
+    not_before: float = 0.0
+    """Not pressed again before this time."""
+    missing: int = 0
+    """Readings in a row that showed no trace of it."""
+    reason: str = ""
+
+
+def want(call: Call | None, floor: FloorName, now: float) -> Call:
+    """Take a request for a floor: a new call, or the same one, pressed again only if it failed and has waited."""
+    if call is None or call.floor != floor:
+        return Call(floor, CallPhase.WANTED, now)
+    if call.phase is CallPhase.FAILED and now >= call.not_before:
+        return replace(call, phase=CallPhase.WANTED, since=now, missing=0)
+    return call
+
+
+def pressed(call: Call, now: float) -> Call:
+    """Note that the press was handed to the driver."""
+    return replace(call, phase=CallPhase.PRESSED, since=now, missing=0)
+
+
+def ended(call: Call, outcome: Outcome, now: float) -> Call:
+    """Take the outcome of the press."""
+    if call.phase is not CallPhase.PRESSED:
+        return call
+    if outcome.result is Result.CONFIRMED:
+        return replace(call, phase=CallPhase.CONFIRMED, since=now)
+    return failed(call, f"{outcome.result}: {outcome.reason}", now)
+
+
+def failed(call: Call, reason: str, now: float) -> Call:
+    """Give the call up until it is asked for again, with a pause that doubles."""
+    first, longest = BACKOFF_S
+    pause = min(longest, first * 2**call.failures)
+    return replace(
+        call, phase=CallPhase.FAILED, since=now, failures=call.failures + 1, not_before=now + pause, reason=reason
+    )
+
+
+def seen(call: Call, sight: Sight, able: Capabilities, now: float) -> Call:
+    """Take a fresh reading: arrival, a call that disappeared, a car that was taken away."""
+    here = sight.floor == call.floor
+    if here and sight.standing:
+        return (
+            call
+            if call.phase is CallPhase.ARRIVED
+            else replace(call, phase=CallPhase.ARRIVED, since=now, failures=0, missing=0)
+        )
+    if call.phase is CallPhase.ARRIVED:
+        return failed(call, "the car was taken away", now) if _gone(call, sight) else call
+    if call.phase is not CallPhase.CONFIRMED:
+        return call
+    if now - call.since > able.arrive_within_s:
+        return failed(call, f"the car did not arrive within {able.arrive_within_s:g} s", now)
+    if here or _shown(call, sight, able):
+        return call if call.missing == 0 else replace(call, missing=0)
+    if call.missing + 1 >= LOST_AFTER_READINGS:
+        return failed(call, "the call disappeared", now)
+    return replace(call, missing=call.missing + 1)
+
+
+def may_press(call: Call, sight: Sight) -> bool:
+    """Whether a wanted call needs a press now: not while the car stops at its floor, not without what it requires."""
+    settling = sight.floor == call.floor and not moving(sight.values)
+    return call.phase is CallPhase.WANTED and not settling
+
+
+def granted(sight: Sight, able: Capabilities) -> bool:
+    """Whether the lift grants what a call requires, such as robot mode."""
+    return all(sight.values.flags.get(flag, False) for flag in able.call_requires)
+
+
+def _gone(call: Call, sight: Sight) -> bool:
+    """Whether the car left; re-levelling with the door open is not leaving."""
+    if sight.floor is not None:
+        return sight.floor != call.floor
+    return all(door is Door.CLOSED for door in sight.values.doors.values())
+
+
+def _shown(call: Call, sight: Sight, able: Capabilities) -> bool:
+    """Whether the lift still shows the call; a map without such a signal cannot lose it."""
+    shown = [name for name in ("call_accepted", "destination") if name in able.signals]
+    if not shown:
+        return True
+    values = sight.values
+    return call.floor in (values.call_accepted, values.destination)

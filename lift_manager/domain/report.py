@@ -1,0 +1,110 @@
+"""From what is known of a lift to what is published about it. Pure; every face shows this and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drivers.model import Capabilities, FloorName
+from lift_manager.domain.session import Session
+from lift_manager.domain.sight import Sight, moving, robot_door
+from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from register_maps.words import Mode, Motion, Side
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """Everything the manager knows about one lift at one moment."""
+
+    lift: str
+    floors: tuple[FloorName, ...]
+    doors_at: Mapping[FloorName, tuple[Side, ...]]
+    able: Capabilities
+    sight: Sight | None
+    fault: str
+    """Why the last poll failed; empty when it did not."""
+    source: str
+    session: Session | None
+    arrived: bool
+    """The session's call is fulfilled."""
+    door_held: bool
+    """Our hold of every door at the session's floor is on and verified, where the map has one."""
+
+
+def lift_state(seen: Seen, now: float) -> LiftState:
+    """Return the state to publish at `now`."""
+    sight, session = seen.sight, seen.session
+    age_s = None if sight is None else max(0.0, now - sight.at)
+    state = LiftState(
+        lift=seen.lift,
+        floors=seen.floors,
+        quality=Quality.OFFLINE,
+        reason="",
+        age_s=age_s,
+        floor=None,
+        standing=False,
+        destination=session.floor if session is not None else None,
+        robot_door=RobotDoor.MOVING,
+        doors={},
+        motion=Motion.UNKNOWN,
+        mode=Mode.UNKNOWN,
+        holder=session.holder if session is not None else None,
+        held_since_s=now - session.opened_at if session is not None else None,
+        not_visible=seen.able.not_visible,
+    )
+    if sight is None or age_s is None or age_s > seen.able.max_age_s:
+        return replace(state, reason=_offline(seen, age_s))
+    floor = _reported_floor(seen, sight)
+    return replace(
+        state,
+        quality=Quality.LIVE,
+        floor=floor,
+        standing=sight.standing,
+        destination=session.floor if session is not None else floor,
+        robot_door=_door_for_robots(seen, sight),
+        doors=sight.values.doors,
+        motion=_motion(sight),
+        mode=sight.values.mode,
+    )
+
+
+def same_but_for_time(one: LiftState, other: LiftState) -> bool:
+    """Whether two states differ in nothing but the passing of time."""
+    return replace(one, age_s=None, held_since_s=None) == replace(other, age_s=None, held_since_s=None)
+
+
+def _offline(seen: Seen, age_s: float | None) -> str:
+    why = seen.fault or f"{seen.source} has not answered since"
+    if age_s is None:
+        return f"{seen.lift} has never been read: {why}"
+    return f"{seen.lift} has no fresh state: the last reading is {age_s:.1f} s old, the limit is {seen.able.max_age_s:g} s: {why}"
+
+
+def _reported_floor(seen: Seen, sight: Sight) -> FloorName | None:
+    """Return the floor, unless that is where the car is still travelling to: nobody may take it for arrived."""
+    floor = sight.floor
+    if sight.standing:
+        return floor
+    if seen.session is not None and floor == seen.session.floor and not seen.arrived:
+        return None
+    if moving(sight.values) and floor == sight.values.destination:
+        return None
+    return floor
+
+
+def _door_for_robots(seen: Seen, sight: Sight) -> RobotDoor:
+    """Return the door word; while a session holds the lift, OPEN means that its robot may drive."""
+    here = seen.doors_at.get(sight.floor, ()) if sight.floor is not None else ()
+    door = robot_door(sight, here)
+    if door is not RobotDoor.OPEN or seen.session is None:
+        return door
+    granted = "robot_mode_on" not in seen.able.signals or sight.values.flags.get("robot_mode_on", False)
+    held = seen.door_held and sight.floor == seen.session.floor
+    return RobotDoor.OPEN if granted and held else RobotDoor.MOVING
+
+
+def _motion(sight: Sight) -> Motion:
+    """Return the motion the lift tells; a car that stands by other evidence is stopped, one between floors moves."""
+    if sight.values.motion is not None:
+        return sight.values.motion
+    return Motion.STOPPED if sight.standing else Motion.UNKNOWN

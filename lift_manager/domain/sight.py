@@ -1,0 +1,85 @@
+"""What the readings so far establish about car and doors. Pure.
+
+Opening is believed slowly, closing at once: a robot drives on one message that says "open at L2".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from drivers.model import Capabilities, FloorName, LiftReading, LiftValues
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Motion, Side
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """The newest reading, with what only several readings can tell."""
+
+    values: LiftValues
+    at: float
+    """Monotonic seconds; nothing in `values` is older."""
+    epoch: int
+    floor_since: float
+    """Since when the car has been reported at the same floor without a break."""
+    standing: bool
+    """By the map's evidence the car stands at `values.floor`."""
+    agreed: bool
+    """The evidence for an open door came in one piece, or two readings in a row agree on it."""
+
+    @property
+    def floor(self) -> FloorName | None:
+        """The floor the car reports."""
+        return self.values.floor
+
+
+def see(before: Sight | None, reading: LiftReading, able: Capabilities) -> Sight:
+    """Add one reading to what was known before it."""
+    values, at = reading.values, reading.at
+    follows = before is not None and before.epoch == reading.epoch and at - before.at <= able.max_age_s
+    if (
+        before is not None
+        and follows
+        and before.values is values
+        and (before.standing or able.evidence != "position_stable")
+    ):
+        return replace(before, at=at, agreed=True)
+    same_floor = before is not None and follows and before.values.floor == values.floor
+    floor_since = before.floor_since if before is not None and same_floor else at
+    agreed = able.one_block or (before is not None and follows and _evidence(before.values) == _evidence(values))
+    standing = values.floor is not None and _stands(values, able, at - floor_since)
+    return Sight(values, at, reading.epoch, floor_since, standing, agreed)
+
+
+def robot_door(sight: Sight, doors_here: tuple[Side, ...]) -> RobotDoor:
+    """Return the door word for robots as far as the lift's own signals go; sessions may only weaken it."""
+    doors = sight.values.doors
+    if doors and all(door is Door.CLOSED for door in doors.values()):
+        return RobotDoor.CLOSED
+    is_open = bool(doors_here) and all(doors.get(side) is Door.OPEN for side in doors_here)
+    allowed = sight.values.mode not in ROBOT_FORBIDDEN_MODES
+    return RobotDoor.OPEN if is_open and sight.standing and sight.agreed and allowed else RobotDoor.MOVING
+
+
+def moving(values: LiftValues) -> bool:
+    """Whether the car moves or may be moving: anything but a clear "stopped", or a floor where motion is not told."""
+    if values.motion is not None:
+        return values.motion is not Motion.STOPPED
+    return values.floor is None
+
+
+def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:
+    if values.motion not in (None, Motion.STOPPED):
+        return False
+    match able.evidence:
+        case "level":
+            return values.flags.get("level", False)
+        case "motion_stopped":
+            return values.motion is Motion.STOPPED
+        case _:
+            return floor_for_s >= able.evidence_for_s
+
+
+def _evidence(values: LiftValues) -> tuple[FloorName | None, Mapping[Side, Door], Motion | None, bool]:
+    return values.floor, values.doors, values.motion, values.flags.get("level", False)

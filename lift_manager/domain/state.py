@@ -1,0 +1,67 @@
+"""What the manager publishes about one lift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum, unique
+
+from drivers.model import FloorName
+from register_maps.words import Door, Mode, Motion, Side
+
+
+@unique
+class Quality(StrEnum):
+    """Whether the state may be acted on."""
+
+    LIVE = "live"
+    OFFLINE = "offline"
+    """No reading younger than `max_age_s`: floor, door and motion are not known."""
+
+
+@unique
+class RobotDoor(StrEnum):
+    """The one door word for robots: OPEN is an invitation to drive."""
+
+    CLOSED = "closed"
+    MOVING = "moving"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who holds a lift: the face it came through and the caller's name there."""
+
+    face: str
+    name: str
+
+    def __str__(self) -> str:
+        return self.name if self.face == self.name else f"{self.face}:{self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class LiftState:
+    """One lift at one moment, as every face shows it."""
+
+    lift: str
+    floors: tuple[FloorName, ...]
+    quality: Quality
+    reason: str
+    """Why it is offline; empty while live."""
+    age_s: float | None
+    """Age of the last whole reading; None when there never was one."""
+    floor: FloorName | None
+    """The floor the car stands at or passes; None when nobody reports it. Never the destination before arrival."""
+    standing: bool
+    """By the map's evidence the car stands at `floor`."""
+    destination: FloorName | None
+    """The session's floor, else the current floor."""
+    robot_door: RobotDoor
+    doors: Mapping[Side, Door]
+    motion: Motion
+    mode: Mode
+    holder: Holder | None
+    held_since_s: float | None
+    """Seconds since the session began."""
+    not_visible: Mapping[str, str]
+    """Safety signals this lift's interface does not show, with the reason."""

@@ -1,0 +1,175 @@
+"""The workshop API: what clients of roscon_lift_adapter expect, byte for byte.
+
+A number equal to 0 or 2 is taken for `door_state` (JSON has one kind of number, so 2.0 is 2); a string never is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from urllib.parse import parse_qsl
+
+from fastapi import APIRouter, Request
+from starlette.responses import Response
+
+from lift_manager.core.facade import LiftFacade
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.web import workshop_docs as docs
+from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
+from lift_manager.web.errors import BodyTooLongError, InputError
+from register_maps.words import Motion
+
+WORKSHOP = Holder(face="workshop", name="workshop")
+"""The API has no caller identity, so all its callers are this one holder."""
+
+# The numbers of rmf_lift_msgs/msg/LiftState
+DOOR_STATE = {RobotDoor.CLOSED: 0, RobotDoor.MOVING: 1, RobotDoor.OPEN: 2}
+MOTION_STATE = {Motion.STOPPED: 0, Motion.UP: 1, Motion.DOWN: 2, Motion.MOVING: 3, Motion.UNKNOWN: 3}
+
+# rmf_lift_msgs/msg/LiftRequest has no 1: a caller cannot ask for a moving door
+DOOR_CLOSED = 0
+DOOR_OPEN = 2
+
+QUERY_LIMIT = 4096
+"""Chosen: lift names are short, and a caller's text is quoted in answers."""
+NAME_LIMIT = 200
+
+_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
+
+
+def workshop_router(facade: LiftFacade) -> APIRouter:
+    """The three routes, answering from the facade's memory."""
+    names = facade.lift_names()
+    router = APIRouter(prefix="/open-rmf/demo-lift", tags=[docs.TAG])
+
+    async def lift_names() -> Response:
+        return succeeded({"lift_names": facade.lift_names()})
+
+    async def lift_state(request: Request) -> Response:
+        try:
+            return _state_answer(_named_lift(facade, request))
+        except InputError as error:
+            return failed(str(error))
+
+    async def lift_request(request: Request) -> Response:
+        try:
+            body = await read_body(request)
+            return _request_answer(facade, request, body)
+        except BodyTooLongError as error:
+            return failed(str(error), LingeringResponse)
+        except InputError as error:
+            return failed(str(error))
+
+    router.add_api_route("/lift_names", lift_names, methods=["GET"], **docs.lift_names(names))
+    router.add_api_route("/lift_state", lift_state, methods=["GET"], **docs.lift_state(names))
+    router.add_api_route("/lift_request", lift_request, methods=["POST"], **docs.lift_request(names))
+    return router
+
+
+def succeeded(data: Mapping[str, object]) -> Response:
+    """The envelope of an answer yes."""
+    return _envelope({"data": data, "success": True, "msg": ""}, 200, Response)
+
+
+def failed(message: str, kind: type[Response] = Response, *, status: int = 200) -> Response:
+    """The envelope of an answer no; HTTP 200 because the clients look at `success` alone."""
+    return _envelope({"data": {}, "success": False, "msg": message}, status, kind)
+
+
+def _envelope(content: Mapping[str, object], status: int, kind: type[Response]) -> Response:
+    # surrogates from a caller's JSON have no UTF-8; a backslash escape is what JSON would have written for them
+    body = _encode(content).encode("utf-8", "backslashreplace")
+    # a cached state is an old state
+    return kind(body, status, {"cache-control": "no-store"}, "application/json")
+
+
+def _named_lift(facade: LiftFacade, request: Request) -> LiftState:
+    lifts = ", ".join(facade.lift_names())
+    query: bytes = request.scope["query_string"]
+    if len(query) > QUERY_LIMIT:
+        raise InputError(f"the query is too long; lift_name must be one of: {lifts}")
+    # `replace`: what is not UTF-8 is no lift's name either
+    pairs = parse_qsl(query.decode("utf-8", "replace"), keep_blank_values=True)
+    names = [value for key, value in pairs if key == "lift_name"]
+    if not names:
+        raise InputError(f"lift_name is missing; it must be one of: {lifts}")
+    if len(names) > 1:
+        raise InputError(f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
+    state = facade.state(names[0])
+    if state is None:
+        raise InputError(f"unknown lift {shown(names[0])}; lift_name must be one of: {lifts}")
+    return state
+
+
+def _state_answer(state: LiftState) -> Response:
+    if state.quality is Quality.OFFLINE:
+        age = "no reading yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
+        return failed(f"lift {shown(state.lift)} is offline, {age}: {state.reason or 'no reason known'}")
+    return succeeded(
+        {
+            "available_floors": state.floors,
+            "current_floor": state.floor or "",
+            "destination_floor": state.destination or "",
+            "door_state": DOOR_STATE[state.robot_door],
+            "motion_state": MOTION_STATE[state.motion],
+        }
+    )
+
+
+def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Response:
+    state = _named_lift(facade, request)
+    if _from_another_site(request):
+        raise InputError("a web page of another site asked; only programs and this manager's own pages may")
+    match facade.request(_ask(state, body)):
+        case Accepted():
+            return succeeded({})
+        case Refused(message=message):
+            return failed(message)
+
+
+def _from_another_site(request: Request) -> bool:
+    """Whether a browser says that some other site's page sent this.
+
+    Any content type is taken here, so a browser would pass on a form from any page in the world without asking first.
+    Programs send neither header.
+    """
+    site = request.headers.get("sec-fetch-site")
+    if site is not None:
+        return site not in {"same-origin", "none"}
+    origin = request.headers.get("origin")
+    return origin is not None and origin.partition("://")[2] != request.headers.get("host")
+
+
+def _ask(state: LiftState, body: bytes) -> Ask:
+    floors = ", ".join(state.floors)
+    try:
+        wish = decode_object(body)
+    except InputError as error:
+        raise InputError(f'{error}; expected {{"floor": one of {floors}, "door_state": 0 or 2}}') from error
+    return Ask(state.lift, WORKSHOP, _floor(wish, floors), _hold_door(wish))
+
+
+def _floor(wish: Mapping[str, object], floors: str) -> str:
+    if "floor" not in wish:
+        raise InputError(f"floor is missing; it must be one of: {floors}")
+    floor = wish["floor"]
+    if not isinstance(floor, str) or len(floor) > NAME_LIMIT or not _is_text(floor):
+        raise InputError(f"floor must be one of: {floors}; not {shown(floor)}")
+    return floor
+
+
+def _is_text(value: str) -> bool:
+    """Whether it can be written down: JSON can spell halves of characters that no journal or log could store."""
+    return not any("\ud800" <= char <= "\udfff" for char in value)
+
+
+def _hold_door(wish: Mapping[str, object]) -> bool:
+    allowed = f"{DOOR_CLOSED} (no hold; for the current floor a release) or {DOOR_OPEN} (open and hold)"
+    if "door_state" not in wish:
+        raise InputError(f"door_state is missing; it must be {allowed}")
+    wanted = wish["door_state"]
+    # True == 1 in Python, and a client that sends a boolean means something else
+    if isinstance(wanted, bool) or not isinstance(wanted, int | float) or wanted not in {DOOR_CLOSED, DOOR_OPEN}:
+        raise InputError(f"door_state must be {allowed}, not {shown(wanted)}")
+    return wanted == DOOR_OPEN
