@@ -135,7 +135,7 @@ class LiftTask:
         if "go_to" not in self._able.commands:
             return Refused(Refusal.NOT_POSSIBLE, f"{name} cannot be called: its map {self._able.map_name} has no go_to")
         if sight is None or not self._fresh(now):
-            return Refused(Refusal.OFFLINE, self.state().reason)
+            return Refused(Refusal.OFFLINE, self._offline())
         if self._fire_latched:
             return Refused(
                 Refusal.FIRE_LATCHED, f"{name} was in fire service; a person must check it and restart the manager"
@@ -143,6 +143,11 @@ class LiftTask:
         if sight.values.mode in ROBOT_FORBIDDEN_MODES:
             return Refused(Refusal.MODE, f"{name} takes no robots now: its mode is {sight.values.mode}")
         return None
+
+    def _offline(self) -> str:
+        state = self.state()
+        since = "never read yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
+        return f"{state.lift} is offline, {since}: {state.reason}"
 
     def _take(self, session: Session, now: float) -> None:
         before = self._session

@@ -13,8 +13,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lift_manager.core.facade import LiftFacade
 from lift_manager.web import workshop_docs
+from lift_manager.web.envelope import failed
 from lift_manager.web.offline_docs import add_docs
-from lift_manager.web.workshop import failed, workshop_router
+from lift_manager.web.workshop import workshop_router
 
 DESCRIPTION = """
 Calls lifts for robots, over Modbus/TCP to the lifts' own controllers. **Not a safety component**: it can do what a
@@ -80,7 +81,8 @@ def _workshop_hint(error: HTTPException) -> str:
 class LastResort:
     """Logs a bug once, with its traceback, and tells the caller no more than that there was one.
 
-    Starlette's own handler for unexpected errors raises them again after the answer, and the server logs them a second time.
+    Starlette's own handler for unexpected errors raises them again after the answer, and the server logs them a second
+    time.
     """
 
     def __init__(self, app: ASGIApp) -> None:

@@ -12,6 +12,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from lift_manager.web.errors import ListenError
+from lift_manager.web.http_protocol import JsonHttpProtocol
 
 BACKLOG = 2048
 KEEP_ALIVE_S = 60
@@ -75,10 +76,12 @@ def _advice(error: OSError, host: str, port: int) -> str:
 async def serve(app: ASGIApp, sock: socket.socket) -> None:
     """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed.
 
-    Signals are left to the caller.
+    Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
+    `with` around it.
     """
     config = uvicorn.Config(
         app,
+        http=JsonHttpProtocol,
         log_config=None,
         log_level="warning",
         access_log=False,

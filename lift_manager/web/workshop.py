@@ -5,7 +5,6 @@ A number equal to 0 or 2 is taken for `door_state` (JSON has one kind of number,
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from urllib.parse import parse_qsl
 
@@ -17,6 +16,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web import workshop_docs as docs
 from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
+from lift_manager.web.envelope import failed, succeeded
 from lift_manager.web.errors import BodyTooLongError, InputError
 from register_maps.words import Motion
 
@@ -34,8 +34,6 @@ DOOR_OPEN = 2
 QUERY_LIMIT = 4096
 """Chosen: lift names are short, and a caller's text is quoted in answers."""
 NAME_LIMIT = 200
-
-_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 
 
 def workshop_router(facade: LiftFacade) -> APIRouter:
@@ -65,23 +63,6 @@ def workshop_router(facade: LiftFacade) -> APIRouter:
     router.add_api_route("/lift_state", lift_state, methods=["GET"], **docs.lift_state(names))
     router.add_api_route("/lift_request", lift_request, methods=["POST"], **docs.lift_request(names))
     return router
-
-
-def succeeded(data: Mapping[str, object]) -> Response:
-    """The envelope of an answer yes."""
-    return _envelope({"data": data, "success": True, "msg": ""}, 200, Response)
-
-
-def failed(message: str, kind: type[Response] = Response, *, status: int = 200) -> Response:
-    """The envelope of an answer no; HTTP 200 because the clients look at `success` alone."""
-    return _envelope({"data": {}, "success": False, "msg": message}, status, kind)
-
-
-def _envelope(content: Mapping[str, object], status: int, kind: type[Response]) -> Response:
-    # surrogates from a caller's JSON have no UTF-8; a backslash escape is what JSON would have written for them
-    body = _encode(content).encode("utf-8", "backslashreplace")
-    # a cached state is an old state
-    return kind(body, status, {"cache-control": "no-store"}, "application/json")
 
 
 def _named_lift(facade: LiftFacade, request: Request) -> LiftState:

@@ -11,8 +11,10 @@ TAG = "workshop"
 TAG_DESCRIPTION = """
 The small API that clients of `roscon_lift_adapter` use. Three rules hold for all of it.
 
-**Look at `success`, not at the HTTP status.** Every answer is `{"data": {...}, "success": true or false, "msg": "..."}`.
-A failure is HTTP 200 too, with `success: false`, an empty `data` and a `msg` that says why and names what is allowed.
+**Look at `success`, not at the HTTP status.** Every answer is
+`{"data": {...}, "success": true or false, "msg": "..."}`. A failure is HTTP 200 too, with `success: false`, an empty
+`data` and a `msg` that says why and names what is allowed. Only what never got as far as a lift has another status,
+with the same envelope: 400 (not HTTP), 404 (no such path), 405 (wrong method), 500 (a bug in the manager).
 
 **Accepted is not done.** A request is answered as soon as it is accepted, from memory. Poll `lift_state` to see the
 car come: it stands ready for a robot when `current_floor` is the floor asked for *and* `door_state` is 2.
@@ -55,7 +57,8 @@ def lift_state(names: tuple[str, ...]) -> dict[str, Any]:
         "On the way": _yes("Going up to L2, passing L1", _state("L1", "L2", 0, 1)),
         "Ready": _yes("At L2, door open and held: drive", _state("L2", "L2", 2, 0)),
         "Offline": _no(
-            "Nothing old is shown as current", f"lift {_quoted(names)} is offline, last reading 3.2 s ago: ..."
+            "Nothing old is shown as current",
+            f"lift {_quoted(names)} is offline, last reading 3.2 s ago: 10.0.0.7:502 is silent, limit 1.0 s",
         ),
         "Unknown lift": _no("The names to use are listed", _unknown_lift(names)),
     }
@@ -127,7 +130,7 @@ REQUEST_TEXT = """
 |---|---|
 | a floor, `door_state` 2 | comes to the floor, opens and **holds** the door there |
 | another floor, `door_state` 0 | comes to the floor; the session **ends on arrival** |
-| the floor that `lift_state` reports as `current_floor`, `door_state` 0 | **lets go**: hold and lease end; nothing moves |
+| the floor that `lift_state` calls `current_floor`, `door_state` 0 | **lets go**: hold and lease end; nothing moves |
 
 **The lease.** With `door_state` 2 the lift is yours until you let go, and no longer than the lease (300 s unless the
 site says otherwise). It runs from the later of two moments: your last request, and the door standing open at the floor
@@ -165,7 +168,7 @@ def _answer(data: dict[str, Any], examples: dict[str, Example]) -> dict[str, Any
         },
     }
     return {
-        "description": "Always 200; `success` says whether it worked.",
+        "description": "`success` says whether it worked; failures are 200 too.",
         "content": {"application/json": {"schema": schema, "examples": examples}},
     }
 

@@ -1,0 +1,102 @@
+"""A manager for the tests of the web face, and ways to ask the application something."""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import httpx
+from fastapi import FastAPI
+from starlette.types import ASGIApp
+
+from lift_manager.core.facade import LiftFacade
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.web.app import make_app
+from lift_manager.web.server import listen, serve
+from register_maps.words import Mode, Motion
+
+BASE = "/open-rmf/demo-lift"
+STATE = f"{BASE}/lift_state"
+REQUEST = f"{BASE}/lift_request?lift_name=lift"
+ACCEPTED = b'{"data":{},"success":true,"msg":""}'
+CALL = b'{"floor":"L2","door_state":0}'
+
+IDLE = LiftState(
+    lift="lift",
+    floors=("L1", "L2"),
+    quality=Quality.LIVE,
+    reason="",
+    age_s=0.1,
+    floor="L1",
+    standing=True,
+    destination="L1",
+    robot_door=RobotDoor.CLOSED,
+    doors={},
+    motion=Motion.STOPPED,
+    mode=Mode.NORMAL,
+    holder=None,
+    held_since_s=None,
+    not_visible={},
+)
+
+
+@dataclass
+class FakeManager:
+    """Says what it was told to say, and remembers what it was asked."""
+
+    lifts: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE, "Güter": replace(IDLE, lift="Güter")})
+    answer: Accepted | Refused = field(default_factory=Accepted)
+    asked: list[Ask] = field(default_factory=list)
+
+    def lift_names(self) -> tuple[str, ...]:
+        return tuple(self.lifts)
+
+    def state(self, lift: str) -> LiftState | None:
+        return self.lifts.get(lift)
+
+    def request(self, ask: Ask) -> Accepted | Refused:
+        self.asked.append(ask)
+        return self.answer
+
+
+def one_lift(state: LiftState) -> FakeManager:
+    return FakeManager({state.lift: state})
+
+
+def ask(facade: LiftFacade, method: str, url: str, **more: Any) -> httpx.Response:
+    return ask_app(make_app(facade), method, url, **more)
+
+
+def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
+    async def once() -> httpx.Response:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://lifts") as client:
+            return await client.request(method, url, **more)
+
+    return asyncio.run(once())
+
+
+@asynccontextmanager
+async def serving(app: ASGIApp) -> AsyncIterator[int]:
+    """The application on a free port of 127.0.0.1."""
+    sock = listen("127.0.0.1", 0)
+    port: int = sock.getsockname()[1]
+    task = asyncio.create_task(serve(app, sock))
+    try:
+        yield port
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+@asynccontextmanager
+async def connected(port: int) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    try:
+        yield reader, writer
+    finally:
+        writer.close()
+        with suppress(ConnectionError):
+            await writer.wait_closed()

@@ -1,0 +1,92 @@
+import json
+import logging
+
+import pytest
+
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.web.app import make_app
+from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, ask_app
+
+
+class BrokenManager(FakeManager):
+    def request(self, ask: Ask) -> Accepted | Refused:
+        raise ZeroDivisionError("a bug")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/open-rmf",
+        "/open-rmf/",
+        BASE,
+        f"{BASE}/",
+        f"{BASE}/lift_names/",
+        f"{BASE}/Lift_names",
+        f"{BASE}/%2e%2e/docs",
+        "/open-rmf/other/lift_names",
+        "/open-rmf/%00",
+        "/open-rmf/%C3%A4",
+    ],
+)
+def test_an_unknown_workshop_path_is_404_in_the_envelope(path: str) -> None:
+    answer = ask(FakeManager(), "GET", path)
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/json"
+    envelope = json.loads(answer.content)
+    assert (envelope["data"], envelope["success"]) == ({}, False)
+    assert envelope["msg"].startswith("Not Found; under /open-rmf/demo-lift/ there are: GET lift_names, ")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [("POST", "lift_names", "GET"), ("PUT", "lift_state", "GET"), ("GET", "lift_request", "POST")],
+)
+def test_a_wrong_method_is_405_in_the_envelope_and_names_the_right_one(method: str, path: str, allowed: str) -> None:
+    answer = ask(FakeManager(), method, f"{BASE}/{path}")
+    assert answer.status_code == 405
+    assert answer.headers["allow"] == allowed
+    assert answer.json()["success"] is False
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/open-rmfx", "/docs/", "/docs/nothing.js", "/redoc/%2e%2e/x", "/%FF"])
+def test_any_other_unknown_path_is_404_in_json(path: str) -> None:
+    answer = ask(FakeManager(), "GET", path)
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/json"
+    assert answer.content == b'{"detail":"Not Found"}'
+
+
+def test_the_root_leads_to_the_docs() -> None:
+    answer = ask(FakeManager(), "GET", "/")
+    assert answer.status_code == 307
+    assert answer.headers["location"] == "docs"
+    assert ask(FakeManager(), "GET", "/", follow_redirects=True).url.path == "/docs"
+
+
+def test_a_bug_is_logged_once_with_its_traceback_and_answered_without(caplog: pytest.LogCaptureFixture) -> None:
+    answer = ask(BrokenManager(), "POST", REQUEST, content=CALL)
+    assert answer.status_code == 500
+    assert answer.content == (b'{"data":{},"success":false,"msg":"internal error; the manager\'s log has the details"}')
+    (record,) = (entry for entry in caplog.records if entry.levelno >= logging.ERROR)
+    assert record.exc_info is not None
+    assert record.exc_info[0] is ZeroDivisionError
+    assert record.getMessage() == f"POST {BASE}/lift_request failed"
+
+
+def test_a_bug_elsewhere_is_answered_in_json() -> None:
+    app = make_app(FakeManager())
+
+    @app.get("/bug")
+    async def bug() -> None:
+        raise ZeroDivisionError
+
+    answer = ask_app(app, "GET", "/bug")
+    assert answer.status_code == 500
+    assert answer.json() == {"detail": "internal error; the manager's log has the details"}
+
+
+def test_two_applications_in_one_process_do_not_disturb_each_other() -> None:
+    first, second = make_app(FakeManager()), make_app(FakeManager({}))
+    assert ask_app(first, "GET", f"{BASE}/lift_names").json()["data"]["lift_names"] == ["lift", "Güter"]
+    assert ask_app(second, "GET", f"{BASE}/lift_names").json()["data"]["lift_names"] == []
+    assert ask_app(second, "GET", "/docs").status_code == 200
