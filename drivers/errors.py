@@ -129,3 +129,11 @@ class HeartbeatStopped(DriverError):
         super().__init__(
             f"{link}: its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)", Sent.NO
         )
+
+
+class ControllerTaken(DriverError):
+    """Another process on this machine drives this controller: two managers would press against each other."""
+
+    def __init__(self, peer: str, process: str) -> None:
+        super().__init__(f"{peer} is driven by process {process} on this machine already; stop that one first", Sent.NO)
+        self.peer = peer

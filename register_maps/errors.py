@@ -1,6 +1,7 @@
 """Every error this package raises.
 
 RegisterMapError
+    MapFileError           a map or site file with mistakes; `findings` has all of them
     FrameError             bytes that are not the Modbus/TCP frame they should be
         BadRequest         a request the specification does not allow; `code` is what a device answers to it
         Mismatch           an answer that does not fit its request
@@ -8,6 +9,9 @@ RegisterMapError
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 EXCEPTION_NAMES = {
     1: "illegal function",
@@ -25,6 +29,30 @@ EXCEPTION_NAMES = {
 
 class RegisterMapError(Exception):
     """Root of everything that register_maps raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One mistake (or warning) in a file, at its place."""
+
+    file: str
+    line: int | None
+    """Counted from 1; None for the file as a whole."""
+    key: str
+    """Where in the file, such as `lifts.lift.floors`; empty for the file as a whole."""
+    message: str
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return ": ".join(part for part in (place, self.key, self.message) if part)
+
+
+class MapFileError(RegisterMapError):
+    """A map or site file cannot be used; `findings` says everything that is wrong with it, in the order of its lines."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        self.findings = tuple(sorted(findings, key=lambda finding: (finding.file, finding.line or 0)))
+        super().__init__("\n".join(map(str, self.findings)))
 
 
 class FrameError(RegisterMapError):

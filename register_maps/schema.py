@@ -87,7 +87,11 @@ def _checked_address(text: str) -> str:
 
 
 Address = Annotated[str, AfterValidator(_checked_address)]
-Name = Annotated[str, StringConstraints(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
+Name = Annotated[
+    str,
+    StringConstraints(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$"),
+    Field(description="lower-case letters and digits in words joined by hyphens, such as acme-lc3"),
+]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Word = Annotated[int, Field(strict=True, ge=-32768, le=65535)]
 NumberType = Literal["uint16", "int16"]
@@ -132,7 +136,7 @@ class Signal(_Part):
     """One bit per floor, lowest code (0) first; none set means no floor known."""
     open_limit: Address | None = None
     closed_limit: Address | None = None
-    type: NumberType | Literal["counter"] = "uint16"
+    type: Literal["uint16", "int16", "counter"] = "uint16"
     bits: tuple[Annotated[int, Field(ge=0, le=15)], Annotated[int, Field(ge=0, le=15)]] | None = None
     """First and last bit (0 = least significant) of a field inside a register."""
     active: Literal["high", "low"] = "high"

@@ -69,6 +69,11 @@ class LiftTask:
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
         self._shown: LiftState | None = None
+        self._looked = asyncio.Event()
+
+    async def first_look(self) -> None:
+        """Return once the lift has been read for the first time."""
+        await self._looked.wait()
 
     async def run(self) -> None:
         """Poll and drive the lift until cancelled. Its bad weather stays its own."""
@@ -200,6 +205,8 @@ class LiftTask:
 
     def _got(self, reading: LiftReading) -> None:
         before = self._sight
+        if before is None:
+            self._looked.set()
         sight = self._sight = see(before, reading, self._able)
         settled = (
             before is not None

@@ -26,6 +26,11 @@ class LiftManager:
             for lift in self._lifts.values():
                 tasks.create_task(lift.run())
 
+    async def first_look(self) -> None:
+        """Return once every lift has been read for the first time; bound it with a timeout."""
+        for lift in self._lifts.values():
+            await lift.first_look()
+
     async def stop(self) -> None:
         """Let everything go on every lift and return once it is verified; bound it with a timeout."""
         async with asyncio.TaskGroup() as tasks:

@@ -53,7 +53,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         not_visible=seen.able.not_visible,
     )
     if sight is None or age_s is None or age_s > seen.able.max_age_s:
-        return replace(state, reason=_offline(seen, age_s))
+        return replace(state, reason=_offline(seen))
     floor = _reported_floor(seen, sight)
     return replace(
         state,
@@ -73,11 +73,9 @@ def same_but_for_time(one: LiftState, other: LiftState) -> bool:
     return replace(one, age_s=None, held_since_s=None) == replace(other, age_s=None, held_since_s=None)
 
 
-def _offline(seen: Seen, age_s: float | None) -> str:
+def _offline(seen: Seen) -> str:
     why = seen.fault or f"{seen.source} has not answered since"
-    if age_s is None:
-        return f"{seen.lift} has never been read: {why}"
-    return f"{seen.lift} has no fresh state: the last reading is {age_s:.1f} s old, the limit is {seen.able.max_age_s:g} s: {why}"
+    return f"nothing newer within {seen.able.max_age_s:g} s: {why}"
 
 
 def _reported_floor(seen: Seen, sight: Sight) -> FloorName | None:

@@ -1,0 +1,146 @@
+"""The one place where the parts of a running manager are put together, and taken apart again."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from socket import socket
+
+from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.link import Link
+from drivers.modbus.lock import controller_lock
+from drivers.modbus.settings import LinkSettings
+from drivers.modbus.wire import PymodbusWire
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Controller, Lift
+from lift_manager.core.bus import Bus
+from lift_manager.core.lift import LiftOptions, LiftTask
+from lift_manager.core.manager import LiftManager
+from lift_manager.domain.events import Event
+from lift_manager.web.app import make_app
+from lift_manager.web.server import serve
+from register_maps.codec import compile_map
+from register_maps.schema import RegisterMap
+from register_maps.words import Side
+
+_log = logging.getLogger(__name__)
+
+FIRST_LOOK_S = 1.0
+"""How long the first answer to a client may wait for the first reading of every lift. Chosen: a controller that is there answers in
+a fraction of it, and nobody waits longer for one that is not."""
+
+RELEASE_WITHIN_S = 4.0
+"""How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Building:
+    """A manager and the links it lives on."""
+
+    manager: LiftManager
+    links: tuple[Link, ...]
+
+
+def build(loaded: LoadedSite) -> Building:
+    """Make one link per controller and hand it to that controller's lifts."""
+    bus: Bus[Event] = Bus()
+    links = {name: _link(name, spec, loaded.maps[name].map) for name, spec in loaded.site.controllers.items()}
+    lifts = [
+        _lift(
+            name,
+            spec,
+            loaded.site.controllers[spec.controller],
+            loaded.maps[spec.controller].map,
+            links[spec.controller],
+            bus,
+        )
+        for name, spec in loaded.site.lifts.items()
+    ]
+    return Building(LiftManager(lifts, bus), tuple(links.values()))
+
+
+async def run(loaded: LoadedSite, sock: socket, *, stop: asyncio.Event, ready: Callable[[], None]) -> bool:
+    """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go."""
+    with ExitStack() as locks:
+        for controller in loaded.site.controllers.values():
+            locks.enter_context(controller_lock(controller.host, controller.port))
+        building = build(loaded)
+        async with asyncio.TaskGroup() as tasks:
+            running = [tasks.create_task(link.run()) for link in building.links]
+            running.append(tasks.create_task(building.manager.run()))
+            with suppress(TimeoutError):
+                async with asyncio.timeout(FIRST_LOOK_S):
+                    await building.manager.first_look()
+            running.append(tasks.create_task(serve(make_app(building.manager), sock)))
+            ready()
+            await stop.wait()
+            released = await _let_go(building.manager)
+            for task in running:
+                task.cancel()
+    return released
+
+
+def stop_on_signals(stop: asyncio.Event) -> None:
+    """Let SIGTERM and Ctrl-C ask for an orderly end."""
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # not every event loop has signal handlers; there Ctrl-C still raises KeyboardInterrupt
+        with suppress(NotImplementedError):
+            loop.add_signal_handler(number, stop.set)
+
+
+async def _let_go(manager: LiftManager) -> bool:
+    _log.info("stopping: letting go of everything")
+    try:
+        async with asyncio.timeout(RELEASE_WITHIN_S):
+            await manager.stop()
+    except TimeoutError:
+        _log.error("not every output could be verified as let go within %g s; look at the lift", RELEASE_WITHIN_S)
+        return False
+    _log.info("everything is let go and verified")
+    return True
+
+
+def _link(name: str, spec: Controller, source: RegisterMap) -> Link:
+    defaults = source.link
+    settings = LinkSettings(
+        timeout_s=spec.timeout_s or defaults.timeout_s,
+        connect_timeout_s=spec.connect_timeout_s,
+        min_gap_s=defaults.min_gap_s if spec.min_gap_s is None else spec.min_gap_s,
+        reconnect_min_s=spec.reconnect_min_s or defaults.reconnect_min_s,
+        tid_echo=defaults.tid_echo if spec.tid_echo is None else spec.tid_echo,
+    )
+    return Link(lambda: PymodbusWire(spec.host, spec.port), settings, name=f"{name} ({spec.host}:{spec.port})")
+
+
+def _lift(name: str, spec: Lift, controller: Controller, source: RegisterMap, link: Link, bus: Bus[Event]) -> LiftTask:
+    defaults = source.link
+    unit = next(unit for unit in (spec.unit_id, controller.unit_id, defaults.unit_id) if unit is not None)
+    settings = LiftSettings(
+        name=name,
+        floors={floor: entry.code for floor, entry in spec.floors.items()},
+        unit_id=unit,
+        control=spec.access == "control",
+        max_age_s=spec.max_age_s or defaults.max_age_s,
+        max_registers_per_read=controller.max_registers_per_read or defaults.max_registers_per_read,
+        max_bits_per_read=controller.max_bits_per_read or defaults.max_bits_per_read,
+    )
+    driver = ModbusLift(compile_map(source, offset=spec.offset), link, settings)
+    options = LiftOptions(
+        name=name,
+        floors=tuple(spec.floors),
+        doors_at={floor: _doors(entry.doors, driver.capabilities.doors) for floor, entry in spec.floors.items()},
+        control=spec.access == "control",
+        poll_s=spec.poll_s,
+        lease_s=spec.lease_s,
+        max_session_hold_s=spec.max_session_hold_s,
+    )
+    return LiftTask(driver, options, bus)
+
+
+def _doors(listed: tuple[Side, ...] | None, all_doors: tuple[Side, ...]) -> tuple[Side, ...]:
+    return all_doors if listed is None else listed

@@ -1,0 +1,183 @@
+"""The command line: parses words and calls lab, app or config."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import sys
+from collections.abc import Coroutine
+from pathlib import Path
+from socket import socket
+from typing import Annotated, Any, TypeVar
+
+import typer
+from register_maps.load import load
+from rich.console import Console
+
+from drivers.errors import ControllerTaken
+from lift_manager import app as running
+from lift_manager.config.load import LoadedSite, check_file, load_site
+from lift_manager.lab.demo import run_demo
+from lift_manager.lab.simulate import run_simulation
+from lift_manager.web.errors import ListenError
+from lift_manager.web.server import listen
+from register_maps.errors import MapFileError
+
+try:
+    import uvloop
+except ImportError:  # there is none for Windows; asyncio's own loop serves as well, with twice the work per poll
+    uvloop = None  # type: ignore[assignment]
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Connect robots to real lifts over Modbus/TCP.",
+)
+
+_out = Console()
+_err = Console(stderr=True)
+
+T = TypeVar("T")
+
+SiteFile = Annotated[Path, typer.Argument(metavar="SITE", help="The site file.")]
+Speed = Annotated[
+    float, typer.Option(min=0.1, max=100, help="How much faster than real the simulated car and doors move.")
+]
+
+
+@app.command()
+def demo(
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the manager; 0 takes any free one.")] = 5003,
+    speed: Speed = 1.0,
+) -> None:
+    """Run three simulated lifts and a manager, with nothing to configure."""
+    _log_to_stderr()
+    try:
+        sock = listen("127.0.0.1", port)
+    except ListenError as error:
+        raise _fail(str(error)) from error
+    _run(run_demo(sock, speed=speed, console=_out))
+
+
+@app.command()
+def serve(
+    site: SiteFile,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Listen here instead of the site file's port.")
+    ] = None,
+) -> None:
+    """Run the lift manager for a site."""
+    _log_to_stderr()
+    loaded = _loaded(site)
+    for line in loaded.cautions():
+        logging.getLogger("lift_manager").warning("%s", line)
+    api = loaded.site.api
+    try:
+        sock = listen(api.host, api.port if port is None else port)
+    except ListenError as error:
+        raise _fail(str(error)) from error
+    try:
+        released = _run(_serve(loaded, sock))
+    except* ControllerTaken as group:
+        raise _fail(str(group.exceptions[0])) from group
+    if not released:
+        raise typer.Exit(1)
+
+
+@app.command()
+def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="A site file or a register map.")]) -> None:
+    """Find every mistake in a site file or a register map; exits 2 if there is one."""
+    try:
+        report = check_file(file)
+    except MapFileError as error:
+        _say_findings(error)
+        raise typer.Exit(2) from error
+    for line in report:
+        _out.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command()
+def simulate(
+    map_name: Annotated[str, typer.Argument(metavar="MAP", help="A shipped map by name, or the path of a map file.")],
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the simulated controller; 0 takes any free one.")
+    ] = 5020,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    floors: Annotated[str, typer.Option(help="Floors with their codes, lowest first, such as B1=-1,L1=1,L2=2.")] = "",
+    speed: Speed = 1.0,
+) -> None:
+    """Serve one simulated lift that any Modbus/TCP tool can read and command."""
+    try:
+        source = load(map_name, near=Path.cwd()).map
+    except MapFileError as error:
+        _say_findings(error)
+        raise typer.Exit(2) from error
+    try:
+        _run(run_simulation(source, host=host, port=port, floors=_floors(floors), speed=speed, console=_out))
+    except ValueError as error:
+        raise _fail(str(error)) from error
+    except OSError as error:
+        raise _fail(
+            f"cannot listen on {host}:{port}: {error.strerror or error}; choose another port with --port"
+        ) from error
+
+
+async def _serve(loaded: LoadedSite, sock: socket) -> bool:
+    stop = asyncio.Event()
+    running.stop_on_signals(stop)
+    host, port = sock.getsockname()[:2]
+
+    def ready() -> None:
+        _out.print(
+            f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on http://{host}:{port}/docs", highlight=False
+        )
+
+    return await running.run(loaded, sock, stop=stop, ready=ready)
+
+
+def _run(main: Coroutine[Any, Any, T]) -> T:
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop if uvloop is not None else None) as runner:
+        return runner.run(main)
+
+
+def _loaded(site: Path) -> LoadedSite:
+    try:
+        return load_site(site)
+    except MapFileError as error:
+        _say_findings(error)
+        raise typer.Exit(2) from error
+
+
+def _say_findings(error: MapFileError) -> None:
+    for finding in error.findings:
+        _err.print(str(finding), markup=False, highlight=False, soft_wrap=True)
+    count = len(error.findings)
+    _err.print(f"{count} mistake{'' if count == 1 else 's'}", highlight=False)
+
+
+def _floors(text: str) -> dict[str, int] | None:
+    if not text:
+        return None
+    floors: dict[str, int] = {}
+    for part in text.split(","):
+        name, _, code = part.partition("=")
+        try:
+            floors[name.strip()] = int(code)
+        except ValueError as error:
+            raise typer.BadParameter(f"{part!r}: write NAME=CODE, such as L1=1", param_hint="--floors") from error
+    if len(floors) < 2:
+        raise typer.BadParameter("a lift has two floors or more", param_hint="--floors")
+    return floors
+
+
+def _fail(text: str) -> typer.Exit:
+    _err.print(text, markup=False, highlight=False, soft_wrap=True)
+    return typer.Exit(1)
+
+
+def _log_to_stderr() -> None:
+    logging.basicConfig(
+        level=logging.INFO, stream=sys.stderr, format="%(asctime)s %(levelname)-7s %(message)s", datefmt="%H:%M:%S"
+    )
+    logging.getLogger("pymodbus").setLevel(logging.ERROR)

@@ -1,0 +1,104 @@
+"""Three lifts with simulated controllers and a manager, in one process, with nothing to configure."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from socket import socket
+
+from register_maps.load import load
+from rich.console import Console
+
+from lift_manager import app
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Site
+from lift_manager.lab.plant import simulated_lift
+from register_maps.codec import compile_map
+from simulator.server import SimulatedController
+
+POLL_S = 0.1
+ACCEPTED = "the controller is simulated and ends with the manager"
+
+
+@dataclass(frozen=True, slots=True)
+class DemoLift:
+    """One lift of the demo."""
+
+    name: str
+    map: str
+    floors: Mapping[str, int]
+
+
+LIFTS = (
+    DemoLift("lift", "generic-registers", {"L1": 1, "L2": 2}),
+    DemoLift("tower", "generic-registers", {"B1": -1, "L1": 1, "L2": 2, "L3": 3, "L4": 4, "L5": 5}),
+    DemoLift("goods", "two-stop-agv", {"L1": 0, "L2": 1}),
+)
+
+
+async def run_demo(sock: socket, *, speed: float, console: Console) -> None:
+    """Run the demo on a listening socket until SIGTERM or Ctrl-C."""
+    stop = asyncio.Event()
+    app.stop_on_signals(stop)
+    async with AsyncExitStack() as stack:
+        ports = {lift.name: await _start(lift, speed, stack) for lift in LIFTS}
+        loaded = LoadedSite(_site(ports), {lift.name: load(lift.map) for lift in LIFTS}, Path("demo"))
+        await app.run(loaded, sock, stop=stop, ready=lambda: _guide(console, sock, ports))
+
+
+async def _start(lift: DemoLift, speed: float, stack: AsyncExitStack) -> int:
+    codec = compile_map(load(lift.map).map)
+    controller = SimulatedController({codec.map.link.unit_id: simulated_lift(codec, lift.floors, speed=speed)})
+    await controller.start()
+    stack.push_async_callback(controller.stop)
+    return controller.port
+
+
+def _site(ports: Mapping[str, int]) -> Site:
+    return Site.model_validate(
+        {
+            "schema": 1,
+            "name": "demo",
+            "controllers": {
+                lift.name: {"host": "127.0.0.1", "port": ports[lift.name], "map": lift.map} for lift in LIFTS
+            },
+            "lifts": {
+                lift.name: {
+                    "controller": lift.name,
+                    "access": "control",
+                    "floors": dict(lift.floors),
+                    "poll_s": POLL_S,
+                    "accept_latching": ACCEPTED,
+                }
+                for lift in LIFTS
+            },
+        }
+    )
+
+
+def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
+    host, port = sock.getsockname()[:2]
+    base = f"http://{host}:{port}/open-rmf/demo-lift"
+    post = f"curl -X POST '{base}/lift_request?lift_name=lift' -H 'Content-Type: application/json' -d"
+    lines = [
+        "",
+        f"[bold]Three lifts are running.[/bold] API and documentation: http://{host}:{port}/docs",
+        "",
+        "Send the car to L2 and hold its door:",
+        f'  {post} \'{{"floor": "L2", "door_state": 2}}\'',
+        "Watch it go (door_state 2 is open, motion_state 1 is up):",
+        f"  curl '{base}/lift_state?lift_name=lift'",
+        "Let it go back to people:",
+        f'  {post} \'{{"floor": "L2", "door_state": 0}}\'',
+        "",
+        *(
+            f"{lift.name}: floors {', '.join(lift.floors)}; controller on 127.0.0.1:{ports[lift.name]}, map {lift.map}"
+            for lift in LIFTS
+        ),
+        "",
+        "Ctrl-C ends the demo.",
+    ]
+    console.print("\n".join(lines), soft_wrap=True, highlight=False)

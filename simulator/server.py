@@ -1,0 +1,122 @@
+"""Modbus/TCP in front of simulated lifts. The only importer of pymodbus here."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import NoSuchIdException
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from register_maps.words import Table
+from simulator.registers import Objection
+
+_TABLES = {1: Table.COIL, 5: Table.COIL, 15: Table.COIL, 2: Table.DISCRETE, 4: Table.INPUT} | dict.fromkeys(
+    (3, 6, 16, 22, 23), Table.HOLDING
+)
+
+
+class Device(Protocol):
+    """What answers for one unit id."""
+
+    def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
+        """Return cells, or raise Objection."""
+        ...
+
+    def write(self, table: Table, address: int, values: list[int], now: float) -> None:
+        """Write cells, or raise Objection."""
+        ...
+
+
+class _Context:
+    """What pymodbus's requests run against, in the place of its own memory.
+
+    Its SimDevice drops, shifts or double-counts some layouts and cannot leave a unit unanswered (field notes S3 to S7);
+    with the context replaced, every access reaches the device as it came.
+    """
+
+    simdevices: tuple[SimDevice, ...] = ()
+
+    def __init__(self, devices: Mapping[int, Device], clock: Callable[[], float]) -> None:
+        self._devices = devices
+        self._clock = clock
+
+    def device_ids(self) -> list[int]:
+        return list(self._devices)
+
+    async def async_getValues(  # noqa: N802 - pymodbus's name
+        self, device_id: int, func_code: int, address: int, count: int = 1
+    ) -> list[int] | ExcCodes:
+        try:
+            return self._device(device_id).read(_TABLES[func_code], address, count, self._clock())
+        except Objection as objection:
+            return ExcCodes(objection.code)
+
+    async def async_setValues(  # noqa: N802 - pymodbus's name
+        self, device_id: int, func_code: int, address: int, values: list[int]
+    ) -> ExcCodes | None:
+        try:
+            self._device(device_id).write(_TABLES[func_code], address, [int(value) for value in values], self._clock())
+        except Objection as objection:
+            return ExcCodes(objection.code)
+        return None
+
+    def _device(self, unit: int) -> Device:
+        if unit not in self._devices:
+            raise NoSuchIdException(f"no unit {unit}")
+        return self._devices[unit]
+
+
+class SimulatedController:
+    """A Modbus/TCP server for one or more units.
+
+    A unit nobody plays is answered with exception 0B, as a gateway does.
+    """
+
+    def __init__(
+        self,
+        devices: Mapping[int, Device],
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        self._devices = devices
+        self._host = host
+        self._port = port
+        self._clock = clock
+        self._server: ModbusTcpServer | None = None
+
+    @property
+    def port(self) -> int:
+        """The port it listens on, once started."""
+        return self._port
+
+    async def start(self) -> None:
+        """Listen. Raises OSError when the port is taken."""
+        loop = asyncio.get_running_loop()
+        _check_free(self._host, self._port)
+        placeholder = SimDevice(0, simdata=[SimData(0, values=0, datatype=DataType.UINT16)])
+        server = ModbusTcpServer(placeholder, address=(self._host, self._port))
+        server.context = _Context(self._devices, self._clock or loop.time)  # type: ignore[assignment]  # same two methods
+        await server.serve_forever(background=True)
+        # asyncio's and uvloop's servers share no class that has sockets
+        self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]
+        self._server = server
+
+    async def stop(self) -> None:
+        """Close the listener and every connection."""
+        if self._server is not None:
+            await self._server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it untyped
+            self._server = None
+
+
+def _check_free(host: str, port: int) -> None:
+    """Raise the OSError that pymodbus would swallow when it cannot listen."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((host, port))

@@ -1,0 +1,354 @@
+"""What every wire keeps: the same tests for the one in memory and for the real one, on both loops."""
+
+import asyncio
+import socket
+from collections.abc import Callable, Coroutine
+from typing import Protocol
+
+import pytest
+import uvloop
+
+from drivers.errors import ConnectFailed, ConnectProblem, Sent
+from drivers.modbus.memory import MemoryWire
+from drivers.modbus.wire import PymodbusWire, Wire
+from register_maps import frames
+from register_maps.words import Table
+from tests.support.virtual_time import run_virtual
+
+LIMIT_S = 5.0
+READ = frames.read(Table.HOLDING, 0, 2)
+ASK = frames.frame(READ, 7)
+ANSWER = frames.answer(READ, 7, b"\x00\x01\x00\x02")
+OTHER = frames.answer(READ, 8, b"\x00\x03\x00\x04")
+
+
+class FarEnd(Protocol):
+    """The controller's side of a wire."""
+
+    heard: "asyncio.Queue[bytes]"
+    """What came, as it came; b"" when the connection ended from our side."""
+
+    def wire(self) -> Wire: ...
+    def say(self, data: bytes) -> None: ...
+    def hang_up(self) -> None: ...
+    def refuse(self) -> None: ...
+
+
+class NearEnd:
+    """What a wire handed over."""
+
+    def __init__(self) -> None:
+        self.frames: asyncio.Queue[bytes] = asyncio.Queue()
+        self.lost: asyncio.Queue[str] = asyncio.Queue()
+
+    async def open(self, wire: Wire) -> None:
+        await wire.open(self.frames.put_nowait, self.lost.put_nowait, timeout_s=1.0)
+
+
+class InMemory:
+    def __init__(self) -> None:
+        self.heard: asyncio.Queue[bytes] = asyncio.Queue()
+        self._problem: ConnectProblem | None = None
+        self._wire = MemoryWire(self._hear, admit=lambda: self._problem)
+
+    def wire(self) -> Wire:
+        return self._wire
+
+    def say(self, data: bytes) -> None:
+        asyncio.get_running_loop().call_soon(self._say, data)
+
+    def _say(self, data: bytes) -> None:
+        if self._wire.is_open:
+            self._wire.deliver(data)
+
+    def hang_up(self) -> None:
+        self._wire.drop()
+
+    def refuse(self) -> None:
+        self._problem = ConnectProblem.REFUSED
+
+    def _hear(self, frame: bytes) -> tuple[()]:
+        self.heard.put_nowait(frame)
+        return ()
+
+
+class OnLoopback(asyncio.Protocol):
+    """One real connection at a time."""
+
+    def __init__(self, listener: socket.socket) -> None:
+        self.heard: asyncio.Queue[bytes] = asyncio.Queue()
+        self._listener = listener
+        self._host, self._port = listener.getsockname()
+        self._transport: asyncio.Transport
+        self.server: asyncio.Server
+
+    def wire(self) -> Wire:
+        return PymodbusWire(self._host, self._port)
+
+    def say(self, data: bytes) -> None:
+        self._transport.write(data)
+
+    def hang_up(self) -> None:
+        self._transport.close()
+
+    def refuse(self) -> None:
+        self.server.close()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self.heard.put_nowait(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.heard.put_nowait(b"")
+
+
+Contract = Callable[[FarEnd, NearEnd], Coroutine[object, object, None]]
+Runner = Callable[[Contract], None]
+
+
+def in_memory(contract: Contract) -> None:
+    run_virtual(lambda: contract(InMemory(), NearEnd()))
+
+
+async def on_loopback(contract: Contract) -> None:
+    far = OnLoopback(socket.create_server(("127.0.0.1", 0)))
+    far.server = await asyncio.get_running_loop().create_server(lambda: far, sock=far._listener)  # noqa: SLF001
+    try:
+        async with asyncio.timeout(LIMIT_S):
+            await contract(far, NearEnd())
+    finally:
+        far.server.close()
+
+
+def on_asyncio(contract: Contract) -> None:
+    asyncio.run(on_loopback(contract))
+
+
+def on_uvloop(contract: Contract) -> None:
+    uvloop.run(on_loopback(contract))
+
+
+@pytest.fixture(params=[in_memory, on_asyncio, on_uvloop])
+def run(request: pytest.FixtureRequest) -> Runner:
+    runner: Runner = request.param
+    return runner
+
+
+def test_frames_go_out_and_come_in_whole(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        assert not wire.is_open
+        await near.open(wire)
+        assert wire.is_open
+        wire.send(ASK)
+        assert await far.heard.get() == ASK
+        far.say(ANSWER)
+        assert await near.frames.get() == ANSWER
+        wire.close()
+
+    run(contract)
+
+
+def test_a_frame_in_pieces_is_handed_over_once_and_whole(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        await near.open(wire)
+        for place in range(len(ANSWER)):
+            wire.send(ASK)
+            await far.heard.get()
+            far.say(ANSWER[place : place + 1])
+        assert await near.frames.get() == ANSWER
+        assert near.frames.empty()
+        wire.close()
+
+    run(contract)
+
+
+def test_frames_in_one_segment_are_handed_over_one_by_one_in_order(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        await near.open(wire)
+        # More than the 516 bytes at which pymodbus's own buffer is thrown away.
+        many = [frames.answer(READ, tid, b"\x00\x01\x00\x02") for tid in range(1, 100)]
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(b"".join(many))
+        assert [await near.frames.get() for _ in many] == many
+        wire.close()
+
+    run(contract)
+
+
+def test_a_loss_is_told_once_with_its_reason(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        await near.open(wire)
+        wire.send(ASK)
+        await far.heard.get()
+        far.hang_up()
+        assert await near.lost.get() == "the controller closed the connection"
+        assert not wire.is_open
+        wire.send(ASK)
+        wire.close()
+        assert near.lost.empty()
+        assert near.frames.empty()
+
+    run(contract)
+
+
+def test_closing_is_not_a_loss_and_may_be_repeated(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        wire.close()
+        await near.open(wire)
+        wire.send(ASK)
+        assert await far.heard.get() == ASK
+        wire.close()
+        wire.close()
+        assert not wire.is_open
+        if isinstance(far, OnLoopback):
+            assert await far.heard.get() == b""
+        assert near.lost.empty()
+
+    run(contract)
+
+
+def test_nothing_is_sent_over_a_closed_wire(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        wire.send(ASK)
+        await near.open(wire)
+        wire.close()
+        wire.send(ASK)
+        await near.open(wire)
+        wire.send(OTHER)
+        while not (came := await far.heard.get()):
+            pass
+        assert came == OTHER
+        wire.close()
+
+    run(contract)
+
+
+def test_a_receiver_that_closes_the_wire_gets_nothing_more_of_the_same_segment(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        taken: list[bytes] = []
+        closed = asyncio.Event()
+
+        def take(frame: bytes) -> None:
+            taken.append(frame)
+            wire.close()
+            closed.set()
+
+        await wire.open(take, near.lost.put_nowait, timeout_s=1.0)
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(ANSWER + OTHER)
+        await closed.wait()
+        assert taken == [ANSWER]
+        assert near.lost.empty()
+
+    run(contract)
+
+
+def test_a_wire_opened_again_hears_nothing_of_its_last_connection(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        await near.open(wire)
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(ANSWER[:5])
+        wire.close()
+        after = NearEnd()
+        await after.open(wire)
+        wire.send(ASK)
+        while not await far.heard.get():
+            pass
+        far.say(OTHER)
+        assert await after.frames.get() == OTHER
+        assert near.frames.empty()
+        assert near.lost.empty()
+        wire.close()
+
+    run(contract)
+
+
+def test_bytes_that_are_not_modbus_are_a_loss(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        await near.open(wire)
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        assert (await near.lost.get()).startswith("what came is not Modbus/TCP: protocol id")
+        assert not wire.is_open
+        assert near.frames.empty()
+
+    run(contract)
+
+
+def test_a_refused_connection_says_so(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        far.refuse()
+        wire = far.wire()
+        with pytest.raises(ConnectFailed, match="refused") as caught:
+            await near.open(wire)
+        assert caught.value.problem is ConnectProblem.REFUSED
+        assert caught.value.sent is Sent.NO
+        assert wire.peer in str(caught.value)
+        assert not wire.is_open
+
+    run(contract)
+
+
+def test_a_wire_closed_while_it_opens_is_not_open(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        async with asyncio.TaskGroup() as group:
+            opening = group.create_task(expect_failure(near, wire))
+            await asyncio.sleep(0)
+            wire.close()
+        assert opening.done()
+        assert not wire.is_open
+        assert near.lost.empty()
+
+    async def expect_failure(near: NearEnd, wire: Wire) -> None:
+        with pytest.raises(ConnectFailed):
+            await near.open(wire)
+
+    run(contract)
+
+
+def test_a_cancelled_attempt_leaves_nothing_open(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        async with asyncio.TaskGroup() as group:
+            opening = group.create_task(near.open(wire))
+            await asyncio.sleep(0)
+            opening.cancel()
+        assert opening.cancelled()
+        assert not wire.is_open
+
+    run(contract)
+
+
+def test_a_trace_sees_every_frame_in_both_directions(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        trace: list[tuple[bool, bytes]] = []
+        wire.on_bytes = lambda sent, frame: trace.append((sent, frame))
+        await near.open(wire)
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(ANSWER[:4])
+        far.say(ANSWER[4:])
+        await near.frames.get()
+        wire.close()
+        wire.send(ASK)
+        assert trace == [(True, ASK), (False, ANSWER)]
+
+    run(contract)
