@@ -5,13 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import sys
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from socket import socket
 from typing import Annotated, Any, TypeVar
 
 import typer
-from register_maps.load import load
 from rich.console import Console
 
 from drivers.errors import ControllerTaken
@@ -22,11 +21,14 @@ from lift_manager.lab.simulate import run_simulation
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
+from register_maps.load import load
 
 try:
     import uvloop
 except ImportError:  # there is none for Windows; asyncio's own loop serves as well, with twice the work per poll
-    uvloop = None  # type: ignore[assignment]
+    _new_loop: Callable[[], asyncio.AbstractEventLoop] | None = None
+else:
+    _new_loop = uvloop.new_event_loop
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -137,7 +139,7 @@ async def _serve(loaded: LoadedSite, sock: socket) -> bool:
 
 
 def _run(main: Coroutine[Any, Any, T]) -> T:
-    with asyncio.Runner(loop_factory=uvloop.new_event_loop if uvloop is not None else None) as runner:
+    with asyncio.Runner(loop_factory=_new_loop) as runner:
         return runner.run(main)
 
 

@@ -47,6 +47,16 @@ class Finding:
         return ": ".join(part for part in (place, self.key, self.message) if part)
 
 
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something in a map that cannot be right or, as a warning, may not be; with the way to mend it."""
+
+    path: tuple[str | int, ...]
+    """Where in the map, key by key."""
+    message: str
+    warning: bool = False
+
+
 class MapFileError(RegisterMapError):
     """A map or site file cannot be used; `findings` says everything that is wrong with it, in the order of its lines."""
 

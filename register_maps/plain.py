@@ -86,7 +86,9 @@ def _message(error: ErrorDetails, schema: JsonSchema, path: Path, written: str |
     if kind == "string_pattern_mismatch":
         return f"must be {_description(schema, path, str(context['pattern']))}, not {given!r}"
     if kind.startswith("string_too_"):
-        return f"must have at most {context['max_length']} characters" if "max_length" in context else "must not be empty"
+        return (
+            f"must have at most {context['max_length']} characters" if "max_length" in context else "must not be empty"
+        )
     sort = _SORTS.get(re.sub(r"_(type|parsing|parsing_size|from_float|attributes_type)$", "", kind))
     if sort is None:
         return error["msg"].replace("Input should", "must")

@@ -19,20 +19,17 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from register_maps.errors import Finding, MapFileError
+from register_maps.nodes import ALIAS, TAG, Notes, compose
 from register_maps.plain import plain_words
 
 __all__ = ["Finding", "KeyPath", "MapFileError", "Source", "key_text", "read", "try_validate", "validate"]
 
 MAX_BYTES = 1_000_000
 """Chosen: ten times a site of a thousand lifts. What is larger is a mistake, and is not read."""
-MAX_DEPTH = 40
-"""Chosen: far above any file of ours, far below what recursion can bear."""
 
 KeyPath = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 
-_TAG = "tag:yaml.org,2002:"
-_ALIAS = "alias"
 _READ_AS = {
     "int": "a number",
     "float": "a number",
@@ -86,7 +83,7 @@ def read(path: Path, *, number_keys: Callable[[KeyPath], bool] = lambda _: False
     file = str(path)
     raw = _bytes(path)
     text = _text(file, raw)
-    node, notes = _compose(file, text)
+    node, notes = compose(file, text)
     if node is None:
         raise MapFileError([Finding(file, None, "", "the file is empty")])
     builder = _Builder(file, number_keys, notes)
@@ -175,109 +172,10 @@ def _text(file: str, raw: bytes) -> str:
     return text
 
 
-def _compose(file: str, text: str) -> tuple[yaml.Node | None, dict[object, tuple[int, str]]]:
-    """The nodes of the file, and what was noted about them."""
-    try:
-        loader = _Loader(text)
-    except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        message = f"character U+{ord(text[error.position]):04X} is not allowed; remove it"
-        raise MapFileError([Finding(file, line, "", message)]) from error
-    try:
-        return loader.only_document(), loader.notes
-    except yaml.MarkedYAMLError as error:
-        noted = (Finding(file, line, "", message) for line, message in loader.notes.values())
-        raise MapFileError([*noted, _syntax(file, error)]) from error
-
-
-_SYNTAX = (
-    ("'\\t'", "tab; use spaces"),
-    ("mapping values are not allowed", "a `:` too many, or the wrong indentation; text with `: ` in it must be quoted"),
-    ("could not find expected ':'", "a key without its `:`, or a line of text that is not indented"),
-    ("expected <block end>", "the indentation does not fit the lines above, or something follows a value"),
-    ("expected ',' or", "a comma or the closing bracket is missing"),
-    ("expected the node content", "a value is missing, or a bracket or comma too many"),
-    ("unexpected end of stream", "a quotation mark is not closed"),
-    ("cannot start any token", "text that starts with this character must be quoted"),
-    ("unknown escape character", "a backslash in double quotes starts an escape; use single quotes"),
-    ("undefined tag handle", "a tag (`!`); quote text that starts with `!`"),
-    ("undefined alias", "an alias (`*`); write the value out"),
-)
-
-
-def _syntax(file: str, error: yaml.MarkedYAMLError) -> Finding:
-    mark = error.problem_mark or error.context_mark
-    problem = str(error.problem)
-    message = next((words for sign, words in _SYNTAX if sign in problem), problem)
-    line = None if mark is None else mark.line + 1
-    opened = error.context_mark
-    if opened is not None and mark is not None and opened.line != mark.line:
-        message += f" (what it belongs to starts in line {opened.line + 1})"
-    return Finding(file, line, "", message)
-
-
-class _TooDeep(yaml.MarkedYAMLError):
-    pass
-
-
-class _Loader(yaml.SafeLoader):
-    """Composes one document and notes anchors, aliases and tags instead of following them."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self.notes: dict[object, tuple[int, str]] = {}
-        """Line and message by node."""
-        self._depth = 0
-
-    def only_document(self) -> yaml.Node | None:
-        self._take()
-        if self.check_event(yaml.StreamEndEvent):
-            return None
-        node: yaml.Node | None = self.compose_document()
-        if not self.check_event(yaml.StreamEndEvent):
-            line = self._peek().start_mark.line + 1
-            self.notes["end"] = (line, "a second document starts here; a file holds one, remove the `---`")
-        return node
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event = self._peek()
-        line = event.start_mark.line + 1
-        note = ""
-        if isinstance(event, yaml.AliasEvent):
-            self._take()
-            alias = yaml.ScalarNode(_ALIAS, "", event.start_mark, event.end_mark)  # type: ignore[arg-type]  # marks of either parser
-            self.notes[alias] = (line, f"alias `*{event.anchor}`: anchors and aliases are not allowed; write the value out")
-            return alias
-        if event.anchor is not None:
-            note = f"anchor `&{event.anchor}`: anchors and aliases are not allowed; write each value out"
-            event.anchor = None
-        if event.tag is not None:
-            tag = event.tag.replace(_TAG, "!!")
-            note = f"tag `{tag}`: tags are not allowed; quote text that starts with `!`"
-            event.tag = None
-            event.implicit = (True, False) if isinstance(event, yaml.ScalarEvent) else True
-        if self._depth >= MAX_DEPTH:
-            raise _TooDeep(problem=f"nested more than {MAX_DEPTH} levels deep", problem_mark=event.start_mark)
-        self._depth += 1
-        node = super().compose_node(parent, index)
-        self._depth -= 1
-        if note:
-            self.notes[node] = (line, note)
-        return node
-
-    def _peek(self) -> Any:
-        return self.peek_event()  # type: ignore[no-untyped-call]
-
-    def _take(self) -> None:
-        self.get_event()  # type: ignore[no-untyped-call]
-
-
 class _Builder:
     """Nodes to plain data; every key's line; wrong keys as findings."""
 
-    def __init__(
-        self, file: str, number_keys: Callable[[KeyPath], bool], notes: dict[object, tuple[int, str]]
-    ) -> None:
+    def __init__(self, file: str, number_keys: Callable[[KeyPath], bool], notes: Notes) -> None:
         self._file = file
         self._number_keys = number_keys
         self._notes = notes
@@ -290,7 +188,7 @@ class _Builder:
         self.lines.setdefault(tuple(map(str, path)), node.start_mark.line + 1)
         if (note := self._notes.pop(node, None)) is not None:
             self._say(path, *note)
-        if node.tag == _ALIAS:
+        if node.tag == ALIAS:
             self.spoiled.add(path)
             return None
         if isinstance(node, yaml.MappingNode):
@@ -319,32 +217,36 @@ class _Builder:
                 self._say(path, line, "a list or table stands where a key belongs; quote text that starts with [ or {")
                 continue
             text = key_node.value
-            kind = key_node.tag.removeprefix(_TAG)
+            kind = key_node.tag.removeprefix(TAG)
             if kind == "int" and self._number_keys(path):
                 number = self._scalar((*path, text), key_node)
                 yield number if isinstance(number, int) else text, line, item
                 continue
             if kind != "str":
-                self._say((*path, text), line, f'YAML reads {text or "an empty key"} as {_READ_AS[kind]}; quote it: "{text}"')
+                self._say(
+                    (*path, text), line, f'YAML reads {text or "an empty key"} as {_READ_AS[kind]}; quote it: "{text}"'
+                )
             yield text, line, item
 
     def _scalar(self, path: KeyPath, node: yaml.Node) -> object:
-        text, kind = str(node.value), node.tag.removeprefix(_TAG)
+        text, kind = str(node.value), node.tag.removeprefix(TAG)
         line = node.start_mark.line + 1
         if kind in ("str", "timestamp", "merge", "value"):
             if any("\ud800" <= character <= "\udfff" for character in text):
                 self._say(path, line, "an escape in this text is half a character; write the character itself")
+                self.spoiled.add(path)
                 return ""
             return text
         self.written[tuple(map(str, path))] = text
-        if kind == "int" and re.search(r"^[-+]?0[0-7_]|:", text):
-            self._say(path, line, f"YAML does not read {text} as the decimal number it looks like; quote it, or write it plainly")
         try:
-            return _CONSTRUCT[kind](node)
+            value = _CONSTRUCT[kind](node)
         except (ValueError, OverflowError):
             self._say(path, line, f"{text[:20]} is not a number that can be used")
             self.spoiled.add(path)
             return 0
+        if kind == "int" and re.search(r"^[-+]?0[0-7_]|:", text):
+            self._say(path, line, f"YAML reads {text} as {value}; write {value}, or quote it if it is text")
+        return value
 
     def _say(self, path: KeyPath, line: int, message: str) -> None:
         self.findings.append(Finding(self._file, line, key_text(path), message))

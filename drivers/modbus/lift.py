@@ -136,6 +136,7 @@ class ModbusLift:
             return future
         self._end_press(command.name, Result.UNCONFIRMED, "replaced by a newer command")
         self._presses[command.name] = press
+        self._permits[command.name] = permit
         code = self._settings.floors[command.floor] if command.floor is not None else 1
         self._outputs.press(command.name, code, asyncio.get_running_loop().time())
         self._stir()
@@ -204,14 +205,14 @@ class ModbusLift:
     async def _carry_out(self, step: Step) -> None:
         loop, link = asyncio.get_running_loop(), self._link
         press = self._presses.get(step.name) if step.kind is StepKind.PRESS else None
-        permit = None if step.kind is StepKind.RELEASE else self._permit(step, press)
+        permit = None if step.kind is StepKind.RELEASE else self._permit(step)
         maybe_sent = False
         try:
             for request in self._writes(step):
-                if press is not None:
-                    press.frames.append(frames.frame(request, 0)[6:].hex())
                 await link.write(request, permit)
                 maybe_sent = True
+                if press is not None:
+                    press.frames.append(_hex(request))
             self._outputs.written(step, loop.time())
             if press is not None:
                 self._await_proof(press)
@@ -221,7 +222,9 @@ class ModbusLift:
                 if press is not None:
                     press.read_back = holds
         except PressRefused as refused:
-            self._refused(step, str(refused.reason))
+            # a hold that may not be refreshed stays on until it is let go or falls by its limit
+            self._outputs.failed(step, maybe_sent=maybe_sent, now=loop.time())
+            self._end_press(step.name, Result.REJECTED, refused.reason)
         except DriverError as error:
             sent = maybe_sent or error.sent is not Sent.NO
             self._outputs.failed(step, maybe_sent=sent, now=loop.time())
@@ -231,15 +234,8 @@ class ModbusLift:
                 )
             _log.debug("%s: %s of %s failed: %s", self._settings.name, step.kind, step.name, error)
 
-    def _refused(self, step: Step, reason: str) -> None:
-        """Forget what was due. A hold that may not be refreshed stays on until it is let go or falls by its limit."""
-        self._outputs.failed(step, maybe_sent=False, now=asyncio.get_running_loop().time())
-        self._end_press(step.name, Result.REJECTED, reason)
-
-    def _permit(self, step: Step, press: _Press | None) -> Permit:
-        permit = press.permit if press is not None else self._permits.get(step.name)
-        if permit is None and (waiting := self._presses.get(step.name)) is not None:
-            permit = waiting.permit
+    def _permit(self, step: Step) -> Permit:
+        permit = self._permits[step.name]
         requires = self._commands[step.name].spec.requires
 
         def allowed() -> str | None:
@@ -249,7 +245,7 @@ class ModbusLift:
             missing = [flag for flag in requires if not flags.get(flag, False)]
             if missing:
                 return f"{step.name} needs {', '.join(missing)}"
-            return permit() if permit is not None else None
+            return permit()
 
         return allowed
 
@@ -338,6 +334,11 @@ class ModbusLift:
 def _end(press: _Press, result: Result, reason: str, found: Proof = Proof.NONE) -> None:
     if not press.future.done():
         press.future.set_result(Outcome(press.command, result, reason, found, tuple(press.frames)))
+
+
+def _hex(request: Request) -> str:
+    """Unit, function and data of a request: what a person compares with a manual."""
+    return request.body[4:].hex()
 
 
 def _addresses(block: Block) -> range:

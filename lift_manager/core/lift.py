@@ -19,7 +19,7 @@ from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.events import Alarm, CommandEnded, Event, SessionEnded, SessionOpened, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, moving, robot_door, see
+from lift_manager.domain.sight import Sight, barred, moving, robot_door, see
 from lift_manager.domain.state import LiftState, RobotDoor
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode, Side
 
@@ -145,9 +145,8 @@ class LiftTask:
             return Refused(
                 Refusal.FIRE_LATCHED, f"{name} was in fire service; a person must check it and restart the manager"
             )
-        if sight.values.mode in ROBOT_FORBIDDEN_MODES:
-            return Refused(Refusal.MODE, f"{name} takes no robots now: its mode is {sight.values.mode}")
-        return None
+        why_not = barred(sight.values)
+        return None if why_not is None else Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
 
     def _offline(self) -> str:
         state = self.state()
@@ -183,9 +182,7 @@ class LiftTask:
         sight = self._sight
         if sight is None or not self._fresh(_now()):
             return "the last reading is too old"
-        if self._fire_latched or sight.values.mode in ROBOT_FORBIDDEN_MODES:
-            return f"the mode is {Mode.FIRE if self._fire_latched else sight.values.mode}"
-        return None
+        return "there was a fire" if self._fire_latched else barred(sight.values)
 
     async def _poll(self) -> None:
         loop, period = asyncio.get_running_loop(), self.options.poll_s

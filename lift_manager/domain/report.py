@@ -96,9 +96,11 @@ def _door_for_robots(seen: Seen, sight: Sight) -> RobotDoor:
     door = robot_door(sight, here)
     if door is not RobotDoor.OPEN or seen.session is None:
         return door
-    granted = "robot_mode_on" not in seen.able.signals or sight.values.flags.get("robot_mode_on", False)
+    flags = sight.values.flags
+    granted = "robot_mode_on" not in seen.able.signals or flags.get("robot_mode_on", False)
+    permissions = [flags.get(name, False) for name in ("may_enter", "may_leave") if name in seen.able.signals]
     held = seen.door_held and sight.floor == seen.session.floor
-    return RobotDoor.OPEN if granted and held else RobotDoor.MOVING
+    return RobotDoor.OPEN if granted and held and (any(permissions) or not permissions) else RobotDoor.MOVING
 
 
 def _motion(sight: Sight) -> Motion:

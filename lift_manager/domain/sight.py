@@ -62,6 +62,17 @@ def robot_door(sight: Sight, doors_here: tuple[Side, ...]) -> RobotDoor:
     return RobotDoor.OPEN if is_open and sight.standing and sight.agreed and allowed else RobotDoor.MOVING
 
 
+def barred(values: LiftValues) -> str | None:
+    """Say why no robot may command the lift now, by its own signals; None when one may."""
+    if values.mode in ROBOT_FORBIDDEN_MODES:
+        return f"its mode is {values.mode}"
+    if not values.flags.get("robots_allowed", True):
+        return "its key switch does not allow robots"
+    if not values.flags.get("ready", True):
+        return "it is not ready"
+    return None
+
+
 def moving(values: LiftValues) -> bool:
     """Whether the car moves or may be moving: anything but a clear "stopped", or a floor where motion is not told."""
     if values.motion is not None:
