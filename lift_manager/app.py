@@ -18,8 +18,9 @@ from drivers.modbus.wire import PymodbusWire
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller, Lift
 from lift_manager.core.bus import Bus
-from lift_manager.core.lift import LiftOptions, LiftTask
+from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
+from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
 from lift_manager.web.app import make_app
 from lift_manager.web.server import serve
@@ -49,17 +50,12 @@ def build(loaded: LoadedSite) -> Building:
     """Make one link per controller and hand it to that controller's lifts."""
     bus: Bus[Event] = Bus()
     links = {name: _link(name, spec, loaded.maps[name].map) for name, spec in loaded.site.controllers.items()}
-    lifts = [
-        _lift(
-            name,
-            spec,
-            loaded.site.controllers[spec.controller],
-            loaded.maps[spec.controller].map,
-            links[spec.controller],
-            bus,
-        )
-        for name, spec in loaded.site.lifts.items()
-    ]
+    lifts = []
+    for index, (name, spec) in enumerate(loaded.site.lifts.items()):
+        controller, source = loaded.site.controllers[spec.controller], loaded.maps[spec.controller].map
+        first_poll_s = spec.poll_s * index / len(loaded.site.lifts)
+        driver = _driver(name, spec, controller, source, links[spec.controller])
+        lifts.append(LiftTask(driver, _options(name, spec, driver, first_poll_s), bus))
     return Building(LiftManager(lifts, bus), tuple(links.values()))
 
 
@@ -117,7 +113,7 @@ def _link(name: str, spec: Controller, source: RegisterMap) -> Link:
     return Link(lambda: PymodbusWire(spec.host, spec.port), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
-def _lift(name: str, spec: Lift, controller: Controller, source: RegisterMap, link: Link, bus: Bus[Event]) -> LiftTask:
+def _driver(name: str, spec: Lift, controller: Controller, source: RegisterMap, link: Link) -> ModbusLift:
     defaults = source.link
     unit = next(unit for unit in (spec.unit_id, controller.unit_id, defaults.unit_id) if unit is not None)
     settings = LiftSettings(
@@ -129,17 +125,20 @@ def _lift(name: str, spec: Lift, controller: Controller, source: RegisterMap, li
         max_registers_per_read=controller.max_registers_per_read or defaults.max_registers_per_read,
         max_bits_per_read=controller.max_bits_per_read or defaults.max_bits_per_read,
     )
-    driver = ModbusLift(compile_map(source, offset=spec.offset), link, settings)
-    options = LiftOptions(
+    return ModbusLift(compile_map(source, offset=spec.offset), link, settings)
+
+
+def _options(name: str, spec: Lift, driver: ModbusLift, first_poll_s: float) -> LiftOptions:
+    return LiftOptions(
         name=name,
         floors=tuple(spec.floors),
         doors_at={floor: _doors(entry.doors, driver.capabilities.doors) for floor, entry in spec.floors.items()},
         control=spec.access == "control",
         poll_s=spec.poll_s,
+        first_poll_s=first_poll_s,
         lease_s=spec.lease_s,
         max_session_hold_s=spec.max_session_hold_s,
     )
-    return LiftTask(driver, options, bus)
 
 
 def _doors(listed: tuple[Side, ...] | None, all_doors: tuple[Side, ...]) -> tuple[Side, ...]:

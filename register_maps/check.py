@@ -120,7 +120,7 @@ def _claim(
     taken = next((owners[bit] for bit in bits if bit in owners), None)
     if taken is not None:
         same = "twice in this one" if taken == name else f"in {taken} already"
-        yield Problem(path, f"{address} is {same}; no two places of a {sort} may be the same")
+        yield Problem(path, f"{address} is {same}; give each {sort} a place of its own")
     for bit in bits:
         owners.setdefault(bit, name)
 

@@ -60,9 +60,9 @@ def _point(_: RegisterMap, __: str, command: Command) -> Said:
         yield ("at",), "a coil cannot carry a floor number; give a holding register, or `one_of`"
     low, high = (0, 1) if table is Table.COIL else (0, 0xFFFF) if command.type == "uint16" else (-0x8000, 0x7FFF)
     sort = "a coil" if table is Table.COIL else command.type
-    for key, value in (("on", command.on), ("rest", command.rest)):
+    for name, value in (("on", command.on), ("rest", command.rest)):
         if not low <= value <= high:
-            yield (key,), f"{value} does not fit: {sort} holds {low} to {high}"
+            yield (name,), f"{value} does not fit: {sort} holds {low} to {high}"
     if command.as_ is not None and "on" in command.model_fields_set:
         yield ("on",), "a call writes its floor, not a fixed value; remove `on`"
 
@@ -79,7 +79,7 @@ def _action(_: RegisterMap, __: str, command: Command) -> Said:
         message = f"{command.refresh_s:g} s is not before max_hold_s, {command.max_hold_s:g} s; refresh sooner"
         yield ("refresh_s",), message
     if command.confirm is None:
-        yield (), "a hold needs `confirm`, such as {any_of: [readback], within_s: 2}: someone drives through that door"
+        yield (), "a hold needs `confirm`, such as {any_of: [readback], within_s: 2}"
 
 
 def _names(source: RegisterMap, name: str, command: Command) -> Said:

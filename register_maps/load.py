@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from register_maps.check import check
+from register_maps.check import Problem, check
 from register_maps.errors import Finding, MapFileError
 from register_maps.plain import closest
 from register_maps.schema import COMMANDS, SIGNALS, RegisterMap
-from register_maps.source import KeyPath, read, try_validate
+from register_maps.source import KeyPath, Source, read, try_validate
 
 MAPS = Path(__file__).parent / "maps"
 """The shipped maps; what lies here is the list of supported models."""
@@ -41,10 +42,10 @@ def load(name_or_path: str | Path, *, near: Path | None = None) -> LoadedMap:
     """
     path = _find(name_or_path, near or Path())
     source = read(path, number_keys=_is_value_table)
-    model, findings = try_validate(source, RegisterMap)
+    model, findings = try_validate(source, RegisterMap, spare=("signals", "commands"))
     if model is None:
         raise MapFileError(findings)
-    problems = check(model)
+    problems = _certain(check(model), source, model)
     refused = [source.finding(problem.path, problem.message) for problem in problems if not problem.warning]
     if findings or refused:
         raise MapFileError([*findings, *refused])
@@ -55,8 +56,8 @@ def load(name_or_path: str | Path, *, near: Path | None = None) -> LoadedMap:
 def json_schema() -> str:
     """JSON Schema of a map, draft 7, for editors; the text of register_map.schema.json."""
     schema = RegisterMap.model_json_schema()
-    schema["properties"]["signals"]["propertyNames"] = {"enum": list(SIGNALS)}
-    schema["properties"]["commands"]["propertyNames"] = {"enum": list(COMMANDS)}
+    _enumerate(schema["properties"]["signals"], {name: f"A {kind} signal." for name, kind in SIGNALS.items()})
+    _enumerate(schema["properties"]["commands"], {name: "A command." for name in COMMANDS})
     old = {"$schema": "http://json-schema.org/draft-07/schema#", **_draft_7(schema)}
     return json.dumps(old, indent=2) + "\n"
 
@@ -71,8 +72,31 @@ def _find(name_or_path: str | Path, near: Path) -> Path:
     raise MapFileError([Finding(text, None, "", message)])
 
 
+def _certain(problems: list[Problem], source: Source, model: RegisterMap) -> list[Problem]:
+    """Keep the problems that cannot come from signals and commands that were left out because they are wrong themselves."""
+    given = source.data if isinstance(source.data, dict) else {}
+    left_out = {str(name) for table in ("signals", "commands") for name in given.get(table) or ()}
+    left_out -= {*model.signals, *model.commands}
+    if not left_out:
+        return problems
+    named = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, left_out))})(?![\w.])")
+    return [
+        problem
+        for problem in problems
+        if len(problem.path) > 1 and problem.path[0] != "write_blocks" and not named.search(problem.message)
+    ]
+
+
 def _is_value_table(path: KeyPath) -> bool:
     return len(path) == 3 and path[0] == "signals" and path[2] == "values"
+
+
+def _enumerate(table: dict[str, Any], names: Mapping[str, str]) -> None:
+    """List the names a table may have, so that an editor completes them."""
+    entry = table["additionalProperties"]
+    # in draft 7 a `$ref` silences its neighbours, the description among them
+    table["properties"] = {name: {"description": about, "allOf": [entry]} for name, about in names.items()}
+    table["additionalProperties"] = False
 
 
 def _draft_7(node: Any) -> Any:

@@ -49,9 +49,7 @@ def plain_words(
             return path, f"entry {last + 1} is missing"
         return (*path, last), "is missing"
     if kind == "extra_forbidden":
-        allowed = sorted(_keys(schema, path[:-1]))
-        word = str(path[-1])
-        return path, f"there is no such key here{closest(word, allowed) or '; allowed are ' + ', '.join(allowed)}"
+        return path, _unknown_key(str(path[-1]), sorted(_keys(schema, path[:-1])))
     message = _message(error, schema, path, written.get(tuple(map(str, path))))
     return path, f"the key {message}" if key_is_wrong else message
 
@@ -106,6 +104,14 @@ def _wrong_sort(sort: str, given: object, written: str | None) -> str:
         read_as = {bool: "a boolean", type(None): "nothing"}.get(type(given), "a number")
         return f'must be text, and YAML reads {written} as {read_as}; quote it: "{written}"'
     return f"must be {sort}, not {'the text ' if isinstance(given, str) else ''}{written or repr(given)}"
+
+
+def _unknown_key(word: str, allowed: list[str]) -> str:
+    if hint := closest(word, allowed):
+        return f"there is no such key here{hint}"
+    if " " in word:
+        return "there is no such key here; if it is the rest of a text with a comma, quote that text"
+    return f"there is no such key here; allowed are {', '.join(allowed)}"
 
 
 def _not_one_of(given: object, expected: str) -> str:

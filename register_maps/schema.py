@@ -86,7 +86,12 @@ def _checked_address(text: str) -> str:
     return text
 
 
-Address = Annotated[str, AfterValidator(_checked_address)]
+Address = Annotated[
+    str,
+    AfterValidator(_checked_address),
+    # for editors, whose expressions know no named groups; `parse_address` decides
+    Field(json_schema_extra={"pattern": r"^(coil|discrete|holding|input):(0[xX][0-9a-fA-F]+|[0-9]+)(\.[0-9]+)?$"}),
+]
 Name = Annotated[
     str,
     StringConstraints(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$"),
@@ -98,7 +103,7 @@ NumberType = Literal["uint16", "int16"]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class Provenance(_Part):
@@ -249,7 +254,7 @@ class Evidence(_Part):
         return self
 
 
-Range = tuple[Annotated[int, Field(strict=True, ge=0, le=65536)], Annotated[int, Field(strict=True, ge=0, le=65536)]]
+Range = tuple[Annotated[int, Field(strict=True, ge=0)], Annotated[int, Field(strict=True, ge=0)]]
 
 
 class RegisterMap(_Part):

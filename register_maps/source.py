@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -107,10 +107,13 @@ def validate(source: Source, model: type[Model]) -> Model:
     return result
 
 
-def try_validate(source: Source, model: type[Model]) -> tuple[Model | None, tuple[Finding, ...]]:
-    """Validate, and return what the file says without its unknown keys when nothing worse is wrong with it.
+def try_validate(
+    source: Source, model: type[Model], *, spare: Collection[str] = ()
+) -> tuple[Model | None, tuple[Finding, ...]]:
+    """Validate as far as possible, so that checks across fields can add their findings to these.
 
-    So that checks across fields can add their findings to these.
+    Unknown keys are left out, and so are wrong entries of the tables named by `spare`; where something else is wrong there
+    is no model.
     """
     findings = list(source.findings)
     told = set(source.spoiled)
@@ -120,20 +123,22 @@ def try_validate(source: Source, model: type[Model]) -> tuple[Model | None, tupl
             # JSON mode is the one in which `strict` takes lists for tuples and words for enums, yet no "1" or yes for 1
             return model.model_validate_json(json.dumps(data), strict=True), tuple(findings)
         except ValidationError as error:
-            entries = error.errors(include_url=False)
             schema = model.model_json_schema()
-            said = [plain_words(entry, schema, source.data, source.written) for entry in entries]
-            for path, message in said:
+            dropped: set[KeyPath] = set()
+            for entry in error.errors(include_url=False):
+                path, message = plain_words(entry, schema, source.data, source.written)
                 if not any(path[: len(known)] == known for known in told):
                     findings.append(source.finding(path, message))
                     told.add(path)
-            if any(entry["type"] != "extra_forbidden" for entry in entries):
+                spared = len(path) > 1 and path[0] in spare
+                dropped.add(path if entry["type"] == "extra_forbidden" else path[:2] if spared else ())
+            if () in dropped:
                 break
-            data = _without(data, (), frozenset(path for path, _ in said))
+            data = _without(data, (), dropped)
     return None, tuple(findings)
 
 
-def _without(data: object, path: KeyPath, dropped: frozenset[KeyPath]) -> object:
+def _without(data: object, path: KeyPath, dropped: Collection[KeyPath]) -> object:
     if isinstance(data, dict):
         return {key: _without(item, (*path, key), dropped) for key, item in data.items() if (*path, key) not in dropped}
     if isinstance(data, list):

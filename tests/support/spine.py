@@ -12,7 +12,8 @@ from drivers.modbus.lift import LiftSettings, ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from lift_manager.core.bus import Bus
-from lift_manager.core.lift import LiftOptions, LiftTask
+from lift_manager.core.lift import LiftTask
+from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Holder, LiftState

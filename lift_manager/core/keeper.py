@@ -1,0 +1,292 @@
+"""Keeps the session of one lift: who commands it, and what is pressed, held and let go for them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.driver import LiftDriver, Permit
+from drivers.model import Command, CommandKind, FloorName, Outcome
+from lift_manager.core.bus import Bus
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain import call as calls
+from lift_manager.domain import session as sessions
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
+from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.events import Alarm, CommandEnded, Event, SessionEnded, SessionOpened
+from lift_manager.domain.session import Session
+from lift_manager.domain.sight import Sight, barred, moving, robot_door
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode, Side
+
+_log = logging.getLogger(__name__)
+
+_ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
+
+
+class SessionKeeper:
+    """At most one session, its call and its holds. Nothing here waits."""
+
+    def __init__(
+        self,
+        driver: LiftDriver,
+        options: LiftOptions,
+        bus: Bus[Event],
+        *,
+        sight: Callable[[float], Sight | None],
+        changed: Callable[[], None],
+    ) -> None:
+        """`sight` gives what is known at a time unless it is too old by then; `changed` hears when there is news to publish."""
+        self.session: Session | None = None
+        self._options = options
+        self._driver = driver
+        self._able = driver.capabilities
+        self._bus = bus
+        self._sight = sight
+        self._changed = changed
+        self._call: Call | None = None
+        self._permit: Permit = lambda: "there is no session"
+        self._sessions_opened = 0
+        self._keep_robot_mode = False
+        """The session is over, but the car still moves: robot mode is not dropped under way."""
+        self._fire_latched = False
+        self._stopping = False
+
+    @property
+    def busy(self) -> bool:
+        """Whether every reading matters, changed or not."""
+        return self.session is not None or self._keep_robot_mode
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the session's call is fulfilled."""
+        return self._call is not None and self._call.phase is CallPhase.ARRIVED
+
+    @property
+    def door_held(self) -> bool:
+        """Whether our hold of every door at the session's floor is on and verified, where the map has one."""
+        if self.session is None:
+            return False
+        holds = [self._hold_door(side) for side in self._options.doors_at[self.session.floor]]
+        return all(self._driver.held(hold) for hold in holds if hold.name in self._able.commands)
+
+    def request(self, ask: Ask, *, is_release: bool, offline: str) -> Accepted | Refused:
+        """Decide on a request and act on it. `offline` says why, should the lift be offline."""
+        now = _now()
+        answer = self._decide(ask, now, is_release=is_release, offline=offline)
+        if isinstance(answer, Session):
+            self._take(answer, now)
+            return Accepted()
+        return answer
+
+    def stop(self) -> None:
+        """Refuse everything from now on, and end the session."""
+        self._stopping = True
+        self._end_session("the manager is stopping", _now())
+        self._keep_robot_mode = False
+
+    def _decide(self, ask: Ask, now: float, *, is_release: bool, offline: str) -> Session | Accepted | Refused:
+        options, session = self._options, self.session
+        if self._stopping:
+            return Refused(Refusal.STOPPING, "the manager is stopping")
+        if ask.floor not in options.floors:
+            return Refused(
+                Refusal.UNKNOWN_FLOOR,
+                f"{options.name} has no floor {ask.floor!r}; its floors are {', '.join(options.floors)}",
+            )
+        mine = session is None or session.holder == ask.holder
+        if mine and is_release:
+            self._end_session("released", now)
+            return Accepted()
+        if mine and (refused := self._refusal(now, offline)) is not None:
+            return refused
+        return sessions.admit(session, ask, number=self._sessions_opened + 1, now=now)
+
+    def _refusal(self, now: float, offline: str) -> Refused | None:
+        """Return why nobody may command this lift now."""
+        name, sight = self._options.name, self._sight(now)
+        if not self._options.control:
+            return Refused(
+                Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`"
+            )
+        if "go_to" not in self._able.commands:
+            return Refused(Refusal.NOT_POSSIBLE, f"{name} cannot be called: its map {self._able.map_name} has no go_to")
+        if sight is None:
+            return Refused(Refusal.OFFLINE, offline)
+        if self._fire_latched:
+            return Refused(
+                Refusal.FIRE_LATCHED, f"{name} was in fire service; a person must check it and restart the manager"
+            )
+        why_not = barred(sight.values)
+        return None if why_not is None else Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
+
+    def _take(self, session: Session, now: float) -> None:
+        before = self.session
+        self.session = session
+        if before is None:
+            self._sessions_opened = session.number
+            self._permit = self._make_permit(session.number)
+            _log.info("%s: %s holds the lift, to %s", self._options.name, session.holder, session.floor)
+            self._bus.publish(SessionOpened(self._options.name, session.holder, session.floor))
+        if self._call is not None and self._call.floor != session.floor:
+            self._driver.let_go(Command(CommandKind.GO_TO, self._call.floor))
+        self._call = calls.want(self._call, session.floor, now)
+        self.act(now)
+        self._changed()
+
+    def _make_permit(self, number: int) -> Permit:
+        """Return the check that the link makes immediately before the bytes of a press leave."""
+
+        def permit() -> str | None:
+            if self.session is None or self.session.number != number:
+                return "the session has ended"
+            return self._why_not_now()
+
+        return permit
+
+    def _why_not_now(self) -> str | None:
+        sight = self._sight(_now())
+        if sight is None:
+            return "the last reading is too old"
+        return "there was a fire" if self._fire_latched else barred(sight.values)
+
+    def act(self, now: float) -> None:
+        """Bring wishes and sight together. Called after every reading, request and outcome."""
+        sight = self._sight(now)
+        if sight is not None:
+            self._obey_mode(sight, now)
+        session = self.session
+        if session is not None and now >= sessions.lease_ends_at(session, self._options.lease_s):
+            self._end_session(f"the lease of {self._options.lease_s:g} s ran out", now)
+        if sight is None:
+            return
+        if self.session is None:
+            self._settle(sight)
+            return
+        self._driver.hold(_ROBOT_MODE, self._why_not_now)
+        self._serve(sight, now)
+
+    def _obey_mode(self, sight: Sight, now: float) -> None:
+        mode = sight.values.mode
+        if mode is Mode.FIRE and not self._fire_latched:
+            self._fire_latched = True
+            self._keep_robot_mode = False
+            self._driver.let_go(_ROBOT_MODE)
+            self._alarm("fire: everything is let go, robots are refused until a person has checked the lift")
+        if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:
+            self._end_session(f"the mode is {mode}", now)
+
+    def _serve(self, sight: Sight, now: float) -> None:
+        """Advance the session that holds the lift."""
+        session, call = self.session, self._call
+        if session is None or call is None:
+            return
+        call = self._call = self._seen_call(call, sight, now)
+        if call.phase is CallPhase.WANTED and not calls.granted(sight, self._able):
+            self._await_grant(session, call, now)
+            return
+        if calls.may_press(call, sight):
+            self._release_doors()
+            self._press(session.floor, now)
+        elif call.phase is CallPhase.ARRIVED:
+            self._driver.let_go(Command(CommandKind.GO_TO, session.floor))
+            self._stay(session, sight, now)
+        else:
+            self._release_doors()
+
+    def _seen_call(self, call: Call, sight: Sight, now: float) -> Call:
+        after = calls.seen(call, sight, self._able, now)
+        if after.phase is not call.phase:
+            _log.info("%s: call to %s %s %s", self._options.name, call.floor, after.phase, after.reason)
+        return after
+
+    def _await_grant(self, session: Session, call: Call, now: float) -> None:
+        """Let the lease stand still while the lift has not granted robot mode, but not for ever."""
+        self.session = replace(session, lease_from=now)
+        if now - call.since > self._able.granted_within_s:
+            self._end_session(
+                f"{', '.join(sorted(self._able.call_requires))} was not granted within {self._able.granted_within_s:g} s",
+                now,
+            )
+
+    def _press(self, floor: FloorName, now: float) -> None:
+        if self._call is None:
+            return
+        self._call = calls.pressed(self._call, now)
+        future = self._driver.press(Command(CommandKind.GO_TO, floor), self._permit)
+        future.add_done_callback(self._ended)
+
+    def _ended(self, future: asyncio.Future[Outcome]) -> None:
+        if future.cancelled():
+            return
+        outcome, now = future.result(), _now()
+        proof = f", seen by {outcome.proof}" if outcome.proof != "none" else ""
+        _log.info("%s: %s %s%s %s", self._options.name, outcome.command, outcome.result, proof, outcome.reason)
+        self._bus.publish(CommandEnded(self._options.name, outcome))
+        if self._call is not None and self._call.floor == outcome.command.floor:
+            self._call = calls.ended(self._call, outcome, now)
+        self.act(now)
+        self._changed()
+
+    def _stay(self, session: Session, sight: Sight, now: float) -> None:
+        """Hold the door at the session's floor, or end a session that wanted no more than to get there."""
+        if not session.hold_door:
+            self._end_session("arrived", now)
+            return
+        if robot_door(sight, self._options.doors_at[session.floor]) is RobotDoor.OPEN:
+            session = sessions.stood_open(session, now)
+        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
+        if ends_at is not None and now >= ends_at and not session.hold_spent:
+            session = replace(session, hold_spent=True, holding_since=None)
+            self._alarm(
+                f"the door was held for {self._options.max_session_hold_s:g} s; it is let go, {session.holder} keeps the lift"
+            )
+        if session.hold_spent:
+            self._release_doors()
+        else:
+            for side in self._options.doors_at[session.floor]:
+                self._driver.hold(self._hold_door(side), self._permit)
+            session = replace(session, holding_since=session.holding_since or now)
+        self.session = session
+
+    def _settle(self, sight: Sight) -> None:
+        """Drop robot mode after a session, once the car stands still."""
+        if self._keep_robot_mode:
+            if moving(sight.values):
+                self._driver.hold(_ROBOT_MODE, self._why_not_now)
+                return
+            self._keep_robot_mode = False
+        self._driver.let_go(_ROBOT_MODE)
+
+    def _end_session(self, reason: str, now: float) -> None:
+        session = self.session
+        if session is None:
+            return
+        self.session = self._call = None
+        self._release_doors()
+        self._driver.let_go(Command(CommandKind.GO_TO, session.floor))
+        self._keep_robot_mode = not self._fire_latched and not self._stopping
+        _log.info("%s: session of %s over: %s", self._options.name, session.holder, reason)
+        self._bus.publish(SessionEnded(self._options.name, session.holder, reason))
+        sight = self._sight(now)
+        if sight is not None:
+            self._settle(sight)
+        self._changed()
+
+    def _release_doors(self) -> None:
+        for side in self._able.doors:
+            self._driver.let_go(self._hold_door(side))
+
+    def _alarm(self, text: str) -> None:
+        _log.warning("%s: %s", self._options.name, text)
+        self._bus.publish(Alarm(self._options.name, text))
+
+    @staticmethod
+    def _hold_door(side: Side) -> Command:
+        return Command(CommandKind.HOLD_DOOR, side=side)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,27 @@
+"""What the site says about one lift, as far as the manager needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.model import FloorName
+from register_maps.words import Side
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiftOptions:
+    """One lift of the site."""
+
+    name: str
+    floors: tuple[FloorName, ...]
+    """Lowest first."""
+    doors_at: Mapping[FloorName, tuple[Side, ...]]
+    """Which doors serve each floor."""
+    control: bool
+    poll_s: float = 0.2
+    first_poll_s: float = 0.0
+    """Delay of the first poll, so that the lifts of a site do not poll in one burst."""
+    lease_s: float = 300.0
+    """On humble, requests stop once the lift is where they want it (open-rmf 1.4): the lease outlives RMF's 300 s localise step."""
+    max_session_hold_s: float = 900.0
