@@ -10,9 +10,14 @@ from rich.table import Table as Grid
 
 from lift_manager.app import stop_on_signals
 from lift_manager.lab.plant import default_floors, simulated_lift
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec, CommandCodec, compile_map
 from register_maps.schema import RegisterMap
+from register_maps.words import Table
+from simulator.registers import WATCHDOG_REFRESHES
 from simulator.server import SimulatedController
+
+_MBPOLL_TYPE = {Table.COIL: 0, Table.DISCRETE: 1, Table.INPUT: 3, Table.HOLDING: 4}
+"""mbpoll's -t option."""
 
 
 async def run_simulation(
@@ -50,4 +55,31 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
         grid.add_row(f"[bold]{name}[/bold]", ", ".join(command.spec.addresses), wire, command.spec.note)
     console.print(grid)
     console.print("Floors: " + ", ".join(f"{name} = {code}" for name, code in floors.items()))
+    for line in _try_it(codec, where):
+        console.print(line, highlight=False, soft_wrap=True)
     console.print("Ctrl-C ends it.")
+
+
+def _try_it(codec: Codec, where: str) -> list[str]:
+    """Return a first line for mbpoll, and one for every command that is a single register or coil."""
+    host, _, port = where.rpartition(":")
+    tool = f"mbpoll -m tcp -a {codec.map.link.unit_id} -p {port} -0"
+    lines = ["", "Read what it says, or give a command, with any Modbus tool; with mbpoll for example:"]
+    for table in dict.fromkeys(point.table for point in codec.signal_points):
+        addresses = [point.address for point in codec.signal_points if point.table is table]
+        count = max(addresses) - min(addresses) + 1
+        lines.append(f"  {tool} -1 -t {_MBPOLL_TYPE[table]} -r {min(addresses)} -c {count} {host}")
+    for name, command in codec.commands.items():
+        if len(command.points) == 1:
+            point = command.points[0]
+            value = "FLOOR" if command.is_call else command.spec.on
+            line = f"  {tool} -t {_MBPOLL_TYPE[point.table]} -r {point.address} {host} {value}"
+            lines.append(f"{line}   # {name}{_conditions(command)}")
+    return lines
+
+
+def _conditions(command: CommandCodec) -> str:
+    spec = command.spec
+    needs = f", only while {' and '.join(spec.requires)} is on" if spec.requires else ""
+    falls = spec.on_link_loss == "device_watchdog" and spec.refresh_s is not None
+    return needs + (f", falls {WATCHDOG_REFRESHES * (spec.refresh_s or 0):g} s after the last write" if falls else "")
