@@ -169,6 +169,11 @@ def step(state: State, inputs: Inputs, dt: float, parameters: Parameters) -> Sta
     return replace(state, since_scan_s=since_scan_s)
 
 
+def until_scan_s(state: State, parameters: Parameters) -> float:
+    """Return the seconds to the next look at the inputs."""
+    return parameters.scan_s - state.since_scan_s
+
+
 def picture(state: State, parameters: Parameters) -> Picture:
     level = shaft.level_floor(state.shaft, parameters.shaft)
     doors = {side: leaf.word for side, leaf in state.shaft.doors.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from register_maps.codec import Codec, CommandCodec, SignalCodec, Value
+from register_maps.codec import Codec, SignalCodec, Value
 from register_maps.schema import Kind
 from register_maps.words import Door, Mode, Side, Table
 from simulator import controller
@@ -58,6 +58,11 @@ class RegisterFace:
             if command.is_call:
                 for code in self._codes:
                     command.encode(code)
+        self._gated = False
+        """A command that counts only in robot mode is given."""
+        owned = {cell for command in codec.commands.values() for cell in command.encode(None)}
+        self._said = {(p.table, p.address) for signal in codec.signals.values() for p in signal.points} - owned
+        """Cells in which the lift speaks; whatever a client writes there is overwritten by the next scan, as on a controller."""
         self._shown: tuple[Picture, int] | None = None
         self._show()
 
@@ -68,10 +73,22 @@ class RegisterFace:
 
     def advance(self, now: float) -> None:
         """Step the lift to `now` (seconds, never backwards)."""
+        while self._gated and now - self._now > controller.until_scan_s(self._state, self.parameters):
+            # whether a gated command counts is decided anew at every scan, whoever looks or does not
+            before = (self._inputs, replace(self._state, since_scan_s=0.0))
+            self._step(self._now + controller.until_scan_s(self._state, self.parameters))
+            self._take_inputs(written=False)
+            if before == (self._inputs, replace(self._state, since_scan_s=0.0)):
+                break
         if now > self._now:
-            self._state = controller.step(self._state, self._inputs, now - self._now, self.parameters)
-            self._now = now
-            self._show()
+            self._step(now)
+            if self._gated:
+                self._take_inputs(written=False)
+        self._show()
+
+    def _step(self, now: float) -> None:
+        self._state = controller.step(self._state, self._inputs, now - self._now, self.parameters)
+        self._now = now
 
     def people(self, now: float, inputs: Inputs) -> None:
         """Change what people press, hold and turn, beside what comes over the network."""
@@ -102,9 +119,15 @@ class RegisterFace:
 
     def _take_inputs(self, *, written: bool) -> None:
         """Put the command cells and what people do onto the controller's inputs."""
-        asked = {
-            name: command.decode(self._image) for name, command in self._codec.commands.items() if self._obeys(command)
-        }
+        robot_mode_on = self.picture.robot_mode_on
+        asked: dict[str, int | None] = {}
+        self._gated = False
+        for name, command in self._codec.commands.items():
+            asked[name] = command.decode(self._image)
+            if asked[name] is not None and "robot_mode_on" in command.spec.requires:
+                self._gated = True
+                if not robot_mode_on:
+                    asked[name] = None
         floor = self._index(asked.get("go_to"))
         if floor is not None:
             self._called = floor
@@ -118,10 +141,6 @@ class RegisterFace:
             writes=self._inputs.writes + written,
         )
 
-    def _obeys(self, command: CommandCodec) -> bool:
-        """A command that requires robot mode does nothing without it."""
-        return "robot_mode_on" not in command.spec.requires or self.picture.robot_mode_on
-
     def _index(self, code: int | None) -> int | None:
         return self._codes.index(code) if code in self._codes else None
 
@@ -132,14 +151,10 @@ class RegisterFace:
             return
         self._shown = shown
         picture, beat = shown
+        for table, address in self._said:
+            self._image[table][address] = 0
         for signal in self._codec.signals.values():
             _insert(signal, self._image, self._value(signal, picture, beat))
-        if self._held_calls():
-            self._take_inputs(written=False)
-
-    def _held_calls(self) -> bool:
-        """Whether a level may have become valid, or void, by a change of mode."""
-        return any(command.spec.action == "hold" for command in self._codec.commands.values())
 
     def _value(self, signal: SignalCodec, picture: Picture, beat: int) -> Value:
         match signal.kind:
@@ -208,9 +223,6 @@ def _insert(signal: SignalCodec, image: dict[Table, list[int]], value: Value) ->
         except ValueError:
             continue
         return
-    for point in signal.points:
-        mask = (1 << point.width) - 1
-        image[point.table][point.address] &= ~(mask << point.low)
 
 
 def _sides(asked: dict[str, int | None], command: str) -> frozenset[Side]:

@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from pymodbus.constants import ExcCodes
-from pymodbus.exceptions import NoSuchIdException
+from pymodbus.exceptions import ModbusIOException, NoSuchIdException
+from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusTcpServer
+from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from register_maps import frames
+from register_maps.errors import FrameError
 from register_maps.words import Table
-from simulator.registers import Objection
+from simulator.registers import ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection
+
+_FUNCTION_AT = 7
+"""Where the function code is in a frame."""
 
 _TABLES = {1: Table.COIL, 5: Table.COIL, 15: Table.COIL, 2: Table.DISCRETE, 4: Table.INPUT} | dict.fromkeys(
     (3, 6, 16, 22, 23), Table.HOLDING
@@ -71,6 +79,57 @@ class _Context:
         return self._devices[unit]
 
 
+class _Connection(ServerRequestHandler):
+    """One client's requests, each carried out once and in order, however they are cut into segments.
+
+    pymodbus's own handler keeps a single request: a second one in the same segment is lost or answered twice (field
+    notes S1 and S2), and what it cannot decode it answers for function 80.
+    """
+
+    def __init__(self, owner: ModbusTcpServer) -> None:
+        super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
+        self._waiting: deque[ModbusPDU] = deque()
+        self._worker: asyncio.Task[None] | None = None
+
+    def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
+        try:
+            whole, rest = frames.split(data)
+        except FrameError:
+            self.close()
+            return len(data)
+        for frame in whole:
+            self._take(frame)
+        if self._waiting and self._worker is None:
+            self._worker = asyncio.get_running_loop().create_task(self._work())
+        return len(data) - len(rest)
+
+    def _take(self, frame: bytes) -> None:
+        function = frame[_FUNCTION_AT]
+        try:
+            _, request = self.framer.handleFrame(frame, 0, 0)
+        except ModbusIOException:
+            request = None
+        if request is None:
+            self.send(frames.exception_answer(frame, ILLEGAL_VALUE if function in _TABLES else ILLEGAL_FUNCTION))
+        else:
+            self._waiting.append(request)
+
+    async def _work(self) -> None:
+        try:
+            while self._waiting:
+                self.last_pdu = self._waiting.popleft()
+                await self.handle_request()  # type: ignore[no-untyped-call]
+        finally:
+            self._worker = None
+
+
+class _Server(ModbusTcpServer):
+    """pymodbus's server with connections of ours."""
+
+    def callback_new_connection(self) -> _Connection:
+        return _Connection(self)
+
+
 class SimulatedController:
     """A Modbus/TCP server for one or more units.
 
@@ -89,7 +148,7 @@ class SimulatedController:
         self._host = host
         self._port = port
         self._clock = clock
-        self._server: ModbusTcpServer | None = None
+        self._server: _Server | None = None
 
     @property
     def port(self) -> int:
@@ -101,7 +160,7 @@ class SimulatedController:
         loop = asyncio.get_running_loop()
         _check_free(self._host, self._port)
         placeholder = SimDevice(0, simdata=[SimData(0, values=0, datatype=DataType.UINT16)])
-        server = ModbusTcpServer(placeholder, address=(self._host, self._port))
+        server = _Server(placeholder, address=(self._host, self._port))
         server.context = _Context(self._devices, self._clock or loop.time)  # type: ignore[assignment]  # same two methods
         await server.serve_forever(background=True)
         # asyncio's and uvloop's servers share no class that has sockets

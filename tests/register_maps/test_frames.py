@@ -42,7 +42,7 @@ EXAMPLES = {
         "06 00 01 00 03",
     ),
     "write coils 20 to 29": (
-        frames.write_coils(19, [1, 0, 1, 1, 0, 0, 1, 1, 1, 0], unit=17),
+        frames.write_coils(19, [bit == "1" for bit in "1011001110"], unit=17),
         "0F 00 13 00 0A 02 CD 01",
         "0F 00 13 00 0A",
     ),
@@ -132,7 +132,7 @@ def test_an_exception_code_outside_the_specification_is_still_an_exception_answe
     ],
 )
 def test_an_answer_that_does_not_fit_is_refused(request_: Request, answer: bytes, what: str) -> None:
-    with pytest.raises(Mismatch, match="expected .*, came "):
+    with pytest.raises(Mismatch, match=r"expected .*, came "):
         frames.check(request_, answer)
 
 
@@ -145,7 +145,9 @@ def test_a_wrong_transaction_id_is_refused_only_where_one_is_expected() -> None:
 
 
 def test_a_mismatch_says_what_was_asked_in_plain_words() -> None:
-    with pytest.raises(Mismatch, match="asked to read 4 holding registers from 0, unit 1: expected unit 1, came unit 2"):
+    with pytest.raises(
+        Mismatch, match="asked to read 4 holding registers from 0, unit 1: expected unit 1, came unit 2"
+    ):
         frames.check(frames.read(Table.HOLDING, 0, 4), adu("03 02 00 07", unit=2))
 
 

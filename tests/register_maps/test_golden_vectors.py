@@ -7,17 +7,15 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 import pytest
-import yaml
 
 from drivers.modbus.lift import LiftSettings, ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.model import Result
 from register_maps.codec import Codec, compile_map
-from register_maps.schema import RegisterMap
+from register_maps.load import load, shipped
 from simulator import shaft
 from simulator.controller import Parameters
 from simulator.modes import Key
@@ -28,7 +26,6 @@ from tests.register_maps.golden.two_stop_agv import TWO_STOP_AGV
 from tests.register_maps.golden.vectors import Does, Golden, Says
 from tests.support.virtual_time import run_virtual
 
-MAPS = Path(__file__).parents[2] / "register_maps" / "maps"
 GOLDEN = (GENERIC_REGISTERS, TWO_STOP_AGV)
 POLL_S = 0.1
 
@@ -38,8 +35,7 @@ def allowed() -> None:
 
 
 def compiled(golden: Golden) -> Codec:
-    text = (MAPS / f"{golden.map_name}.yaml").read_text("utf-8")
-    return compile_map(RegisterMap.model_validate(yaml.safe_load(text)))
+    return compile_map(load(golden.map_name).map)
 
 
 def plain(frame: bytes) -> str:
@@ -103,7 +99,7 @@ each_map = pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.m
 
 
 def test_every_shipped_map_has_golden_vectors() -> None:
-    assert sorted(path.stem for path in MAPS.glob("*.yaml")) == sorted(golden.map_name for golden in GOLDEN)
+    assert shipped() == tuple(sorted(golden.map_name for golden in GOLDEN))
 
 
 @each_map
@@ -176,6 +172,7 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
             given, taken_over = loop.time(), len(bench.heard)
             end = given + vector.exchanges[-1].at_s + 1.0
             bench.extend([(step.request, step.answer) for step in vector.exchanges], after=vector.poll_after)
+            outcome = None
             if vector.proof is None:
                 lift.hold(vector.command, allowed)
             else:
@@ -191,7 +188,7 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
             times = [at - given for at, _ in heard]
             assert times == pytest.approx([step.at_s for step in vector.exchanges], abs=0.01)
             assert not lift.held(vector.command)
-            if vector.proof is not None:
+            if outcome is not None:
                 done = await outcome
                 assert (done.result, done.proof) == (Result.CONFIRMED, vector.proof)
                 # the outcome keeps the press as it left: from the unit id on

@@ -23,8 +23,15 @@ def flags(
 
 
 def values(
-    floor: str | None, motion: Motion, door: Door, mode: Mode, told: dict[str, bool], *,
-    destination: str | None = None, accepted: str | None = None, unknown: dict[str, int] | None = None,
+    floor: str | None,
+    motion: Motion,
+    door: Door,
+    mode: Mode,
+    told: dict[str, bool],
+    *,
+    destination: str | None = None,
+    accepted: str | None = None,
+    unknown: dict[str, int] | None = None,
 ) -> LiftValues:
     return LiftValues(
         floor=floor,
@@ -162,6 +169,7 @@ SAYS = (
 PEOPLE_AT_L1 = "00 00 00 13 01 03 10 00 64 00 01 00 01 00 01 00 01 00 05 00 00 00 00"
 ROBOT_AT_L1 = "00 00 00 13 01 03 10 00 65 00 01 00 01 00 01 00 02 00 07 00 00 00 00"
 ROBOT_AT_L1_OPEN = "00 00 00 13 01 03 10 00 66 00 01 00 01 00 03 00 02 00 07 00 00 00 00"
+ROBOT_AT_L1_STILL_OPEN = "00 00 00 13 01 03 10 00 6B 00 01 00 01 00 03 00 02 00 07 00 00 00 00"
 ROBOT_AT_L1_CLOSING = "00 00 00 13 01 03 10 00 67 00 01 00 01 00 04 00 02 00 07 00 00 00 00"
 CALLED_TO_L2 = "00 00 00 13 01 03 10 00 68 00 01 00 01 00 01 00 02 00 07 00 02 00 02"
 CALLED_TO_B1 = "00 00 00 13 01 03 10 00 69 00 01 00 01 00 01 00 02 00 07 FF FF FF FF"
@@ -230,7 +238,7 @@ DOES = (
         "hold the door",
         Command(CommandKind.HOLD_DOOR, side=Side.FRONT),
         ROBOT_AT_L1_OPEN,
-        ROBOT_AT_L1_OPEN,
+        ROBOT_AT_L1_STILL_OPEN,
         None,
         (
             Exchange(0.0, HOLD, HOLD),
@@ -278,25 +286,74 @@ POLL = "00 00 00 06 01 03 00 00 00 08"
 # The simulated lift beats twice a second, so the first word of its answers is twice the time. Floors are 3.2 m apart: 5 s
 # at 1 m/s; the door opens in 2 s, stays for 3 s, closes in 2.5 s.
 FACE = (
-    Face(0.0, "idle in the basement, in service for people", POLL, "00 00 00 13 01 03 10 00 00 FF FF 00 01 00 01 00 01 00 05 00 00 00 00"),
+    Face(
+        0.0,
+        "idle in the basement, in service for people",
+        POLL,
+        "00 00 00 13 01 03 10 00 00 FF FF 00 01 00 01 00 01 00 05 00 00 00 00",
+    ),
     Face(0.0, "a call without robot mode is taken", CALL_L2, CALL_L2),
     Face(0.5, "and let go", NO_CALL, NO_CALL),
     Face(1.0, "it did nothing", POLL, "00 00 00 13 01 03 10 00 02 FF FF 00 01 00 01 00 01 00 05 00 00 00 00"),
     Face(1.0, "robot mode is asked for", MODE, MODE),
-    Face(2.0, "and granted: mode 2, bit 1", POLL, "00 00 00 13 01 03 10 00 04 FF FF 00 01 00 01 00 02 00 07 00 00 00 00"),
+    Face(
+        2.0, "and granted: mode 2, bit 1", POLL, "00 00 00 13 01 03 10 00 04 FF FF 00 01 00 01 00 02 00 07 00 00 00 00"
+    ),
     Face(2.0, "L1 is called", "00 00 00 06 01 06 00 10 00 01", "00 00 00 06 01 06 00 10 00 01"),
     Face(2.5, "the call is let go", NO_CALL, NO_CALL),
-    Face(2.5, "it goes up, away from level, to 1, and the call is accepted", POLL, "00 00 00 13 01 03 10 00 05 FF FF 00 02 00 01 00 02 00 03 00 01 00 01"),
+    Face(
+        2.5,
+        "it goes up, away from level, to 1, and the call is accepted",
+        POLL,
+        "00 00 00 13 01 03 10 00 05 FF FF 00 02 00 01 00 02 00 03 00 01 00 01",
+    ),
     Face(4.0, "robot mode is asked for again", MODE, MODE),
-    Face(4.5, "still between the floors: the basement is what it passed last", POLL, "00 00 00 13 01 03 10 00 09 FF FF 00 02 00 01 00 02 00 03 00 01 00 01"),
+    Face(
+        4.5,
+        "still between the floors: the basement is what it passed last",
+        POLL,
+        "00 00 00 13 01 03 10 00 09 FF FF 00 02 00 01 00 02 00 03 00 01 00 01",
+    ),
     Face(6.0, "robot mode is asked for again", MODE, MODE),
-    Face(8.0, "at L1, level; the door opens and the call is served", POLL, "00 00 00 13 01 03 10 00 10 00 01 00 01 00 02 00 02 00 07 00 00 00 00"),
-    Face(8.0, "the door is held and robot mode with it, in one FC16", "00 00 00 0B 01 10 00 11 00 02 04 00 01 00 01", "00 00 00 06 01 10 00 11 00 02"),
-    Face(10.9, "open; the hold outlasts silence up to 3 s", POLL, "00 00 00 13 01 03 10 00 15 00 01 00 01 00 03 00 02 00 07 00 00 00 00"),
-    Face(12.0, "after 3 s without a write robot mode and hold have fallen; the dwell begins", POLL, "00 00 00 13 01 03 10 00 18 00 01 00 01 00 03 00 01 00 05 00 00 00 00"),
-    Face(15.0, "and ends: the door closes", POLL, "00 00 00 13 01 03 10 00 1E 00 01 00 01 00 04 00 01 00 05 00 00 00 00"),
-    Face(15.0, "the outputs still say what was written", "00 00 00 06 01 03 00 10 00 04", "00 00 00 0B 01 03 08 00 00 00 01 00 01 00 00"),
-    Face(17.0, "robot mode again, the hold let go, in one FC16", "00 00 00 0B 01 10 00 11 00 02 04 00 00 00 01", "00 00 00 06 01 10 00 11 00 02"),
+    Face(
+        8.0,
+        "at L1, level; the door opens and the call is served",
+        POLL,
+        "00 00 00 13 01 03 10 00 10 00 01 00 01 00 02 00 02 00 07 00 00 00 00",
+    ),
+    Face(
+        8.0,
+        "the door is held and robot mode with it, in one FC16",
+        "00 00 00 0B 01 10 00 11 00 02 04 00 01 00 01",
+        "00 00 00 06 01 10 00 11 00 02",
+    ),
+    Face(
+        10.9,
+        "open; the hold outlasts silence up to 3 s",
+        POLL,
+        "00 00 00 13 01 03 10 00 15 00 01 00 01 00 03 00 02 00 07 00 00 00 00",
+    ),
+    Face(
+        12.0,
+        "after 3 s without a write robot mode and hold have fallen; the dwell begins",
+        POLL,
+        "00 00 00 13 01 03 10 00 18 00 01 00 01 00 03 00 01 00 05 00 00 00 00",
+    ),
+    Face(
+        15.0, "and ends: the door closes", POLL, "00 00 00 13 01 03 10 00 1E 00 01 00 01 00 04 00 01 00 05 00 00 00 00"
+    ),
+    Face(
+        15.0,
+        "the outputs still say what was written",
+        "00 00 00 06 01 03 00 10 00 04",
+        "00 00 00 0B 01 03 08 00 00 00 01 00 01 00 00",
+    ),
+    Face(
+        17.0,
+        "robot mode again, the hold let go, in one FC16",
+        "00 00 00 0B 01 10 00 11 00 02 04 00 00 00 01",
+        "00 00 00 06 01 10 00 11 00 02",
+    ),
     Face(18.0, "granted at L1", POLL, "00 00 00 13 01 03 10 00 24 00 01 00 01 00 01 00 02 00 07 00 00 00 00"),
     Face(18.0, "the basement is called: FFFF", CALL_B1, CALL_B1),
     Face(18.5, "the call is let go", NO_CALL, NO_CALL),
@@ -306,7 +363,12 @@ FACE = (
     Face(25.5, "open in the basement", POLL, "00 00 00 13 01 03 10 00 33 FF FF 00 01 00 03 00 02 00 07 00 00 00 00"),
     Face(25.5, "the close button", CLOSE, CLOSE),
     Face(26.0, "is let go", NO_CLOSE, NO_CLOSE),
-    Face(26.5, "and the door closes before its dwell is over", POLL, "00 00 00 13 01 03 10 00 35 FF FF 00 01 00 04 00 02 00 07 00 00 00 00"),
+    Face(
+        26.5,
+        "and the door closes before its dwell is over",
+        POLL,
+        "00 00 00 13 01 03 10 00 35 FF FF 00 01 00 04 00 02 00 07 00 00 00 00",
+    ),
     # What it does not serve.
     Face(27.0, "register 8 is in the gap: exception 02", "00 00 00 06 01 03 00 08 00 01", "00 00 00 03 01 83 02"),
     Face(27.0, "so is a read that runs into it", "00 00 00 06 01 03 00 00 00 09", "00 00 00 03 01 83 02"),

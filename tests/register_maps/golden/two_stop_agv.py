@@ -41,8 +41,16 @@ SAYS = (
     # "one-hot; all 0 between floors": 16 + 2.
     Says("18: between floors, door closed", "00 00 00 04 01 02 01 12", values(None, Door.CLOSED)),
     # "every write refused when 0": 21 and 26 without 16.
-    Says("5: at 4F, door open, without AGV mode", "00 00 00 04 01 02 01 05", values("4F", Door.OPEN, Mode.NORMAL, agv=False)),
-    Says("10: at 5F, door closed, no AGV mode", "00 00 00 04 01 02 01 0A", values("5F", Door.CLOSED, Mode.NORMAL, agv=False)),
+    Says(
+        "5: at 4F, door open, without AGV mode",
+        "00 00 00 04 01 02 01 05",
+        values("4F", Door.OPEN, Mode.NORMAL, agv=False),
+    ),
+    Says(
+        "10: at 5F, door closed, no AGV mode",
+        "00 00 00 04 01 02 01 0A",
+        values("5F", Door.CLOSED, Mode.NORMAL, agv=False),
+    ),
     # "+5 must be 0; 1 is treated as lift error": 21 + 32.
     Says(
         "53: at 4F, door open, lift error",
@@ -185,7 +193,12 @@ FACE = (
     Face(7.0, "then at 5F, where the door is moving: 24", POLL, "00 00 00 04 01 02 01 18"),
     Face(9.5, "then open: 25", POLL, "00 00 00 04 01 02 01 19"),
     Face(9.5, "hold open, and let the call go with it", HOLD_OPEN, WRITTEN),
-    Face(60.0, "a hold latches in this interface: nothing was written for 50 s and it is still open", POLL, "00 00 00 04 01 02 01 19"),
+    Face(
+        60.0,
+        "a hold latches in this interface: nothing was written for 50 s and it is still open",
+        POLL,
+        "00 00 00 04 01 02 01 19",
+    ),
     Face(60.0, "the coil is still set", READ_BACK, "00 00 00 04 01 01 01 04"),
     Face(60.0, "let go", LET_GO, WRITTEN),
     Face(64.0, "three seconds of dwell later it is closing: 24", POLL, "00 00 00 04 01 02 01 18"),
@@ -203,7 +216,12 @@ FACE = (
     Face(81.0, "a seventh input is not served: exception 02", "00 00 00 06 01 02 00 00 00 07", "00 00 00 03 01 82 02"),
     Face(81.0, "nor is a fifth coil", "00 00 00 08 01 0F 00 00 00 05 01 00", "00 00 00 03 01 8F 02"),
     Face(81.0, "it has no holding registers: exception 01", "00 00 00 06 01 03 00 00 00 01", "00 00 00 03 01 83 01"),
-    Face(81.0, "nobody plays unit 2: exception 0B, as from a gateway", "00 00 00 06 02 02 00 00 00 06", "00 00 00 03 02 82 0B"),
+    Face(
+        81.0,
+        "nobody plays unit 2: exception 0B, as from a gateway",
+        "00 00 00 06 02 02 00 00 00 06",
+        "00 00 00 03 02 82 0B",
+    ),
 )
 
 TWO_STOP_AGV = Golden(

@@ -1,0 +1,130 @@
+"""The README of register_maps: its map, its snippets, its tables and its command are executed."""
+
+import copy
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import register_maps
+from drivers.modbus.reading import lift_mode
+from register_maps.codec import compile_map
+from register_maps.errors import MapFileError
+from register_maps.load import json_schema, load
+from register_maps.schema import COMMANDS, SIGNALS
+from register_maps.words import Door, Mode, Motion, Table
+
+README = Path(register_maps.__file__).with_name("README.md").read_text()
+ROOT = Path(register_maps.__file__).parents[1]
+BLOCKS = re.findall(r"^```yaml\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+
+# What the snippets leave out. Its own points lie high, out of their way.
+BASE = """\
+schema: 1
+name: snippet
+title: A snippet of the README
+provenance: {trust: template, sources: [README.md]}
+addressing: {base: 0}
+served: {coil: [[0, 65535]], discrete: [[0, 65535]], holding: [[0, 65535]], input: [[0, 65535]]}
+signals:
+  car_floor: {at: "holding:60000", as: floor, unknown: [0]}
+  motion: {at: "holding:60001", values: {1: stopped, 2: up, 3: down}}
+  door.front: {at: "discrete:60000"}
+  level: {at: "discrete:60001"}
+  fire: {at: "discrete:60002", active: low}
+  robot_mode_on: {at: "discrete:60003"}
+at_floor_evidence: {kind: level}
+at_same_floor: call
+"""
+
+
+def snippets(mark: str) -> list[Any]:
+    sections = re.split(r"^### ", README, flags=re.MULTILINE)
+    found = []
+    for section in sections:
+        title = section.partition("\n")[0]
+        blocks = re.findall(r"^```yaml\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
+        found += [pytest.param(block, id=title) for block in blocks if block.startswith(f"# {mark}\n")]
+    return found
+
+
+def completed(block: str) -> str:
+    whole = copy.deepcopy(yaml.safe_load(BASE))
+    for key, value in yaml.safe_load(block).items():
+        merges = isinstance(value, dict) and key in ("signals", "link")
+        whole[key] = {**whole.get(key, {}), **value} if merges else value
+    return yaml.safe_dump(whole)
+
+
+def test_every_block_is_marked_and_so_is_tested() -> None:
+    marks = [block.partition("\n")[0] for block in BLOCKS]
+    assert set(marks) == {"# acme-lc3.yaml", "# works now", "# not yet"}
+
+
+def test_all_features_of_the_survey_are_there() -> None:
+    numbers = [int(number) for number in re.findall(r"^### (\d+)\. ", README, re.MULTILINE)]
+    assert numbers == list(range(1, 27))
+
+
+@pytest.mark.parametrize("block", snippets("works now"))
+def test_what_works_now_is_accepted(tmp_path: Path, block: str) -> None:
+    path = tmp_path / "snippet.yaml"
+    path.write_text(completed(block))
+    assert compile_map(load(path).map).signals
+
+
+@pytest.mark.parametrize("block", snippets("not yet"))
+def test_what_does_not_work_yet_is_refused(tmp_path: Path, block: str) -> None:
+    path = tmp_path / "snippet.yaml"
+    path.write_text(completed(block))
+    with pytest.raises(MapFileError):
+        load(path)
+
+
+@pytest.mark.parametrize("block", [block for block in BLOCKS if block.startswith("# acme-lc3.yaml")])
+def test_the_first_own_map_is_checked_and_reads_as_its_table_says(tmp_path: Path, block: str) -> None:
+    (tmp_path / "acme-lc3.yaml").write_text(block)
+    loaded = load("./acme-lc3.yaml", near=tmp_path)
+    assert loaded.warnings == ()
+    codec = compile_map(loaded.map)
+    image = {Table.DISCRETE: [1, 0, 1, 0], Table.INPUT: [2, 1], Table.COIL: [0, 0], Table.HOLDING: [0]}
+    assert {name: signal.decode(signal.extract(image)) for name, signal in codec.signals.items()} == {
+        "door.front": Door.OPEN,
+        "fire": False,
+        "robot_mode_on": False,
+        "car_floor": 2,
+        "motion": Motion.STOPPED,
+    }
+    assert codec.commands["go_to"].encode(3) == {(Table.HOLDING, 0): 3}
+
+
+def test_every_name_of_the_vocabulary_is_in_its_tables() -> None:
+    cells = {cell for row in re.findall(r"^\|.*\|$", README, re.MULTILINE) for cell in re.findall(r"`([^`]+)`", row)}
+    words = {*Door, *Motion, *Mode} - {"unknown"}
+    assert {*SIGNALS, *COMMANDS, *words} <= cells
+
+
+def test_the_table_of_modes_is_what_the_driver_does() -> None:
+    rows = re.findall(r"^\| (\d) \| `(\w+)` \| (.*) \|$", README, re.MULTILINE)
+    order = [(mode, re.findall(r"`(\w+)`", flags)) for _, mode, flags in rows]
+    assert [int(rank) for rank, _, _ in rows] == list(range(1, 9))
+    for rank, (mode, flags) in enumerate(order):
+        for flag in flags:
+            assert lift_mode({flag: True}) == mode
+            assert all(lift_mode({flag: True, "mode": Mode(lower)}) == mode for lower, _ in order[rank:])
+            assert all(lift_mode({flag: True, "mode": Mode(higher)}) == higher for higher, _ in order[:rank])
+    assert lift_mode({}) == order[-1][0]
+
+
+def test_the_command_that_writes_the_json_schema_works_as_printed() -> None:
+    (line,) = re.findall(r"^    (python -c .*)$", README, re.MULTILINE)
+    words = shlex.split(line)
+    assert words[3:] == [">", "register_maps/register_map.schema.json"]
+    command = [sys.executable, *words[1:3]]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout == json_schema()
