@@ -124,6 +124,8 @@ class Capabilities:
     """Flags that a call waits for, such as `robot_mode_on`."""
     granted_within_s: float
     arrive_within_s: float
+    same_floor_call: bool
+    """A call, not the door hold, opens the door where the car already stands."""
     not_visible: Mapping[str, str]
     map_name: str
     trust: str

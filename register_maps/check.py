@@ -106,12 +106,14 @@ def _claims(source: RegisterMap) -> Iterator[Problem]:
     for name, signal in source.signals.items():
         for key, address in _signal_keys(signal):
             path = ("signals", name, *key)
-            yield from _claim(owners, name, path, address, _signal_bits(signal, address), "signal")
+            low, high = (0, 0) if signal.at is None else signal.bits or (0, 15)
+            bits = _bits(address, low=low, width=high - low + 1)
+            yield from _claim(owners, name, path, address, bits, "signal")
     owners = {}
     for name, command in source.commands.items():
         for key, address in address_keys(command):
             path = ("commands", name, *key)
-            yield from _claim(owners, name, path, address, _whole(address), "command")
+            yield from _claim(owners, name, path, address, _bits(address), "command")
 
 
 def _claim(
@@ -125,22 +127,12 @@ def _claim(
         owners.setdefault(bit, name)
 
 
-def _signal_bits(signal: Signal, address: str) -> list[Bit]:
+def _bits(address: str, *, width: int = 16, low: int = 0) -> list[Bit]:
+    """Every bit of a place; the field only matters where a register is named without a bit."""
     table, number, bit = parse_address(address)
-    if table in BIT_TABLES:
-        return [(table, number, 0)]
-    if bit is not None:
-        return [(table, number, bit)]
-    if signal.at is None:
-        return [(table, number, 0)]
-    low, high = signal.bits or (0, 15)
-    return [(table, number, position) for position in range(low, high + 1)]
-
-
-def _whole(address: str) -> list[Bit]:
-    """A command owns its whole register: a write of one bit would need what the others hold."""
-    table, number, _ = parse_address(address)
-    return [(table, number, 0)]
+    if table in BIT_TABLES or bit is not None:
+        return [(table, number, bit or 0)]
+    return [(table, number, position) for position in range(low, low + width)]
 
 
 def _write_blocks(source: RegisterMap) -> Iterator[Problem]:

@@ -60,11 +60,11 @@ def _point(_: RegisterMap, __: str, command: Command) -> Said:
         yield ("at",), "a coil cannot carry a floor number; give a holding register, or `one_of`"
     low, high = (0, 1) if table is Table.COIL else (0, 0xFFFF) if command.type == "uint16" else (-0x8000, 0x7FFF)
     sort = "a coil" if table is Table.COIL else command.type
-    for name, value in (("on", command.on), ("rest", command.rest)):
+    for name, value in (("press", command.on), ("rest", command.rest)):
         if not low <= value <= high:
             yield (name,), f"{value} does not fit: {sort} holds {low} to {high}"
     if command.as_ is not None and "on" in command.model_fields_set:
-        yield ("on",), "a call writes its floor, not a fixed value; remove `on`"
+        yield ("press",), "a call writes its floor, not a fixed value; remove `press`"
 
 
 def _action(_: RegisterMap, __: str, command: Command) -> Said:

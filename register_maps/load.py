@@ -57,7 +57,7 @@ def json_schema() -> str:
     """JSON Schema of a map, draft 7, for editors; the text of register_map.schema.json."""
     schema = RegisterMap.model_json_schema()
     _enumerate(schema["properties"]["signals"], {name: f"A {kind} signal." for name, kind in SIGNALS.items()})
-    _enumerate(schema["properties"]["commands"], {name: "A command." for name in COMMANDS})
+    _enumerate(schema["properties"]["commands"], dict.fromkeys(COMMANDS, "A command."))
     old = {"$schema": "http://json-schema.org/draft-07/schema#", **_draft_7(schema)}
     return json.dumps(old, indent=2) + "\n"
 

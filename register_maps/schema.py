@@ -35,7 +35,26 @@ class Kind(StrEnum):
     COUNTER = "counter"
 
 
-_FLAGS = ["level", "door_zone", "robot_mode_on", "may_enter", "may_leave", "ready", "fire", "fireman", "emergency_power", "inspection", "independent", "attendant", "overload", "nudging", "out_of_service", "robots_allowed", "passenger_alarm", "fault"]
+_FLAGS = [
+    "level",
+    "door_zone",
+    "robot_mode_on",
+    "may_enter",
+    "may_leave",
+    "ready",
+    "fire",
+    "fireman",
+    "emergency_power",
+    "inspection",
+    "independent",
+    "attendant",
+    "overload",
+    "nudging",
+    "out_of_service",
+    "robots_allowed",
+    "passenger_alarm",
+    "fault",
+]
 
 SIGNALS: dict[str, Kind] = {
     "car_floor": Kind.FLOOR,
@@ -190,7 +209,7 @@ class Command(_Part):
     type: NumberType = "uint16"
     as_: Literal["floor"] | None = Field(default=None, alias="as")
     action: Literal["pulse", "hold"]
-    on: Word = 1
+    on: Word = Field(default=1, alias="press")
     """Raw value of a held or pulsed point that carries no floor."""
     rest: Word = 0
     """Raw value that lets go."""
@@ -204,7 +223,7 @@ class Command(_Part):
     bounded_by: Literal["session"] | None = None
     requires: tuple[str, ...] = ()
     """Flags that must read yes immediately before a press."""
-    granted_by: str | None = None
+    granted_by: Literal["robot_mode_on"] | None = None
     """The flag by which the controller grants what was asked for."""
     granted_within_s: Seconds = 600.0
     """Ten minutes: the longest mode change documented (elevator-interfaces 1.10, Fujitec cargo lift)."""
@@ -224,7 +243,7 @@ class Command(_Part):
         if self.action == "hold" and (self.max_hold_s is None or self.on_link_loss is None):
             raise ValueError("a hold needs `max_hold_s` and `on_link_loss`")
         if self.on == self.rest and self.as_ is None and self.one_of is None:
-            raise ValueError("`on` and `rest` are the same value: the command would do nothing")
+            raise ValueError("`press` and `rest` are the same value: the command would do nothing")
         return self
 
     @property

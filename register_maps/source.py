@@ -221,6 +221,8 @@ class _Builder:
             if not isinstance(key_node, yaml.ScalarNode):
                 self._say(path, line, "a list or table stands where a key belongs; quote text that starts with [ or {")
                 continue
+            if key_node.tag == ALIAS:
+                continue  # noted already, and nobody knows what it stands for
             text = key_node.value
             kind = key_node.tag.removeprefix(TAG)
             if kind == "int" and self._number_keys(path):

@@ -187,7 +187,7 @@ class SessionKeeper:
         if call.phase is CallPhase.WANTED and not calls.granted(sight, self._able):
             self._await_grant(session, call, now)
             return
-        if calls.may_press(call, sight):
+        if calls.may_press(call, sight, self._able):
             self._release_doors()
             self._press(session.floor, now)
         elif call.phase is CallPhase.ARRIVED:

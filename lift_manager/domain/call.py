@@ -15,6 +15,9 @@ from register_maps.words import Door
 BACKOFF_S = (2.0, 30.0)
 """First and longest pause before a failed call may be pressed again (DESIGN section 7)."""
 
+DOOR_OPENS_WITHIN_S = 10.0
+"""How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
+
 LOST_AFTER_READINGS = 3
 """A call counts as lost when this many readings in a row show neither it nor the car at its floor. Chosen: one or two may fall
 between the end of a trip and the evidence that the car stands."""
@@ -84,13 +87,15 @@ def failed(call: Call, reason: str, now: float) -> Call:
 def seen(call: Call, sight: Sight, able: Capabilities, now: float) -> Call:
     """Take a fresh reading: arrival, a call that disappeared, a car that was taken away."""
     here = sight.floor == call.floor
-    if here and sight.standing:
+    if here and sight.standing and not _must_open(call, sight, able, now):
         return (
             call
             if call.phase is CallPhase.ARRIVED
             else replace(call, phase=CallPhase.ARRIVED, since=now, failures=0, missing=0)
         )
     if call.phase is CallPhase.ARRIVED:
+        if here and sight.standing:
+            return failed(call, "the door shut", now)
         return failed(call, "the car was taken away", now) if _gone(call, sight) else call
     if call.phase is not CallPhase.CONFIRMED:
         return call
@@ -103,15 +108,25 @@ def seen(call: Call, sight: Sight, able: Capabilities, now: float) -> Call:
     return replace(call, missing=call.missing + 1)
 
 
-def may_press(call: Call, sight: Sight) -> bool:
-    """Whether a wanted call needs a press now: not while the car stops at its floor, not without what it requires."""
+def may_press(call: Call, sight: Sight, able: Capabilities) -> bool:
+    """Whether a wanted call needs a press now: not while the car stops at its floor, unless a call opens the door there."""
     settling = sight.floor == call.floor and not moving(sight.values)
-    return call.phase is CallPhase.WANTED and not settling
+    opens = able.same_floor_call and sight.standing
+    return call.phase is CallPhase.WANTED and (opens or not settling)
 
 
 def granted(sight: Sight, able: Capabilities) -> bool:
     """Whether the lift grants what a call requires, such as robot mode."""
     return all(sight.values.flags.get(flag, False) for flag in able.call_requires)
+
+
+def _must_open(call: Call, sight: Sight, able: Capabilities, now: float) -> bool:
+    """Whether the door is shut where the car stands, on a lift that opens it for a call: before the press, or after it closed again."""
+    if not able.same_floor_call or any(door is not Door.CLOSED for door in sight.values.doors.values()):
+        return False
+    return call.phase is CallPhase.WANTED or (
+        call.phase is CallPhase.ARRIVED and now - call.since > DOOR_OPENS_WITHIN_S
+    )
 
 
 def _gone(call: Call, sight: Sight) -> bool:

@@ -1,0 +1,125 @@
+"""One call from the wish to the arrival, on hand-made sights."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.model import Capabilities, Command, CommandKind, LiftValues, Outcome, Result
+from lift_manager.domain import call as calls
+from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.sight import Sight
+from register_maps.words import Door, Mode, Motion, Side
+
+ABLE = Capabilities(
+    commands=frozenset({"go_to"}),
+    signals=frozenset({"car_floor", "destination", "call_accepted", "motion", "door.front"}),
+    doors=(Side.FRONT,),
+    one_block=True,
+    evidence="motion_stopped",
+    evidence_for_s=0.0,
+    max_age_s=1.0,
+    call_requires=frozenset(),
+    granted_within_s=600.0,
+    arrive_within_s=120.0,
+    same_floor_call=False,
+    not_visible={},
+    map_name="by-hand",
+    trust="template",
+)
+CONFIRMED = Outcome(Command(CommandKind.GO_TO, "L2"), Result.CONFIRMED)
+UNCONFIRMED = Outcome(Command(CommandKind.GO_TO, "L2"), Result.UNCONFIRMED, "nothing showed")
+
+
+def sight(
+    floor: str | None, *, door: Door = Door.CLOSED, motion: Motion = Motion.STOPPED, destination: str | None = None
+) -> Sight:
+    values = LiftValues(floor=floor, destination=destination, motion=motion, mode=Mode.NORMAL, doors={Side.FRONT: door})
+    standing = floor is not None and motion is Motion.STOPPED
+    return Sight(values, at=0.0, epoch=1, floor_since=0.0, standing=standing, agreed=True)
+
+
+def confirmed() -> Call:
+    return calls.ended(calls.pressed(calls.want(None, "L2", 0.0), 0.0), CONFIRMED, 1.0)
+
+
+def test_a_repeat_of_a_pending_or_confirmed_call_changes_nothing() -> None:
+    pending = calls.pressed(calls.want(None, "L2", 0.0), 0.0)
+    assert calls.want(pending, "L2", 5.0) is pending
+    call = confirmed()
+    assert calls.want(call, "L2", 5.0) is call
+
+
+def test_another_floor_is_a_new_call() -> None:
+    assert calls.want(confirmed(), "L3", 5.0) == Call("L3", CallPhase.WANTED, 5.0)
+
+
+@pytest.mark.parametrize(("failures", "pause"), [(0, 2.0), (1, 4.0), (2, 8.0), (3, 16.0), (4, 30.0), (9, 30.0)])
+def test_the_pause_before_a_failed_call_is_pressed_again_doubles_up_to_half_a_minute(
+    failures: int, pause: float
+) -> None:
+    call = calls.ended(Call("L2", CallPhase.PRESSED, 0.0, failures=failures), UNCONFIRMED, 10.0)
+    assert call.phase is CallPhase.FAILED
+    assert calls.want(call, "L2", 10.0 + pause - 0.01).phase is CallPhase.FAILED
+    assert calls.want(call, "L2", 10.0 + pause).phase is CallPhase.WANTED
+
+
+def test_arrival_forgives_earlier_failures() -> None:
+    call = calls.seen(Call("L2", CallPhase.CONFIRMED, 0.0, failures=3), sight("L2"), ABLE, 9.0)
+    assert (call.phase, call.failures) == (CallPhase.ARRIVED, 0)
+
+
+def test_a_call_that_disappears_is_lost_after_a_few_readings_but_not_after_one() -> None:
+    call = confirmed()
+    for _ in range(calls.LOST_AFTER_READINGS - 1):
+        call = calls.seen(call, sight("L1"), ABLE, 2.0)
+        assert call.phase is CallPhase.CONFIRMED
+    assert calls.seen(call, sight("L1", destination="L2"), ABLE, 2.0).missing == 0
+    assert calls.seen(call, sight("L1"), ABLE, 2.0).phase is CallPhase.FAILED
+
+
+def test_a_call_that_no_signal_shows_cannot_be_lost() -> None:
+    blind = replace(ABLE, signals=frozenset({"car_floor"}))
+    call = confirmed()
+    for _ in range(50):
+        call = calls.seen(call, sight("L1"), blind, 2.0)
+    assert call.phase is CallPhase.CONFIRMED
+
+
+def test_a_car_that_does_not_come_in_time_is_a_failed_call() -> None:
+    call = calls.seen(confirmed(), sight("L1", destination="L2"), ABLE, 122.0)
+    assert call.phase is CallPhase.FAILED
+    assert "did not arrive within 120 s" in call.reason
+
+
+def test_re_levelling_with_the_door_open_is_not_leaving() -> None:
+    arrived = calls.seen(confirmed(), sight("L2", door=Door.OPEN), ABLE, 9.0)
+    assert calls.seen(arrived, sight("L2", door=Door.OPEN, motion=Motion.UP), ABLE, 9.5).phase is CallPhase.ARRIVED
+    assert calls.seen(arrived, sight(None, door=Door.OPEN, motion=Motion.UP), ABLE, 9.5).phase is CallPhase.ARRIVED
+    assert calls.seen(arrived, sight("L1"), ABLE, 20.0).reason == "the car was taken away"
+    assert calls.seen(arrived, sight(None, motion=Motion.DOWN), ABLE, 20.0).reason == "the car was taken away"
+
+
+def test_where_the_car_stands_nothing_is_pressed() -> None:
+    wanted = calls.want(None, "L2", 0.0)
+    assert not calls.may_press(wanted, sight("L2"), ABLE)
+    assert calls.may_press(wanted, sight("L2", motion=Motion.UP), ABLE)
+    assert calls.may_press(wanted, sight("L1"), ABLE)
+
+
+def test_a_lift_that_opens_for_a_call_is_called_where_it_stands_with_its_door_shut() -> None:
+    opens = replace(ABLE, same_floor_call=True)
+    wanted = calls.want(None, "L2", 0.0)
+    assert calls.seen(wanted, sight("L2"), opens, 0.1) is wanted
+    assert calls.may_press(wanted, sight("L2"), opens)
+    assert calls.seen(wanted, sight("L2", door=Door.OPEN), opens, 0.1).phase is CallPhase.ARRIVED
+
+
+def test_a_lift_that_opens_for_a_call_is_called_again_only_after_its_door_shut() -> None:
+    opens = replace(ABLE, same_floor_call=True)
+    arrived = calls.seen(calls.pressed(calls.want(None, "L2", 0.0), 0.0), sight("L2"), opens, 1.0)
+    assert arrived.phase is CallPhase.ARRIVED
+    still = calls.seen(arrived, sight("L2"), opens, 1.0 + calls.DOOR_OPENS_WITHIN_S)
+    assert still is arrived
+    shut = calls.seen(arrived, sight("L2"), opens, 1.1 + calls.DOOR_OPENS_WITHIN_S)
+    assert shut.reason == "the door shut"
+    assert calls.want(shut, "L2", shut.not_before).phase is CallPhase.WANTED

@@ -1,0 +1,105 @@
+"""What readings establish: opening is believed slowly, closing at once."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.model import LiftReading, LiftValues
+from lift_manager.domain.sight import Sight, barred, robot_door, see
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
+from tests.lift_manager.domain.test_call import ABLE
+
+OPEN = LiftValues(floor="L2", motion=Motion.STOPPED, mode=Mode.ROBOT, doors={Side.FRONT: Door.OPEN})
+CLOSED = replace(OPEN, doors={Side.FRONT: Door.CLOSED})
+SPLIT = replace(ABLE, one_block=False)
+STABLE = replace(ABLE, evidence="position_stable", evidence_for_s=1.0)
+LEVEL = replace(ABLE, evidence="level")
+
+
+def reading(values: LiftValues, at: float, epoch: int = 1) -> LiftReading:
+    return LiftReading(at, epoch, values)
+
+
+def door(sight: Sight, here: tuple[Side, ...] = (Side.FRONT,)) -> RobotDoor:
+    return robot_door(sight, here)
+
+
+def test_one_whole_reading_is_enough_when_it_came_in_one_piece() -> None:
+    assert door(see(None, reading(OPEN, 0.0), ABLE)) is RobotDoor.OPEN
+
+
+def test_a_reading_in_several_pieces_opens_only_with_a_second_one_that_agrees() -> None:
+    first = see(None, reading(OPEN, 0.0), SPLIT)
+    assert door(first) is RobotDoor.MOVING
+    assert door(see(first, reading(OPEN, 0.1), SPLIT)) is RobotDoor.OPEN
+
+
+def test_closing_is_believed_on_the_first_reading_whatever_its_pieces() -> None:
+    first = see(see(None, reading(OPEN, 0.0), SPLIT), reading(OPEN, 0.1), SPLIT)
+    assert door(see(first, reading(CLOSED, 0.2), SPLIT)) is RobotDoor.CLOSED
+
+
+def test_two_readings_do_not_agree_across_a_gap_or_a_new_connection() -> None:
+    first = see(None, reading(OPEN, 0.0), SPLIT)
+    assert door(see(first, reading(OPEN, 1.5), SPLIT)) is RobotDoor.MOVING
+    assert door(see(first, reading(OPEN, 0.1, epoch=2), SPLIT)) is RobotDoor.MOVING
+
+
+def test_a_position_counts_only_after_it_has_stood_still_long_enough() -> None:
+    still = replace(OPEN, motion=None)
+    sight = see(None, reading(still, 0.0), STABLE)
+    for tenth in range(1, 10):
+        sight = see(sight, reading(still, tenth / 10), STABLE)
+        assert door(sight) is RobotDoor.MOVING
+    assert door(see(sight, reading(still, 1.0), STABLE)) is RobotDoor.OPEN
+
+
+def test_a_position_that_went_away_in_between_starts_anew() -> None:
+    still = replace(OPEN, motion=None)
+    sight = see(None, reading(still, 0.0), STABLE)
+    sight = see(sight, reading(replace(still, floor=None), 0.5), STABLE)
+    sight = see(sight, reading(still, 0.9), STABLE)
+    assert not see(sight, reading(still, 1.5), STABLE).standing
+
+
+@pytest.mark.parametrize("motion", [Motion.UP, Motion.DOWN, Motion.MOVING, Motion.UNKNOWN])
+def test_a_door_is_never_open_for_robots_while_the_car_may_be_moving(motion: Motion) -> None:
+    moving = replace(OPEN, motion=motion, flags={"level": True})
+    assert all(door(see(None, reading(moving, 0.0), able)) is RobotDoor.MOVING for able in (ABLE, LEVEL, STABLE))
+
+
+def test_level_evidence_needs_the_level_signal() -> None:
+    assert door(see(None, reading(OPEN, 0.0), LEVEL)) is RobotDoor.MOVING
+    assert door(see(None, reading(replace(OPEN, flags={"level": True}), 0.0), LEVEL)) is RobotDoor.OPEN
+
+
+def test_nobody_is_invited_in_where_no_floor_is_known() -> None:
+    assert door(see(None, reading(replace(OPEN, floor=None), 0.0), ABLE)) is RobotDoor.MOVING
+
+
+@pytest.mark.parametrize("mode", sorted(ROBOT_FORBIDDEN_MODES))
+def test_nobody_is_invited_in_while_the_mode_forbids_robots(mode: Mode) -> None:
+    values = replace(OPEN, mode=mode)
+    assert door(see(None, reading(values, 0.0), ABLE)) is RobotDoor.MOVING
+    assert barred(values) == f"its mode is {mode}"
+
+
+@pytest.mark.parametrize("state", [Door.FAULT, Door.UNKNOWN, Door.OPENING, Door.CLOSING, Door.MOVING])
+def test_anything_but_fully_open_is_not_open(state: Door) -> None:
+    assert door(see(None, reading(replace(OPEN, doors={Side.FRONT: state}), 0.0), ABLE)) is RobotDoor.MOVING
+
+
+def test_with_two_doors_only_those_of_this_floor_have_to_be_open_and_all_have_to_be_closed() -> None:
+    both = (Side.FRONT, Side.REAR)
+    front = see(None, reading(replace(OPEN, doors={Side.FRONT: Door.OPEN, Side.REAR: Door.CLOSED}), 0.0), ABLE)
+    assert door(front) is RobotDoor.OPEN
+    assert door(front, (Side.REAR,)) is RobotDoor.MOVING
+    assert door(front, both) is RobotDoor.MOVING
+    assert door(front, ()) is RobotDoor.MOVING
+
+
+@pytest.mark.parametrize(("flag", "words"), [("robots_allowed", "key switch"), ("ready", "not ready")])
+def test_a_lift_that_says_no_takes_no_robot(flag: str, words: str) -> None:
+    assert words in str(barred(replace(OPEN, flags={flag: False})))
+    assert barred(replace(OPEN, flags={flag: True})) is None
