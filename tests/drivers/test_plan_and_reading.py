@@ -1,0 +1,84 @@
+"""From points to block reads, and from decoded signals to one lift's words."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.modbus.plan import PlanError, plan_reads
+from drivers.modbus.reading import lift_mode, lift_values
+from register_maps.codec import Block, Point
+from register_maps.words import Door, Mode, Motion, Side, Table
+
+SERVED = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
+
+
+def points(*addresses: int, table: Table = Table.HOLDING) -> list[Point]:
+    return [Point(table, address) for address in addresses]
+
+
+def test_a_gap_inside_a_served_range_is_read_along() -> None:
+    assert plan_reads(points(3, 20), SERVED, max_registers=125, max_bits=2000) == (Block(Table.HOLDING, 3, 18),)
+
+
+def test_a_read_never_crosses_the_edge_of_what_is_served() -> None:
+    plan = plan_reads(points(39, 100), SERVED, max_registers=125, max_bits=2000)
+    assert plan == (Block(Table.HOLDING, 39, 1), Block(Table.HOLDING, 100, 1))
+
+
+def test_a_read_asks_for_no_more_than_the_device_gives_at_once() -> None:
+    plan = plan_reads(points(0, 9, 10, 19), SERVED, max_registers=10, max_bits=2000)
+    assert plan == (Block(Table.HOLDING, 0, 10), Block(Table.HOLDING, 10, 10))
+
+
+def test_each_table_is_read_by_itself() -> None:
+    both = points(1) + points(1, 2, table=Table.DISCRETE)
+    plan = plan_reads(both, SERVED, max_registers=125, max_bits=2000)
+    assert plan == (Block(Table.DISCRETE, 1, 2), Block(Table.HOLDING, 1, 1))
+
+
+def test_a_point_that_is_not_served_is_refused() -> None:
+    with pytest.raises(PlanError, match="holding 50"):
+        plan_reads(points(50), SERVED, max_registers=125, max_bits=2000)
+
+
+@given(st.sets(st.sampled_from([*range(40), *range(100, 140)]), min_size=1), st.integers(1, 125))
+def test_every_point_is_read_once_and_nothing_outside_what_is_served(addresses: set[int], limit: int) -> None:
+    wanted = points(*addresses)
+    plan = plan_reads(wanted, SERVED, max_registers=limit, max_bits=2000)
+    assert all(sum(block.holds(point) for block in plan) == 1 for point in wanted)
+    for block in plan:
+        assert block.count <= limit
+        assert any(block.start in span and block.start + block.count <= span.stop for span in SERVED[Table.HOLDING])
+
+
+@pytest.mark.parametrize(
+    ("signals", "mode"),
+    [
+        ({}, Mode.NORMAL),
+        ({"robot_mode_on": True}, Mode.ROBOT),
+        ({"mode": Mode.NORMAL, "fire": True}, Mode.FIRE),
+        ({"mode": Mode.FIRE, "inspection": True}, Mode.INSPECTION),
+        ({"mode": Mode.OUT_OF_SERVICE, "robot_mode_on": True}, Mode.OUT_OF_SERVICE),
+        ({"fault": True}, Mode.OUT_OF_SERVICE),
+        ({"passenger_alarm": True, "fault": True}, Mode.EMERGENCY),
+        ({"mode": None}, Mode.UNKNOWN),
+        ({"mode": None, "robot_mode_on": True}, Mode.UNKNOWN),
+        ({"mode": None, "fireman": True}, Mode.FIRE),
+        ({"mode": Mode.NORMAL, "attendant": True, "independent": False}, Mode.ATTENDANT),
+    ],
+)
+def test_the_highest_mode_that_anything_tells_is_the_mode(signals: dict[str, bool | Mode | None], mode: Mode) -> None:
+    assert lift_mode(signals) is mode
+
+
+def test_floors_get_their_names_and_unlisted_codes_none() -> None:
+    values = lift_values({"car_floor": -1, "destination": 7, "call_accepted": None}, {}, {-1: "B1", 1: "G"})
+    assert (values.floor, values.destination, values.call_accepted) == ("B1", None, None)
+    assert values.unknown == {"destination": 7}
+
+
+def test_what_cannot_be_read_is_unknown_and_what_the_map_lacks_is_none() -> None:
+    values = lift_values({"door.rear": None, "motion": None}, {"door.rear": 9, "motion": 9}, {})
+    assert values.doors == {Side.REAR: Door.UNKNOWN}
+    assert values.motion is Motion.UNKNOWN
+    assert lift_values({}, {}, {}).motion is None

@@ -1,0 +1,76 @@
+"""The event bus and the snapshot that comes before the news."""
+
+import asyncio
+
+from lift_manager.core.bus import Bus
+from lift_manager.core.manager import LiftManager
+from lift_manager.domain.events import CommandEnded, Event, SessionEnded, SessionOpened, StateChanged
+from lift_manager.domain.state import Quality, RobotDoor
+from tests.support.spine import Spine, on_spine
+from tests.support.virtual_time import run_virtual
+
+
+def test_a_slow_listener_loses_its_own_oldest_events_and_is_told_how_many() -> None:
+    async def main() -> None:
+        bus: Bus[int] = Bus()
+        with bus.listen(3) as slow, bus.listen(10) as quick:
+            for number in range(5):
+                bus.publish(number)
+            assert [await slow.next() for _ in range(3)] == [2, 3, 4]
+            assert slow.lost == 2
+            assert [await quick.next() for _ in range(5)] == [0, 1, 2, 3, 4]
+            assert quick.lost == 0
+
+    run_virtual(main)
+
+
+def test_nobody_hears_anything_after_the_end_of_listening() -> None:
+    bus: Bus[int] = Bus()
+
+    async def main() -> None:
+        with bus.listen():
+            assert bus.heard
+        assert not bus.heard
+
+    run_virtual(main)
+
+
+def test_a_listener_gets_the_state_of_every_lift_first_and_then_what_happens() -> None:
+    async def check(made: Spine) -> None:
+        manager = LiftManager([made.task], made.bus)
+        with manager.listen() as events:
+            first = await events.next()
+            assert isinstance(first, StateChanged)
+            assert first.state.floor == "L1"
+            made.accept("L2")
+            seen: list[Event] = [first]
+            async with asyncio.timeout(60):
+                while not (isinstance(seen[-1], StateChanged) and seen[-1].state.robot_door is RobotDoor.OPEN):
+                    seen.append(await events.next())
+        assert [type(event) for event in seen if not isinstance(event, StateChanged)] == [SessionOpened, CommandEnded]
+
+    on_spine(check)
+
+
+def test_a_lift_that_goes_away_is_published_as_offline_without_anybody_asking() -> None:
+    async def check(made: Spine) -> None:
+        with made.bus.listen() as events:
+            made.device.silent = True
+            async with asyncio.timeout(3):
+                event = await events.next()
+                while not (isinstance(event, StateChanged) and event.state.quality is Quality.OFFLINE):
+                    event = await events.next()
+        assert event.state.robot_door is RobotDoor.MOVING
+
+    on_spine(check)
+
+
+def test_the_end_of_a_session_says_why() -> None:
+    async def check(made: Spine) -> None:
+        with made.bus.listen() as events:
+            made.accept("L1")
+            made.accept("L1", hold=False)
+            told = [await events.next() for _ in range(4)]
+        assert any(isinstance(event, SessionEnded) and event.reason == "released" for event in told)
+
+    on_spine(check)
