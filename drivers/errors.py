@@ -9,6 +9,8 @@ DriverError
     ControllerException      the controller answered with an exception code
         UnitOffline          a gateway answered for a unit that it cannot reach (0A, 0B)
     PressRefused             the permit said no immediately before the bytes left
+    HeartbeatStopped         the controller answers, but its program stands still
+    ControllerTaken          another process on this machine drives this controller
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from enum import StrEnum, unique
 
 from register_maps.errors import EXCEPTION_NAMES
 
+ACCEPTED = 5
+"""Not an error: the controller has taken the command and needs time for it."""
 BUSY = 6
 PATH_UNAVAILABLE = 0x0A
 TARGET_SILENT = 0x0B

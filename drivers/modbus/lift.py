@@ -9,7 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.driver import Permit
-from drivers.errors import ConnectionLost, DriverError, HeartbeatStopped, PressRefused, Sent
+from drivers.errors import (
+    ACCEPTED,
+    ConnectionLost,
+    ControllerException,
+    DriverError,
+    HeartbeatStopped,
+    PressRefused,
+    Sent,
+)
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.link import Link
 from drivers.modbus.plan import plan_reads
@@ -203,13 +211,13 @@ class ModbusLift:
         self._epoch = epoch
 
     async def _carry_out(self, step: Step) -> None:
-        loop, link = asyncio.get_running_loop(), self._link
+        loop = asyncio.get_running_loop()
         press = self._presses.get(step.name) if step.kind is StepKind.PRESS else None
         permit = None if step.kind is StepKind.RELEASE else self._permit(step)
         maybe_sent = False
         try:
             for request in self._writes(step):
-                await link.write(request, permit)
+                await self._send(request, permit)
                 maybe_sent = True
                 if press is not None:
                     press.frames.append(_hex(request))
@@ -233,6 +241,13 @@ class ModbusLift:
                     step.name, Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED, str(error)
                 )
             _log.debug("%s: %s of %s failed: %s", self._settings.name, step.kind, step.name, error)
+
+    async def _send(self, request: Request, permit: Permit | None) -> None:
+        try:
+            await self._link.write(request, permit)
+        except ControllerException as error:
+            if error.code != ACCEPTED:
+                raise
 
     def _permit(self, step: Step) -> Permit:
         permit = self._permits[step.name]

@@ -152,8 +152,6 @@ class _Connection(ModbusProtocol):
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
     def callback_disconnected(self, exc: Exception | None) -> None:
-        if self._aborted:
-            return
         self._aborted = True
         if self.announced:
             self._on_lost(f"the connection broke: {exc}" if exc else CLOSED_BY_CONTROLLER)

@@ -5,10 +5,18 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.errors import AnswerMismatch, AnswerTimeout, ConnectionLost, ControllerException, LinkDown, Sent, UnitOffline
+from drivers.errors import (
+    AnswerMismatch,
+    AnswerTimeout,
+    ConnectionLost,
+    ControllerException,
+    LinkDown,
+    Sent,
+    UnitOffline,
+)
 from drivers.modbus.exchange import Exchange
 from drivers.modbus.link import LinkSettings, LinkState, LinkStats
-from drivers.modbus.memory import Fault, MemoryDevice, MemoryWire, edited, exception, late, silence, twice
+from drivers.modbus.memory import Fault, MemoryDevice, MemoryWire, Reply, edited, exception, late, silence, twice
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, outcome, virtual
@@ -235,7 +243,12 @@ async def test_the_second_half_of_a_late_answer_does_not_disturb_the_next_one() 
 async def test_a_late_answer_and_the_right_one_in_one_segment_are_told_apart() -> None:
     device = pair()
     held: list[bytes] = []
-    device.fail_next(Fault(lambda _, answer: held.append(answer) or ()))
+
+    def hold_back(_: bytes, answer: bytes) -> tuple[()]:
+        held.append(answer)
+        return ()
+
+    device.fail_next(Fault(hold_back))
     device.fail_next(Fault(lambda _, answer: ((0.1, held[0] + answer),)))
     async with linked(device) as link:
         assert isinstance(await outcome(link.read(READ_111)), AnswerTimeout)
@@ -336,11 +349,46 @@ async def test_transaction_ids_run_from_1_to_65535_and_never_through_0() -> None
     assert tids == [65534, 65535, 1, 2]
 
 
+@pytest.mark.parametrize(
+    ("last_tid", "asked_before", "tid", "late"),
+    [
+        (0, 300, 299, True),
+        (0, 300, 45, True),
+        (0, 300, 44, False),  # 256 requests back
+        (100, 1, 101, True),
+        (100, 1, 100, False),  # of the connection before
+        (65533, 4, 65534, True),
+        (65533, 4, 0, False),
+        (65533, 4, 65533, False),
+    ],
+)
+@virtual
+async def test_only_an_answer_to_a_recent_request_of_this_connection_is_late(
+    last_tid: int, asked_before: int, tid: int, late: bool
+) -> None:
+    broken: list[str] = []
+    stats = LinkStats()
+    wire = MemoryWire(lambda frame: [(0.0, frames.answer(READ, frames.tid_of(frame), b"\x00\x00"))])
+    exchange = Exchange(
+        "lobby", LinkSettings(), stats, wire, last_tid=last_tid, on_broken=broken.append, on_proved=lambda: None
+    )
+    await wire.open(exchange.on_frame, pytest.fail, timeout_s=1)
+    for _ in range(asked_before):
+        await exchange.read(READ)
+    wire.deliver(frames.answer(READ, tid, b"\x00\x00"))
+    assert (stats.late, stats.desyncs, len(broken)) == ((1, 0, 0) if late else (0, 1, 1))
+
+
 @virtual
 async def test_a_new_connection_goes_on_with_the_transaction_ids_of_the_last() -> None:
     device = MemoryDevice()
     tids: list[int] = []
-    device.fail_next(Fault(lambda request, answer: tids.append(frames.tid_of(request)) or ((0.0, answer),)), times=3)
+
+    def note_tid(request: bytes, answer: bytes) -> list[Reply]:
+        tids.append(frames.tid_of(request))
+        return [(0.0, answer)]
+
+    device.fail_next(Fault(note_tid), times=3)
     async with linked(device) as link:
         await link.read(READ)
         await link.read(READ)

@@ -131,10 +131,14 @@ async def test_a_press_that_is_no_longer_permitted_when_its_turn_comes_is_not_se
 @virtual
 async def test_a_bug_in_a_permit_reaches_its_caller_and_nobody_else() -> None:
     device = MemoryDevice(delay_s=0.1)
+
+    def bug() -> str | None:
+        raise KeyError("session")
+
     async with linked(device) as link, asyncio.TaskGroup() as group:
         first = group.create_task(link.read(READ))
         await asyncio.sleep(0)
-        press = group.create_task(outcome(link.write(PRESS, lambda: {}["no such key"])))
+        press = group.create_task(outcome(link.write(PRESS, bug)))
         behind = group.create_task(link.read(READ))
     assert isinstance(press.result(), KeyError)
     assert device.writes == []

@@ -15,7 +15,7 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import Fault, MemoryDevice, exception, hang_up, silence
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from register_maps.codec import compile_map
-from register_maps.frames import Request
+from register_maps.frames import Request, exception_answer
 from register_maps.schema import RegisterMap
 from register_maps.words import Door, Mode, Motion, Side, Table
 from tests.support.virtual_time import run_virtual
@@ -396,6 +396,20 @@ def test_a_controller_that_serves_less_than_its_map_says_is_reported_as_that() -
         made.device.fail_next(exception(2))
         with pytest.raises(ControllerException, match="illegal data address"):
             await made.lift.read()
+
+    on_rig("generic-registers", check)
+
+
+def test_a_controller_that_says_accepted_has_taken_the_press() -> None:
+    async def check(made: Rig) -> None:
+        accepted = Fault(lambda request, _answer: ((0.0, exception_answer(request, 5)),), executes=True)
+        made.device.fail_next(accepted, on=is_write)
+        future = made.lift.press(GO_L2, allowed)
+        await made.until(lambda: bool(made.device.writes))
+        made.set(holding_7=2)
+        assert (await future).result is Result.CONFIRMED
+        await asyncio.sleep(1)
+        assert [request.values for request in made.device.writes] == [(2,), (0,)]
 
     on_rig("generic-registers", check)
 

@@ -115,9 +115,7 @@ def test_closing_does_not_wait_for_a_peer_that_takes_nothing(
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="finds the socket by its file descriptor")
-def test_the_socket_sends_at_once_and_keeps_itself_alive(
-    run: Callable[[Test], None], listener: socket.socket
-) -> None:
+def test_the_socket_sends_at_once_and_keeps_itself_alive(run: Callable[[Test], None], listener: socket.socket) -> None:
     async def test() -> None:
         wire = PymodbusWire(*listener.getsockname())
         await wire.open(nobody, nobody, timeout_s=1.0)
@@ -189,30 +187,30 @@ def test_an_address_of_version_6_is_written_with_brackets() -> None:
 def test_an_answer_that_came_while_our_own_process_was_held_up_is_not_a_time_out(
     run: Callable[[Test], None], listener: socket.socket
 ) -> None:
+    settings = LinkSettings(timeout_s=0.05, tid_echo=False)
+
     async def test() -> None:
         loop = asyncio.get_running_loop()
-        link = Link(
-            lambda: PymodbusWire(*listener.getsockname()), LinkSettings(timeout_s=0.05, tid_echo=False), name="lobby"
-        )
+        link = Link(lambda: PymodbusWire(*listener.getsockname()), settings, name="lobby")
         async with asyncio.timeout(5), asyncio.TaskGroup() as group:
             group.create_task(link.run())
             connection, _ = await loop.sock_accept(listener)
             with connection:
-                connection.setblocking(True)
                 await link.wait_up()
-                reading = group.create_task(link.read(READ))
-                group.create_task(hold_up(connection))
-                assert await reading == b"\x00\x07"
-                assert link.stats.timeouts == 0
-                await link.close()
+                # As a reader: what it does comes after the loop has looked at its sockets, and before its timers.
+                loop.add_reader(connection, hold_up, connection)
+                assert await link.read(READ) == b"\x00\x07"
+                loop.remove_reader(connection)
+            assert link.stats.timeouts == 0
+            await link.close()
 
-    async def hold_up(connection: socket.socket) -> None:
+    def hold_up(connection: socket.socket) -> None:
         """The answer arrives in the socket, and our process does not look until the deadline is long over."""
-        request = connection.recv(100)
-        connection.sendall(frames.answer(READ, frames.tid_of(request), b"\x00\x07"))
-        free_again = time.monotonic() + 0.15
-        while time.monotonic() < free_again:
-            pass
+        if request := connection.recv(100):
+            connection.sendall(frames.answer(READ, frames.tid_of(request), b"\x00\x07"))
+            free_again = time.monotonic() + 0.15
+            while time.monotonic() < free_again:
+                pass
 
     listener.setblocking(False)
     with listener:
