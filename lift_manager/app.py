@@ -10,7 +10,8 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from socket import socket
 
-from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.settings import LinkSettings

@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from drivers.errors import ControllerException, DriverError, HeartbeatStopped
-from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import Fault, MemoryDevice, exception, hang_up, silence
 from drivers.model import Command, CommandKind, Outcome, Proof, Result

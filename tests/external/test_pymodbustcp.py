@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from pyModbusTCP.server import DataBank, ModbusServer
 
 from drivers.errors import DriverError
-from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.wire import PymodbusWire
 from drivers.model import Command, CommandKind, LiftValues, Outcome, Proof, Result

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice, MemoryWire, exception
 from drivers.modbus.wire import Wire

@@ -10,7 +10,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.model import Result

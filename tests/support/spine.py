@@ -8,7 +8,8 @@ from pathlib import Path
 
 import yaml
 
-from drivers.modbus.lift import LiftSettings, ModbusLift
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from lift_manager.core.bus import Bus
