@@ -16,6 +16,7 @@ from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.wire import PymodbusWire
+from lift_manager.config.check import canonical_host
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller, Lift
 from lift_manager.core.bus import Bus
@@ -23,6 +24,7 @@ from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
+from lift_manager.domain.state import Quality
 from lift_manager.web.app import make_app
 from lift_manager.web.server import serve
 from register_maps.codec import compile_map
@@ -50,7 +52,7 @@ class Building:
 def build(loaded: LoadedSite) -> Building:
     """Make one link per controller and hand it to that controller's lifts."""
     bus: Bus[Event] = Bus()
-    links = {name: _link(name, spec, loaded.maps[name].map) for name, spec in loaded.site.controllers.items()}
+    links = {name: _link(name, spec, loaded.maps[name].map) for name, spec in loaded.controllers.items()}
     lifts = []
     for index, (name, spec) in enumerate(loaded.site.lifts.items()):
         controller, source = loaded.site.controllers[spec.controller], loaded.maps[spec.controller].map
@@ -63,8 +65,8 @@ def build(loaded: LoadedSite) -> Building:
 async def run(loaded: LoadedSite, sock: socket, *, stop: asyncio.Event, ready: Callable[[], None]) -> bool:
     """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go."""
     with ExitStack() as locks:
-        for controller in loaded.site.controllers.values():
-            locks.enter_context(controller_lock(controller.host, controller.port))
+        for controller in loaded.controllers.values():
+            locks.enter_context(controller_lock(canonical_host(controller.host), controller.port))
         building = build(loaded)
         async with asyncio.TaskGroup() as tasks:
             running = [tasks.create_task(link.run()) for link in building.links]
@@ -98,7 +100,11 @@ async def _let_go(manager: LiftManager) -> bool:
     except TimeoutError:
         _log.error("not every output could be verified as let go within %g s; look at the lift", RELEASE_WITHIN_S)
         return False
-    _log.info("everything is let go and verified")
+    for name in manager.lift_names():
+        state = manager.state(name)
+        if state is not None and state.quality is Quality.OFFLINE:
+            _log.warning("%s: is offline, so nobody could look at what its controller holds", name)
+    _log.info("everything we held is let go and verified")
     return True
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -37,6 +38,8 @@ app = typer.Typer(
     help="Connect robots to real lifts over Modbus/TCP.",
 )
 
+_NUMBER = re.compile(r"-?[0-9]+")
+
 _out = Console()
 _err = Console(stderr=True)
 
@@ -59,7 +62,8 @@ def demo(
         sock = listen("127.0.0.1", port)
     except ListenError as error:
         raise _fail(str(error)) from error
-    _run(run_demo(sock, speed=speed, console=_out))
+    if not _run(run_demo(sock, speed=speed, console=_out)):
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -120,9 +124,8 @@ def simulate(
     except ValueError as error:
         raise _fail(str(error)) from error
     except OSError as error:
-        raise _fail(
-            f"cannot listen on {host}:{port}: {error.strerror or error}; choose another port with --port"
-        ) from error
+        advice = "give an address of this machine with --host, or another port with --port"
+        raise _fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
 
 
 async def _serve(loaded: LoadedSite, sock: socket) -> bool:
@@ -162,15 +165,25 @@ def _floors(text: str) -> dict[str, int] | None:
     if not text:
         return None
     floors: dict[str, int] = {}
+    named: dict[int, str] = {}
     for part in text.split(","):
-        name, _, code = part.partition("=")
-        try:
-            floors[name.strip()] = int(code)
-        except ValueError as error:
-            raise typer.BadParameter(f"{part!r}: write NAME=CODE, such as L1=1", param_hint="--floors") from error
+        name, _, number = part.partition("=")
+        name = name.strip()
+        if not name or not _NUMBER.fullmatch(number.strip()):
+            raise _bad_floors(f"{part!r}: write NAME=CODE, such as L1=1")
+        code = int(number)
+        if name in floors:
+            raise _bad_floors(f"floor {name} is given twice")
+        if code in named:
+            raise _bad_floors(f"code {code} is floor {named[code]} already")
+        floors[name], named[code] = code, name
     if len(floors) < 2:
-        raise typer.BadParameter("a lift has two floors or more", param_hint="--floors")
+        raise _bad_floors("a lift has two floors or more")
     return floors
+
+
+def _bad_floors(text: str) -> typer.BadParameter:
+    return typer.BadParameter(text, param_hint="--floors")
 
 
 def _fail(text: str) -> typer.Exit:

@@ -83,7 +83,7 @@ def _message(error: ErrorDetails, schema: JsonSchema, path: Path, written: str |
         limit = context.get("min_length" if kind == "too_short" else "max_length")
         return f"must have {'at least' if kind == 'too_short' else 'at most'} {limit} {'entry' if limit == 1 else 'entries'}, not {context['actual_length']}"
     if kind == "string_pattern_mismatch":
-        return f"must be {_description(schema, path, str(context['pattern']))}, not {given!r}"
+        return f"must be {_description(schema, path, str(context['pattern']), key=error['loc'][-1:] == ('[key]',))}, not {given!r}"
     if kind.startswith("string_too_"):
         return (
             f"must have at most {context['max_length']} characters" if "max_length" in context else "must not be empty"
@@ -121,8 +121,8 @@ def _not_one_of(given: object, expected: str) -> str:
     return f"must be {listed}, not {given!r}{closest(given, words) if isinstance(given, str) else ''}"
 
 
-def _description(schema: JsonSchema, path: Path, pattern: str) -> str:
-    for node in (*_nodes(schema, path), *_key_nodes(schema, path[:-1])):
+def _description(schema: JsonSchema, path: Path, pattern: str, *, key: bool) -> str:
+    for node in _key_nodes(schema, path[:-1]) if key else _nodes(schema, path):
         if "description" in node:
             return str(node["description"])
     return f"text of the form {pattern}"

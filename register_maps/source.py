@@ -71,7 +71,8 @@ def key_text(path: KeyPath) -> str:
     """Write a path as people do: `served.holding[0]`."""
     text = ""
     for part in path:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+        shown = part if isinstance(part, int) or part.isprintable() else repr(part)[1:-1]
+        text += f"[{part}]" if isinstance(part, int) else f".{shown}" if text else str(shown)
     return text
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from lift_manager.config.site import Lift, Site
@@ -26,8 +26,7 @@ def check_site(site: Site, maps: Mapping[str, RegisterMap]) -> list[Problem]:
     for name, lift in site.lifts.items():
         key: Key = ("lifts", name)
         if lift.controller not in site.controllers:
-            known = ", ".join(site.controllers)
-            problems.append(Problem((*key, "controller"), f"no controller {lift.controller!r}; there is {known}"))
+            problems.append(Problem((*key, "controller"), no_controller(lift.controller, site.controllers)))
             continue
         if lift.controller in maps:
             problems += _lift(key, lift, maps[lift.controller])
@@ -35,10 +34,21 @@ def check_site(site: Site, maps: Mapping[str, RegisterMap]) -> list[Problem]:
     return problems
 
 
+def no_controller(wanted: str, known: Iterable[str]) -> str:
+    """Say that a lift names a controller that is not there."""
+    return f"no controller {wanted!r}; there is {', '.join(known)}"
+
+
+def canonical_host(host: str) -> str:
+    """Return one spelling of a host, so that one controller is not taken for two."""
+    host = host.lower().strip("[]")
+    return "127.0.0.1" if host == "localhost" else host
+
+
 def _controllers(site: Site) -> Iterator[Problem]:
     at: dict[tuple[str, int], str] = {}
     for name, controller in site.controllers.items():
-        address = (controller.host, controller.port)
+        address = (canonical_host(controller.host), controller.port)
         if address in at:
             message = (
                 f"{controller.host}:{controller.port} is controller {at[address]!r} already; lifts share one entry"
@@ -120,7 +130,7 @@ def _shared_outputs(site: Site, maps: Mapping[str, RegisterMap]) -> Iterator[Pro
     owners: dict[tuple[str, int, Point], str] = {}
     for name, lift in site.lifts.items():
         source = maps.get(lift.controller)
-        if source is None or lift.controller not in site.controllers:
+        if source is None or lift.controller not in site.controllers or lift.access != "control":
             continue
         controller = site.controllers[lift.controller]
         unit = next(u for u in (lift.unit_id, controller.unit_id, source.link.unit_id) if u is not None)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 
-from lift_manager.config.check import check_site
-from lift_manager.config.site import Site
+from lift_manager.config.check import check_site, no_controller
+from lift_manager.config.site import Controller, Site
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import LoadedMap, load
 from register_maps.schema import RegisterMap
 from register_maps.source import Source, read, try_validate
+
+_MAP_KEYS = {"provenance", "addressing", "served", "signals", "commands"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +25,19 @@ class LoadedSite:
     maps: Mapping[str, LoadedMap]
     path: Path
 
+    @property
+    def controllers(self) -> dict[str, Controller]:
+        """The controllers that some lift is on."""
+        used = {lift.controller for lift in self.site.lifts.values()}
+        return {name: controller for name, controller in self.site.controllers.items() if name in used}
+
     def cautions(self) -> Iterator[str]:
         """What a person should know at every start, a line each."""
+        api = self.site.api
+        if not _loopback(api.host):
+            yield f"the API listens on {api.host}: whoever reaches it can command the lifts; keep that network closed"
+        for controller in self.site.controllers.keys() - self.controllers.keys():
+            yield f"{controller}: no lift is on this controller; it is left alone"
         for controller, loaded in self.maps.items():
             for warning in loaded.warnings:
                 yield f"{controller}: {warning}"
@@ -43,15 +57,16 @@ def load_site(path: Path) -> LoadedSite:
     """Read and check a site file. Raises MapFileError with every finding."""
     source = read(path)
     site, found = try_validate(source, Site)
-    if site is None:
-        raise MapFileError(found)
     maps: dict[str, LoadedMap] = {}
     findings = list(found)
-    for name, controller in site.controllers.items():
+    for name, named in _named_maps(source.data):
         try:
-            maps[name] = load(controller.map, near=path.parent)
+            maps[name] = load(named, near=path.parent)
         except MapFileError as error:
             findings += _at(source, ("controllers", name, "map"), error)
+    if site is None:
+        findings += _lost_lifts(source)
+        raise MapFileError(findings)
     plain = {name: loaded.map for name, loaded in maps.items()}
     findings += [source.finding(problem.key, problem.message) for problem in check_site(site, plain)]
     if findings:
@@ -62,7 +77,7 @@ def load_site(path: Path) -> LoadedSite:
 def check_file(path: Path) -> list[str]:
     """Check a site file or a map; returns what there is to say about a good one. Raises MapFileError."""
     data = read(path, number_keys=lambda _: True).data
-    if isinstance(data, dict) and "signals" in data and "lifts" not in data:
+    if isinstance(data, dict) and data.keys() & _MAP_KEYS and "lifts" not in data:
         loaded = load(path)
         return [
             *(f"caution: {warning}" for warning in loaded.warnings),
@@ -75,6 +90,35 @@ def check_file(path: Path) -> list[str]:
             f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_line(loaded_site.maps[lift.controller].map)}"
         )
     return [*lines, f"{path}: no mistakes"]
+
+
+def _tables(data: object, key: str) -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield the named tables under a key, as far as the file has them: it may not be a site yet."""
+    table = data.get(key) if isinstance(data, dict) else None
+    for name, item in table.items() if isinstance(table, dict) else ():
+        if isinstance(item, dict):
+            yield name, item
+
+
+def _named_maps(data: object) -> Iterator[tuple[str, str]]:
+    for name, controller in _tables(data, "controllers"):
+        if isinstance(named := controller.get("map"), str) and named:
+            yield name, named
+
+
+def _lost_lifts(source: Source) -> Iterator[Finding]:
+    known = [name for name, _ in _tables(source.data, "controllers")]
+    for name, lift in _tables(source.data, "lifts"):
+        wanted = lift.get("controller")
+        if known and isinstance(wanted, str) and wanted not in known:
+            yield source.finding(("lifts", name, "controller"), no_controller(wanted, known))
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def _map_line(source: RegisterMap) -> str:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
 
 from register_maps.words import Side, Table
 
-Text = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Text = Annotated[
+    str,
+    StringConstraints(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\x7f]+$"),
+    Field(description="text on one line, without control characters"),
+]
 Seconds = Annotated[float, Field(gt=0, le=86400)]
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
 
@@ -17,18 +21,34 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+Code = Annotated[int, Field(strict=True, ge=-32768, le=65535)]
+
+
 class Floor(_Part):
     """One floor of one lift."""
 
-    code: Annotated[int, Field(strict=True, ge=-32768, le=65535)]
+    code: Code
     """What the controller calls it."""
     doors: tuple[Side, ...] | None = None
     """Which doors serve it; all doors of the map when not said."""
 
 
-def _floor(value: object) -> object:
+def _form(value: object) -> str:
+    return "[long]" if isinstance(value, dict | Floor) else "[short]"
+
+
+def _floor(value: int | Floor) -> Floor:
     """`L1: 1` is short for `L1: {code: 1}`."""
-    return {"code": value} if isinstance(value, int) and not isinstance(value, bool) else value
+    return Floor(code=value) if isinstance(value, int) else value
+
+
+if TYPE_CHECKING:
+    AnyFloor = Floor
+else:
+    # a tagged union and not a BeforeValidator: behind one, pydantic no longer knows that lists and words came from JSON
+    AnyFloor = Annotated[
+        Annotated[Code, Tag("[short]")] | Annotated[Floor, Tag("[long]")], Discriminator(_form), AfterValidator(_floor)
+    ]
 
 
 class Api(_Part):
@@ -60,7 +80,7 @@ class Lift(_Part):
     """One lift on a controller."""
 
     controller: Text
-    floors: dict[Text, Annotated[Floor, BeforeValidator(_floor)]] = Field(min_length=2)
+    floors: dict[Text, AnyFloor] = Field(min_length=2)
     """Lowest first."""
     access: Literal["monitor", "control"] = "monitor"
     """`monitor` writes not one byte."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from socket import socket
 
-from register_maps.load import load
 from rich.console import Console
 
 from lift_manager import app
@@ -17,6 +16,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.plant import simulated_lift
 from register_maps.codec import compile_map
+from register_maps.load import load
 from simulator.server import SimulatedController
 
 POLL_S = 0.1
@@ -39,14 +39,14 @@ LIFTS = (
 )
 
 
-async def run_demo(sock: socket, *, speed: float, console: Console) -> None:
-    """Run the demo on a listening socket until SIGTERM or Ctrl-C."""
+async def run_demo(sock: socket, *, speed: float, console: Console) -> bool:
+    """Run the demo on a listening socket until SIGTERM or Ctrl-C; returns whether every output was seen to be let go."""
     stop = asyncio.Event()
     app.stop_on_signals(stop)
     async with AsyncExitStack() as stack:
         ports = {lift.name: await _start(lift, speed, stack) for lift in LIFTS}
         loaded = LoadedSite(_site(ports), {lift.name: load(lift.map) for lift in LIFTS}, Path("demo"))
-        await app.run(loaded, sock, stop=stop, ready=lambda: _guide(console, sock, ports))
+        return await app.run(loaded, sock, stop=stop, ready=lambda: _guide(console, sock, ports))
 
 
 async def _start(lift: DemoLift, speed: float, stack: AsyncExitStack) -> int:

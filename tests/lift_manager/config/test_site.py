@@ -1,0 +1,555 @@
+"""Site files: what a good one gives, and what is said about every mistake in a bad one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from lift_manager.config.load import LoadedSite, check_file, load_site
+from register_maps.errors import Finding, MapFileError
+from register_maps.load import MAPS
+from register_maps.source import MAX_BYTES
+from register_maps.words import Side
+
+ROOT = Path(__file__).resolve().parents[3]
+
+GENERIC = """\
+schema: 1
+name: A building
+controllers:
+  plc: {host: 10.0.0.5, port: 502, map: generic-registers}
+lifts:
+  main:
+    controller: plc
+    access: control
+    floors: {B1: -1, L1: 1, L2: 2}
+"""
+TWO_STOP = """\
+schema: 1
+name: A building
+controllers:
+  plc: {host: 10.0.0.5, map: two-stop-agv}
+lifts:
+  goods:
+    controller: plc
+    access: control
+    accept_latching: a person stands beside it
+    floors: {L1: 0, L2: 1}
+"""
+SECOND_LIFT = """\
+  second:
+    controller: plc
+    access: control
+    floors: {B1: -1, L1: 1, L2: 2}
+"""
+
+
+@dataclass(frozen=True)
+class Said:
+    """A finding that is expected: its place, and words that its message must hold."""
+
+    line: int | None
+    key: str
+    words: tuple[str, ...]
+
+    def fits(self, finding: Finding) -> bool:
+        place = (finding.line, finding.key) == (self.line, self.key)
+        return place and all(word in finding.message for word in self.words)
+
+
+def said(line: int | None, key: str, *words: str) -> Said:
+    return Said(line, key, words)
+
+
+def edited(text: str, *edits: tuple[str, str]) -> str:
+    for old, new in edits:
+        assert text.count(old) == 1, f"{old!r} is not in the file exactly once"
+        text = text.replace(old, new)
+    return text
+
+
+def load(folder: Path, text: str, *edits: tuple[str, str]) -> LoadedSite:
+    path = folder / "site.yaml"
+    path.write_text(edited(text, *edits), "utf-8")
+    return load_site(path)
+
+
+def findings(folder: Path, text: str, *edits: tuple[str, str]) -> tuple[Finding, ...]:
+    with pytest.raises(MapFileError) as caught:
+        load(folder, text, *edits)
+    return caught.value.findings
+
+
+def assert_says_exactly(found: tuple[Finding, ...], *expected: Said) -> None:
+    listing = "\n".join(map(str, found))
+    assert len(found) == len(expected), listing
+    for wanted in expected:
+        assert any(wanted.fits(finding) for finding in found), f"{wanted} is not in\n{listing}"
+
+
+def my_map(folder: Path, *edits: tuple[str, str]) -> Path:
+    path = folder / "mine.yaml"
+    path.write_text(edited((MAPS / "generic-registers.yaml").read_text("utf-8"), *edits), "utf-8")
+    return path
+
+
+def line_of(path: Path, start: str) -> int:
+    return next(n for n, line in enumerate(path.read_text("utf-8").splitlines(), 1) if line.strip().startswith(start))
+
+
+def test_a_good_site_file_gives_its_lifts_floors_and_maps(tmp_path: Path) -> None:
+    loaded = load(tmp_path, GENERIC)
+    lift = loaded.site.lifts["main"]
+    assert {floor: entry.code for floor, entry in lift.floors.items()} == {"B1": -1, "L1": 1, "L2": 2}
+    assert list(lift.floors) == ["B1", "L1", "L2"]
+    assert loaded.maps["plc"].map.name == "generic-registers"
+    assert (loaded.site.api.host, loaded.site.api.port) == ("127.0.0.1", 5003)
+
+
+def test_a_lift_is_only_monitored_unless_the_file_says_control(tmp_path: Path) -> None:
+    assert load(tmp_path, GENERIC, ("    access: control\n", "")).site.lifts["main"].access == "monitor"
+    assert load(tmp_path, GENERIC).site.lifts["main"].access == "control"
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.yaml")), ids=lambda path: path.name)
+def test_every_example_loads_and_is_called_free_of_mistakes(path: Path) -> None:
+    load_site(path)
+    assert check_file(path)[-1] == f"{path}: no mistakes"
+
+
+def test_a_map_is_found_beside_the_site_file_whatever_the_working_folder_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    my_map(tmp_path, ("name: generic-registers", "name: mine"))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).maps["plc"].map.name == "mine"
+
+
+@pytest.mark.parametrize("short", ["L2: 2", "L2: {code: 2}"])
+def test_a_floor_may_be_written_short_or_long(tmp_path: Path, short: str) -> None:
+    assert load(tmp_path, GENERIC, ("L2: 2", short)).site.lifts["main"].floors["L2"].code == 2
+
+
+def test_a_floor_may_say_which_doors_serve_it(tmp_path: Path) -> None:
+    loaded = load(tmp_path, GENERIC, ("L2: 2", "L2: {code: 2, doors: [front]}"))
+    assert loaded.site.lifts["main"].floors["L2"].doors == (Side.FRONT,)
+
+
+@pytest.mark.parametrize("apart", ["offset: {holding: 100}", "unit_id: 2"])
+def test_two_lifts_share_a_controller_when_offset_or_unit_keeps_them_apart(tmp_path: Path, apart: str) -> None:
+    second = edited(SECOND_LIFT, ("    access: control", f"    access: control\n    {apart}"))
+    assert list(load(tmp_path, GENERIC + second).site.lifts) == ["main", "second"]
+
+
+def test_a_floor_name_that_yaml_would_misread_is_fine_in_quotes(tmp_path: Path) -> None:
+    loaded = load(tmp_path, GENERIC, ("L1: 1, L2: 2", '"1": 1, "on": 2, "NO": 3, "2024-01-01": 4'))
+    assert list(loaded.site.lifts["main"].floors) == ["B1", "1", "on", "NO", "2024-01-01"]
+
+
+# What is wrong, the edits that make it so, and everything that is said about it.
+Mistake = tuple[str, list[tuple[str, str]], list[Said]]
+
+KEYS: list[Mistake] = [
+    (
+        "a typo in a key that is needed",
+        [("floors:", "flors:")],
+        [said(9, "lifts.main.flors", "no such key", "did you mean `floors`"), said(6, "lifts.main.floors", "missing")],
+    ),
+    (
+        "a typo in a key that may be left out",
+        [("access:", "acess:")],
+        [said(8, "lifts.main.acess", "no such key", "did you mean `access`")],
+    ),
+    (
+        "a key nobody knows",
+        [("name: A building", "name: A building\ncolour: red")],
+        [said(3, "colour", "no such key", "api, controllers, lifts, name, schema")],
+    ),
+    ("a key that is missing", [("host: 10.0.0.5, ", "")], [said(4, "controllers.plc.host", "is missing")]),
+    ("another schema", [("schema: 1", "schema: 2")], [said(1, "schema", "must be 1", "not 2")]),
+    (
+        "a lift name given twice",
+        [("lifts:\n", "lifts:\n  main: {controller: plc, floors: {a: 1, b: 2}}\n")],
+        [said(7, "lifts.main", "given twice", "line 6")],
+    ),
+    (
+        "a key given twice",
+        [("    access: control\n", "    access: control\n    access: monitor\n")],
+        [said(9, "lifts.main.access", "given twice", "line 8")],
+    ),
+    (
+        "a controller name given twice",
+        [("lifts:\n", "  plc: {host: 10.0.0.6, map: generic-registers}\nlifts:\n")],
+        [said(5, "controllers.plc", "given twice", "line 4")],
+    ),
+    ("a tab before a key", [("    access", "\taccess")], [said(8, "", "tab", "use spaces")]),
+    ("a tab after a key", [("controller: plc", "controller:\tplc")], [said(7, "", "tab", "use spaces")]),
+    ("no lift at all", [(GENERIC[GENERIC.index("lifts:") :], "lifts: {}\n")], [said(5, "lifts", "at least 1 entry")]),
+    (
+        "an access that does not exist",
+        [("access: control", "access: kontrol")],
+        [said(8, "lifts.main.access", "monitor, control", "did you mean `control`")],
+    ),
+    ("a bracket that is not closed", [("L2: 2}", "L2: 2")], [said(10, "", "closing bracket is missing", "line 9")]),
+    ("an anchor", [("main:", "main: &lift")], [said(6, "lifts.main", "anchors and aliases are not allowed")]),
+]
+
+CONTROLLERS: list[Mistake] = [
+    (
+        "a controller that is not there",
+        [("controller: plc", "controller: plk")],
+        [said(7, "lifts.main.controller", "no controller 'plk'", "there is plc")],
+    ),
+    (
+        "a map that is not there",
+        [("map: generic-registers", "map: generic-register")],
+        [said(4, "controllers.plc.map", "no map has this name", "`generic-registers`", "two-stop-agv", "./")],
+    ),
+    (
+        "a map file that is not there",
+        [("map: generic-registers", "map: ./nowhere.yaml")],
+        [said(4, "controllers.plc.map", "no such file")],
+    ),
+    (
+        "a port that does not exist",
+        [("port: 502", "port: 70000")],
+        [said(4, "controllers.plc.port", "at most 65535", "70000")],
+    ),
+    (
+        "a port in quotes",
+        [("port: 502", 'port: "502"')],
+        [said(4, "controllers.plc.port", "must be a whole number", "text")],
+    ),
+    (
+        "a host that YAML reads as a number",
+        [("host: 10.0.0.5", "host: 10")],
+        [said(4, "controllers.plc.host", "a number", 'quote it: "10"')],
+    ),
+    (
+        "a second controller at the address of the first",
+        [("lifts:\n", "  same: {host: 10.0.0.5, map: two-stop-agv}\nlifts:\n")],
+        [said(5, "controllers.same.port", "10.0.0.5:502 is controller 'plc' already")],
+    ),
+]
+
+LIFTS: list[Mistake] = [
+    (
+        "an offset that leaves the address space at the top",
+        [("access: control", "access: control\n    offset: {holding: 65530}")],
+        [said(9, "lifts.main.offset.holding", "0 to 65535 on the wire")],
+    ),
+    (
+        "an offset that leaves the address space at the bottom",
+        [("access: control", "access: control\n    offset: {holding: -1}")],
+        [said(9, "lifts.main.offset.holding", "0 to 65535 on the wire")],
+    ),
+    (
+        "an offset beyond everything",
+        [("access: control", "access: control\n    offset: {holding: 70000}")],
+        [said(9, "lifts.main.offset.holding", "at most 65535", "70000")],
+    ),
+    (
+        "an offset of a table that does not exist",
+        [("access: control", "access: control\n    offset: {holdings: 7}")],
+        [said(9, "lifts.main.offset.holdings", "coil, discrete, holding, input", "did you mean `holding`")],
+    ),
+    (
+        "a poll that is slower than half the age limit of the map",
+        [("access: control", "access: control\n    poll_s: 0.6")],
+        [said(9, "lifts.main.poll_s", "every 0.6 s is too slow", "max_age_s 1")],
+    ),
+    (
+        "a poll that is slower than half the lift's own age limit",
+        [("access: control", "access: control\n    poll_s: 0.3\n    max_age_s: 0.5")],
+        [said(9, "lifts.main.poll_s", "every 0.3 s is too slow", "max_age_s 0.5")],
+    ),
+    (
+        "a reason for latching that is no reason",
+        [("access: control", "access: control\n    accept_latching: true")],
+        [said(9, "lifts.main.accept_latching", "must be text", "boolean")],
+    ),
+    (
+        "a side that the map has no door for",
+        [("L2: 2", "L2: {code: 2, doors: [rear]}")],
+        [said(9, "lifts.main.floors.L2", "no rear door", "front")],
+    ),
+    (
+        "a side that no lift has",
+        [("L2: 2", "L2: {code: 2, doors: [reer]}")],
+        [said(9, "lifts.main.floors.L2.doors[0]", "front", "rear", "not 'reer'")],
+    ),
+]
+
+FLOORS: list[Mistake] = [
+    (
+        "a code that two floors share",
+        [("L2: 2", "L2: 1")],
+        [said(9, "lifts.main.floors.L2", "code 1 is floor L1 already")],
+    ),
+    (
+        "a code at which the call register rests",
+        [("L2: 2", "L2: 0")],
+        [said(9, "lifts.main.floors.L2", "rests at 0", "called by letting go")],
+    ),
+    (
+        "a code that means no floor, on a lift that is only watched",
+        [("L2: 2", "L2: 0"), ("    access: control\n", "")],
+        [said(8, "lifts.main.floors.L2", "code 0", "means that no floor is known")],
+    ),
+    (
+        "a code that does not fit the register's type",
+        [("L2: 2", "L2: 40000")],
+        [said(9, "lifts.main.floors.L2", "int16", "40000 does not fit")],
+    ),
+    (
+        "a code that would read back as another, on a lift that is only watched",
+        [("L2: 2", "L2: 40000"), ("    access: control\n", "")],
+        [said(8, "lifts.main.floors.L2", "code 40000", "read back as -25536")],
+    ),
+    (
+        "a code that no register holds",
+        [("L2: 2", "L2: 99999")],
+        [said(9, "lifts.main.floors.L2", "at most 65535", "99999")],
+    ),
+    (
+        "a code in quotes",
+        [("L2: 2", 'L2: "2"')],
+        [said(9, "lifts.main.floors.L2", "must be a whole number", "text '2'")],
+    ),
+    ("a code that is true", [("L2: 2", "L2: true")], [said(9, "lifts.main.floors.L2", "must be a whole number")]),
+    ("half a code", [("L2: 2", "L2: 2.5")], [said(9, "lifts.main.floors.L2", "must be a whole number", "2.5")]),
+    ("a code with a leading zero", [("L2: 2", "L2: 010")], [said(9, "lifts.main.floors.L2", "010", "quote it")]),
+    ("a floor given twice", [("L2: 2", "L1: 2")], [said(9, "lifts.main.floors.L1", "given twice")]),
+    ("a single floor", [("B1: -1, L1: 1, L2: 2", "L1: 1")], [said(9, "lifts.main.floors", "at least 2 entries")]),
+    (
+        "a typo in the long form",
+        [("L2: 2", "L2: {cod: 2}")],
+        [
+            said(9, "lifts.main.floors.L2.cod", "no such key", "`code`"),
+            said(9, "lifts.main.floors.L2.code", "is missing"),
+        ],
+    ),
+    *(
+        (
+            f"a floor called {name}",
+            [("L2: 2", f"{name}: 2")],
+            [said(9, f"lifts.main.floors.{name}", f"YAML reads {name} as {sort}", f'quote it: "{name}"')],
+        )
+        for name, sort in [
+            ("2", "a number"),
+            ("-2", "a number"),
+            ("1.5", "a number"),
+            ("on", "a boolean"),
+            ("NO", "a boolean"),
+            ("~", "nothing"),
+            ("2024-01-01", "a date"),
+        ]
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("edits", "expected"),
+    [pytest.param(edits, expected, id=name) for name, edits, expected in [*KEYS, *CONTROLLERS, *LIFTS, *FLOORS]],
+)
+def test_a_mistake_is_named_with_its_line_its_key_and_the_way_out(
+    tmp_path: Path, edits: list[tuple[str, str]], expected: list[Said]
+) -> None:
+    assert_says_exactly(findings(tmp_path, GENERIC, *edits), *expected)
+
+
+@pytest.mark.parametrize(
+    ("edits", "expected"),
+    [
+        pytest.param(
+            [("    accept_latching: a person stands beside it\n", "")],
+            said(8, "lifts.goods.access", "go_to, hold_door.front, close_door.front", "stay on", "accept_latching"),
+            id="outputs that latch and nobody accepted",
+        ),
+        pytest.param(
+            [("L2: 1", "L2: 2")],
+            said(10, "lifts.goods.floors.L2", "2 floors, with codes 0 to 1", "2 is none"),
+            id="a code for which there is no coil",
+        ),
+        pytest.param(
+            [("L2: 1", "L2: 2"), ("    access: control\n", "")],
+            said(9, "lifts.goods.floors.L2", "2 floors, with codes 0 to 1", "2 is none"),
+            id="a code for which there is no switch",
+        ),
+    ],
+)
+def test_a_mistake_against_the_two_stop_map_is_named_too(
+    tmp_path: Path, edits: list[tuple[str, str]], expected: Said
+) -> None:
+    assert_says_exactly(findings(tmp_path, TWO_STOP, *edits), expected)
+
+
+def test_outputs_that_latch_need_no_word_where_nothing_is_written(tmp_path: Path) -> None:
+    watched = edited(TWO_STOP, ("    access: control\n    accept_latching: a person stands beside it\n", ""))
+    assert load(tmp_path, watched).site.lifts["goods"].access == "monitor"
+
+
+def test_a_line_break_in_a_name_is_refused_in_one_printable_line(tmp_path: Path) -> None:
+    (finding,) = findings(tmp_path, GENERIC, ("L2: 2", '"L\\n2": 2'))
+    assert finding.line == 9
+    assert "control character" in finding.message
+    assert str(finding).isprintable()
+
+
+def test_two_lifts_that_would_write_the_same_registers_are_refused(tmp_path: Path) -> None:
+    found = findings(tmp_path, GENERIC + SECOND_LIFT)
+    assert_says_exactly(found, said(10, "lifts.second", "same registers as main", "`offset`", "`unit_id`"))
+
+
+def test_an_offset_that_leaves_two_lifts_overlapping_is_refused(tmp_path: Path) -> None:
+    overlapping = edited(SECOND_LIFT, ("    access: control", "    access: control\n    offset: {holding: 2}"))
+    assert_says_exactly(findings(tmp_path, GENERIC + overlapping), said(10, "lifts.second", "same registers as main"))
+
+
+def test_the_mistakes_of_a_map_are_reported_in_the_maps_own_file_at_its_own_lines(tmp_path: Path) -> None:
+    bad = my_map(
+        tmp_path, ("  car_floor:", "  car_flor:"), ('motion: {at: "holding:2"', 'motion: {at: "holding:70000"')
+    )
+    found = findings(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml"))
+    assert {finding.file for finding in found} == {str(bad)}
+    assert_says_exactly(
+        found,
+        said(line_of(bad, "car_flor:"), "signals.car_flor", "did you mean `car_floor`"),
+        said(line_of(bad, "motion:"), "signals.motion.at", "70000", "65535"),
+    )
+
+
+def test_several_mistakes_are_all_reported_in_the_order_of_their_lines(tmp_path: Path) -> None:
+    main = edited(
+        GENERIC,
+        ("name: A building", "name: A building\ncolour: red"),
+        ("access: control\n", "access: control\n    poll_s: 5\n"),
+        ("L2: 2", "L2: 1, L3: 0, 4: 4"),
+    )
+    found = findings(tmp_path, main + edited(SECOND_LIFT, ("controller: plc", "controller: plk")))
+    assert_says_exactly(
+        found,
+        said(3, "colour", "no such key"),
+        said(10, "lifts.main.poll_s", "too slow"),
+        said(11, "lifts.main.floors.L2", "floor L1 already"),
+        said(11, "lifts.main.floors.L3", "rests at 0"),
+        said(11, "lifts.main.floors.4", 'quote it: "4"'),
+        said(13, "lifts.second.controller", "no controller 'plk'"),
+    )
+    lines = [finding.line or 0 for finding in found]
+    assert lines == sorted(lines)
+
+
+def test_a_typo_in_a_needed_key_hides_none_of_the_other_mistakes(tmp_path: Path) -> None:
+    found = findings(
+        tmp_path,
+        GENERIC + edited(SECOND_LIFT, ("controller: plc", "controller: plk")),
+        ("name: A building", "nmae: A building"),
+        ("map: generic-registers", "map: generic-register"),
+    )
+    assert_says_exactly(
+        found,
+        said(1, "name", "is missing"),
+        said(2, "nmae", "did you mean `name`"),
+        said(4, "controllers.plc.map", "no map has this name"),
+        said(11, "lifts.second.controller", "no controller 'plk'"),
+    )
+
+
+def test_every_finding_begins_with_file_line_and_key(tmp_path: Path) -> None:
+    (finding,) = findings(tmp_path, GENERIC, ("L2: 2", "L2: 1"))
+    assert str(finding) == f"{tmp_path / 'site.yaml'}:9: lifts.main.floors.L2: code 1 is floor L1 already"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        pytest.param(b"", said(None, "", "empty"), id="nothing"),
+        pytest.param(b"# soon\n", said(None, "", "empty"), id="a comment only"),
+        pytest.param(b"- one\n- two\n", said(1, "", "must be a table of keys", "list"), id="a list"),
+        pytest.param(b"hello\n", said(1, "", "must be a table of keys", "hello"), id="text"),
+        pytest.param(b"\x7fELF\x02\x01\xff\xfe", said(1, "", "not UTF-8"), id="a program"),
+        pytest.param(b"name: a\x00b\n", said(1, "", "U+0000 is not allowed"), id="a zero byte"),
+        pytest.param(b"a: " + b"[" * 500 + b"]" * 500, said(1, "", "nested more than"), id="a tower of brackets"),
+    ],
+)
+def test_a_file_that_is_no_site_file_is_refused_in_one_finding(tmp_path: Path, content: bytes, expected: Said) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_bytes(content)
+    with pytest.raises(MapFileError) as caught:
+        load_site(path)
+    assert_says_exactly(caught.value.findings, expected)
+
+
+def test_a_file_over_the_limit_is_refused_without_being_read(tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    with path.open("wb") as file:
+        file.write(b"\xff not UTF-8, which reading would find")
+        file.truncate(MAX_BYTES + 1)
+    with pytest.raises(MapFileError) as caught:
+        load_site(path)
+    assert_says_exactly(caught.value.findings, said(None, "", f"{MAX_BYTES + 1} bytes", "not read", str(MAX_BYTES)))
+
+
+def test_a_file_just_under_the_limit_is_read(tmp_path: Path) -> None:
+    padding = "#" * (MAX_BYTES - len(GENERIC) - 1) + "\n"
+    assert load(tmp_path, GENERIC + padding).site.name == "A building"
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    for path, words in [(tmp_path / "none.yaml", "no such file"), (tmp_path, "is a directory")]:
+        with pytest.raises(MapFileError) as caught:
+            load_site(path)
+        assert caught.value.findings[0].file == str(path)
+        assert_says_exactly(caught.value.findings, said(None, "", words))
+
+
+def test_a_commanded_lift_is_cautioned_about_at_every_start(tmp_path: Path) -> None:
+    (caution,) = load(tmp_path, GENERIC).cautions()
+    assert caution == "main: is commanded without a checkout record for map generic-registers (template)"
+
+
+@pytest.mark.parametrize(("host", "cautions"), [("0.0.0.0", 1), ("10.0.0.7", 1), ("127.0.0.1", 0), ("localhost", 0)])
+def test_an_api_that_others_on_the_network_can_reach_is_cautioned_about(
+    tmp_path: Path, host: str, cautions: int
+) -> None:
+    loaded = load(tmp_path, f"{GENERIC}api: {{host: {host}}}\n")
+    assert sum("the API listens on" in caution for caution in loaded.cautions()) == cautions
+
+
+def test_a_watched_lift_with_everything_visible_needs_no_caution(tmp_path: Path) -> None:
+    assert list(load(tmp_path, GENERIC, ("    access: control\n", "")).cautions()) == []
+
+
+def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp_path: Path) -> None:
+    cautions = list(load(tmp_path, TWO_STOP).cautions())
+    for words in [
+        "goods: fire is not visible",
+        "goods: is commanded without a checkout record for map two-stop-agv (integration-code)",
+        "outputs stay on when this manager is lost; accepted: a person stands beside it",
+    ]:
+        assert any(words in caution for caution in cautions), cautions
+
+
+def test_check_says_what_each_lift_is_after_its_cautions(tmp_path: Path) -> None:
+    path = tmp_path / "site.yaml"
+    path.write_text(GENERIC, "utf-8")
+    assert check_file(path) == [
+        "caution: main: is commanded without a checkout record for map generic-registers (template)",
+        "main: control, floors B1, L1, L2, map generic-registers (template)",
+        f"{path}: no mistakes",
+    ]
+
+
+@pytest.mark.parametrize("path", sorted(MAPS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_check_knows_a_map_from_a_site_file(path: Path) -> None:
+    assert check_file(path)[-1].startswith(f"{path}: map {path.stem} (")
+
+
+def test_check_takes_a_map_whose_signals_are_misspelt_for_a_map(tmp_path: Path) -> None:
+    path = my_map(tmp_path, ("\nsignals:", "\nsignal:"))
+    with pytest.raises(MapFileError) as caught:
+        check_file(path)
+    assert any("did you mean `signals`" in finding.message for finding in caught.value.findings)
+    assert not any(finding.key == "lifts" for finding in caught.value.findings)

@@ -1,0 +1,236 @@
+"""The command line as real processes: exit codes, what is printed where, and no traceback whatever it is given."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from register_maps.load import MAPS
+from tests.support.programs import run, running
+
+
+def plain(text: str) -> str:
+    """Without the frames of rich and its line ends, as one line."""
+    return re.sub(r"[\s│╭╮╰╯─]+", " ", text).strip()
+
+
+SITE = """\
+schema: 1
+name: A building
+controllers:
+  plc: {{host: 127.0.0.1, port: {port}, map: generic-registers}}
+lifts:
+  main:
+    controller: plc
+    access: control
+    floors: {{G: 1, First: 2, Second: 3}}
+"""
+
+
+GOOD = SITE.format(port=5020)
+
+FILES: dict[str, bytes] = {
+    "good.yaml": GOOD.encode(),
+    "three.yaml": GOOD.replace("Second: 3", "Second: 2, 3: 3").replace("access: control", "poll_s: 5").encode(),
+    "one.yaml": GOOD.replace("Second: 3", "Second: 2").encode(),
+    "program.yaml": b"\x7fELF\x02\x01\x01\x00\xff\xfe\xd0",
+    "empty.yaml": b"",
+    "tabs.yaml": b"schema: 1\nname: x\nlifts:\n\tmain: 1\n",
+    "prose.yaml": b"# A building\n\nSome *words*: and: more\n",
+    "unknown-map.yaml": GOOD.replace("generic-registers", "generic").encode(),
+    "long.yaml": b"#" * 1_000_001,
+}
+
+BAD_FILES = {
+    "none.yaml": "none.yaml: there is no such file",
+    "program.yaml": "program.yaml:1: byte 0xFF is not UTF-8",
+    "empty.yaml": "empty.yaml: the file is empty",
+    "tabs.yaml": "tabs.yaml:4: tab; use spaces",
+    "prose.yaml": "prose.yaml:3: ",
+    "unknown-map.yaml": "unknown-map.yaml:4: controllers.plc.map: no map has this name",
+    "long.yaml": "long.yaml: has 1000001 bytes and was not read",
+    "one.yaml": "one.yaml:9: lifts.main.floors.Second: code 2 is floor First already",
+    ".": ".: is a directory, not a file",
+}
+BAD_CALLS = [("check", file) for file in BAD_FILES] + [("serve", file) for file in ("none.yaml", "one.yaml")]
+
+BAD_SIMULATIONS: list[tuple[str, list[str]]] = [
+    ("generic-register", ["no map has this name", "did you mean `generic-registers`?", "two-stop-agv"]),
+    ("./nowhere.yaml", ["nowhere.yaml: there is no such file"]),
+    ("generic-registers --floors L1=one,L2=2", ["--floors", "'L1=one'", "NAME=CODE"]),
+    ("generic-registers --floors =1,L2=2", ["--floors", "'=1'", "NAME=CODE"]),
+    ("generic-registers --floors L1=1", ["--floors", "two floors or more"]),
+    ("generic-registers --floors L1=1,L2=2,L1=3", ["--floors", "L1", "twice"]),
+    ("generic-registers --floors L1=1,L2=1", ["--floors", "code 1", "L1"]),
+    ("generic-registers --floors L1=1,L2=99999", ["99999 does not fit"]),
+    ("generic-registers --floors L0=0,L1=1", ["rests at 0"]),
+    ("two-stop-agv --floors L1=0,L2=1,L3=2", ["2 floors, with codes 0 to 1"]),
+    ("generic-registers --speed 0", ["--speed", "0.1"]),
+    ("generic-registers --host no.such.host.invalid", ["no.such.host.invalid", "--host"]),
+]
+
+HELP = {
+    "": ["Connect robots to real lifts", "demo", "serve", "check", "simulate"],
+    "demo": ["three simulated lifts", "--port", "5003", "--speed"],
+    "serve": ["Run the lift manager", "SITE", "--port"],
+    "check": ["Find every", "FILE", "exits 2"],
+    "simulate": ["one simulated lift", "MAP", "--port", "5020", "--host", "--floors", "L1=1,L2=2", "--speed"],
+}
+
+CALLS: list[tuple[str, ...]] = [
+    ("check", "good.yaml"),
+    ("check", "three.yaml"),
+    ("check", str(MAPS / "two-stop-agv.yaml")),
+    *BAD_CALLS,
+    *(("simulate", "--port", "0", *given.split()) for given, _ in BAD_SIMULATIONS),
+    *((*filter(None, [command]), "--help") for command in HELP),
+    (),
+    ("simulat",),
+]
+
+Answers = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def answers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Answers]:
+    """What each of CALLS came to; all are started at once, because a process takes a second to start."""
+    folder = tmp_path_factory.mktemp("files")
+    for name, content in FILES.items():
+        (folder / name).write_bytes(content)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        runs = {call: pool.submit(run, *call, cwd=folder) for call in CALLS}
+
+        def answer(*call: str) -> subprocess.CompletedProcess[str]:
+            done = runs[call].result()
+            assert "Traceback" not in done.stdout + done.stderr, done.stderr
+            return done
+
+        yield answer
+        pool.shutdown(cancel_futures=True)
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    """A port that somebody else listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        yield other.getsockname()[1]
+
+
+def test_check_says_of_a_good_site_file_what_is_in_it_and_exits_with_0(answers: Answers) -> None:
+    done = answers("check", "good.yaml")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [
+        "caution: main: is commanded without a checkout record for map generic-registers (template)",
+        "main: control, floors G, First, Second, map generic-registers (template)",
+        "good.yaml: no mistakes",
+    ]
+
+
+def test_check_also_takes_a_register_map(answers: Answers) -> None:
+    path = str(MAPS / "two-stop-agv.yaml")
+    done = answers("check", path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == f"{path}: map two-stop-agv (integration-code): no mistakes"
+
+
+def test_check_prints_every_mistake_with_file_line_and_key_counts_them_and_exits_with_2(answers: Answers) -> None:
+    done = answers("check", "three.yaml")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.splitlines() == [
+        "three.yaml:8: lifts.main.poll_s: a poll every 5 s is too slow for max_age_s 1: one lost poll would take the lift offline",
+        'three.yaml:9: lifts.main.floors.3: YAML reads 3 as a number; quote it: "3"',
+        "three.yaml:9: lifts.main.floors.Second: code 2 is floor First already",
+        "3 mistakes",
+    ]
+
+
+@pytest.mark.parametrize("call", BAD_CALLS, ids=" ".join)
+def test_a_bad_file_gets_one_sentence_and_exit_code_2(answers: Answers, call: tuple[str, str]) -> None:
+    done = answers(*call)
+    assert (done.returncode, done.stdout) == (2, "")
+    first, last = done.stderr.splitlines()
+    assert first.startswith(BAD_FILES[call[1]])
+    assert last == "1 mistake"
+
+
+@pytest.mark.parametrize(("given", "words"), BAD_SIMULATIONS, ids=[given for given, _ in BAD_SIMULATIONS])
+def test_simulate_says_what_is_wrong_with_what_it_is_given(answers: Answers, given: str, words: list[str]) -> None:
+    done = answers("simulate", "--port", "0", *given.split())
+    assert done.returncode in (1, 2)
+    assert done.stdout == ""
+    for word in words:
+        assert word in plain(done.stderr)
+
+
+@pytest.mark.parametrize("command", HELP)
+def test_help_names_every_option_and_says_what_the_command_is_for(answers: Answers, command: str) -> None:
+    done = answers(*filter(None, [command]), "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    for word in HELP[command]:
+        assert word in plain(done.stdout)
+
+
+def test_without_a_command_the_help_is_shown(answers: Answers) -> None:
+    assert "simulate" in plain(answers().stdout)
+
+
+def test_an_unknown_command_is_named_with_the_nearest_one(answers: Answers) -> None:
+    done = answers("simulat")
+    assert done.returncode == 2
+    assert "simulate" in plain(done.stderr)
+
+
+def test_demo_says_in_one_sentence_that_its_port_is_taken(taken: int) -> None:
+    done = run("demo", "--port", str(taken))
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert f"port {taken} on 127.0.0.1 is in use" in line
+    assert "--port" in line
+
+
+def test_serve_says_in_one_sentence_that_the_port_of_its_site_file_is_taken(tmp_path: Path, taken: int) -> None:
+    (tmp_path / "site.yaml").write_text(f"{GOOD}api: {{port: {taken}}}\n", "utf-8")
+    done = run("serve", "site.yaml", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = [line for line in done.stderr.splitlines() if "WARNING" not in line]
+    assert f"port {taken} on 127.0.0.1 is in use" in line
+    assert "--port" in line
+
+
+def test_simulate_says_in_one_sentence_that_its_port_is_taken(taken: int) -> None:
+    done = run("simulate", "generic-registers", "--port", str(taken))
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert f"127.0.0.1:{taken}" in line
+    assert "in use" in line
+    assert "--port" in line
+
+
+def test_a_simulated_controller_prints_its_registers_and_ends_quietly() -> None:
+    with running("simulate", "generic-registers", "--port", "0", "--floors", "B1=-1, L1=1, L2=2") as program:
+        port = int(program.says(r"127\.0\.0\.1:(\d+), unit 1")[1])
+        program.says("Ctrl-C ends it")
+        for name in ["car_floor", "door.front", "go_to", "hold_door.front", "holding:16", "Floors: B1 = -1, L1 = 1"]:
+            assert name in program.out
+        with socket.create_connection(("127.0.0.1", port), timeout=2):
+            code, _ = program.stop()
+        assert (code, program.err) == (0, "")
+
+
+def test_a_simulated_controller_does_not_mind_a_client_that_talks_nonsense_or_leaves_in_the_middle() -> None:
+    with running("simulate", "generic-registers", "--port", "0") as program:
+        address = ("127.0.0.1", int(program.says(r"127\.0\.0\.1:(\d+), unit 1")[1]))
+        for nonsense in [b"GET / HTTP/1.1\r\n\r\n", b"\x00\x01\x00\x00\x00\x06\x01\x03\x00"]:
+            with socket.create_connection(address, timeout=2) as client:
+                client.sendall(nonsense)
+        with socket.create_connection(address, timeout=2) as client:
+            client.sendall(bytes.fromhex("0007 0000 0006 01 03 0001 0001"))
+            assert client.recv(64) == bytes.fromhex("0007 0000 0005 01 03 02 0001")
+        code, _ = program.stop(signal.SIGINT)
+        assert (code, program.err) == (0, "")

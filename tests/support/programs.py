@@ -1,0 +1,127 @@
+"""Programs as real processes: started, listened to, told to end, and ended by their id whatever happens."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TypeVar
+
+ROOT = Path(__file__).resolve().parents[2]
+LIFT_MANAGER = (sys.executable, "-I", "-m", "lift_manager")
+OUT_WITHIN_S = 5.0
+"""SIGTERM and Ctrl-C: out within this time whatever the controller does."""
+
+Seen = TypeVar("Seen")
+
+
+def eventually(look: Callable[[], Seen | None], within_s: float, every_s: float = 0.02) -> Seen:
+    """Look until what is seen is true; return it."""
+    pause = threading.Event()
+    ends_at = time.monotonic() + within_s
+    while not (seen := look()):
+        assert time.monotonic() < ends_at, f"not within {within_s:g} s: {look}"
+        pause.wait(every_s)
+    return seen
+
+
+class Program:
+    """One running process. What it prints goes to files, so that it never waits for a reader."""
+
+    def __init__(self, command: tuple[str, ...], folder: Path, cwd: Path | None) -> None:
+        self._out, self._err = folder / "out", folder / "err"
+        with self._out.open("wb") as out, self._err.open("wb") as err:
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd)
+
+    @property
+    def out(self) -> str:
+        return self._out.read_text("utf-8")
+
+    @property
+    def err(self) -> str:
+        return self._err.read_text("utf-8")
+
+    def says(self, pattern: str, within_s: float = 15.0) -> re.Match[str]:
+        """Wait until stdout holds this."""
+
+        def look() -> re.Match[str] | None:
+            assert self._process.poll() is None, f"ended with {self._process.returncode}: {self.out}{self.err}"
+            return re.search(pattern, self.out)
+
+        return eventually(look, within_s)
+
+    def logs(self, pattern: str, within_s: float = 5.0) -> re.Match[str]:
+        """Wait until stderr holds this."""
+        return eventually(lambda: re.search(pattern, self.err), within_s)
+
+    def tell(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def ended(self, within_s: float = OUT_WITHIN_S) -> int:
+        """Wait for its end; returns the exit code."""
+        return self._process.wait(within_s)
+
+    def stop(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, float]:
+        """Tell it to end; returns the exit code and how long that took."""
+        began = time.monotonic()
+        self.tell(number)
+        return self.ended(), time.monotonic() - began
+
+    def end(self) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+
+
+@contextmanager
+def running(*arguments: str | Path, cwd: Path | None = None) -> Iterator[Program]:
+    """Run `lift-manager` with these arguments; ended by its id whatever happens, and its words are shown on failure."""
+    with started(*LIFT_MANAGER, *map(str, arguments), cwd=cwd) as program:
+        yield program
+
+
+@contextmanager
+def started(*command: str, cwd: Path | None = None) -> Iterator[Program]:
+    with TemporaryDirectory() as folder:
+        program = Program(command, Path(folder), cwd)
+        try:
+            yield program
+        finally:
+            program.end()
+            # pytest shows it where a test has failed
+            sys.stderr.write(f"--- {' '.join(command)}\n{program.out}{program.err}\n")
+
+
+class Started(ExitStack):
+    """Several programs, and what talks to them, that end together."""
+
+    def __call__(self, *arguments: str | Path) -> Program:
+        return self.enter_context(running(*arguments))
+
+
+def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run `lift-manager` to its end; findings must survive the narrowest and dumbest of terminals."""
+    return subprocess.run(
+        [*LIFT_MANAGER, *map(str, arguments)],
+        cwd=cwd,
+        env=os.environ | {"COLUMNS": "40" if "check" in arguments else "100", "TERM": "dumb"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=15,
+        check=False,
+    )
+
+
+def free_port() -> int:
+    """A port that nobody listens on, for what must know its port before it starts."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port: int = probe.getsockname()[1]
+    return port
