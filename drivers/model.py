@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum, unique
+from typing import NamedTuple
 
 from register_maps.words import Door, Mode, Motion, Side
 
@@ -94,9 +95,8 @@ class LiftValues:
     """Signals whose raw value is outside their table, with that value."""
 
 
-@dataclass(frozen=True, slots=True)
-class LiftReading:
-    """One whole poll of one lift."""
+class LiftReading(NamedTuple):
+    """One whole poll of one lift. A tuple, because every poll makes one and a frozen dataclass costs twice as much."""
 
     at: float
     """Monotonic seconds when the first request of the poll left: nothing in here is older."""

@@ -23,6 +23,7 @@ from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.ticker import Ticker
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Quality
 from lift_manager.web.app import make_app
@@ -52,13 +53,14 @@ class Building:
 def build(loaded: LoadedSite) -> Building:
     """Make one link per controller and hand it to that controller's lifts."""
     bus: Bus[Event] = Bus()
+    ticker = Ticker()
     links = {name: _link(name, spec, loaded.maps[name].map) for name, spec in loaded.controllers.items()}
     lifts = []
     for index, (name, spec) in enumerate(loaded.site.lifts.items()):
         controller, source = loaded.site.controllers[spec.controller], loaded.maps[spec.controller].map
         first_poll_s = spec.poll_s * index / len(loaded.site.lifts)
         driver = _driver(name, spec, controller, source, links[spec.controller])
-        lifts.append(LiftTask(driver, _options(name, spec, driver, first_poll_s), bus))
+        lifts.append(LiftTask(driver, _options(name, spec, driver, first_poll_s), bus, ticker))
     return Building(LiftManager(lifts, bus), tuple(links.values()))
 
 

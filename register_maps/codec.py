@@ -7,10 +7,11 @@ vectors in the tests are typed from each map's source.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import reduce
+from operator import or_
 
 from register_maps.schema import SIGNALS, WORDS, Command, Kind, RegisterMap, Signal
 from register_maps.words import BIT_TABLES, Door, Mode, Motion, Table
@@ -174,10 +175,12 @@ class Reader:
         """Work out once where each signal's bits lie in the blocks."""
         self._names = [signal.name for signal in signals]
         self._decode = [signal.decode for signal in signals]
-        self._extract = [_extractor(signal, blocks) for signal in signals]
-        self._bits = [block.table in BIT_TABLES for block in blocks]
-        self._raw: list[int | None] = [None] * len(signals)
+        self._places = [_places(signal, blocks) for signal in signals]
+        self._masks = [reduce(or_, (mask << shift for shift, mask, _ in places)) for places in self._places]
+        """Which bits of a poll are each signal's."""
         self._payloads: tuple[bytes, ...] = ()
+        self._bits = 0
+        """The payloads, joined and taken for one number."""
         self.values: dict[str, Value] = {}
         """By signal name; replaced, never changed, so that a holder of an older one keeps what it saw."""
         self.unlisted: dict[str, int] = {}
@@ -187,22 +190,23 @@ class Reader:
         """Take one poll. Returns the names of the signals that changed, or None when no byte did."""
         if payloads == self._payloads:
             return None
-        cells = [_cells(payload, bits=bits) for payload, bits in zip(payloads, self._bits, strict=True)]
+        bits = int.from_bytes(b"".join(payloads), "big")
+        differ = bits ^ self._bits if self._payloads else -1
         changed: dict[str, Value] = {}
         unlisted = self.unlisted
-        for index, extract in enumerate(self._extract):
-            raw = extract(cells)
-            if raw == self._raw[index]:
-                continue
-            self._raw[index] = raw
+        for index in [index for index, mask in enumerate(self._masks) if mask & differ]:
+            raw = 0
+            for shift, mask, to in self._places[index]:
+                raw |= (bits >> shift & mask) << to
             name = self._names[index]
             value = self._decode[index](raw)
-            unlisted = {key: old for key, old in unlisted.items() if key != name}
             if isinstance(value, Unlisted):
-                unlisted[name] = raw
+                unlisted = unlisted | {name: raw}
                 value = None
+            elif name in unlisted:
+                unlisted = {key: old for key, old in unlisted.items() if key != name}
             changed[name] = value
-        self._payloads = payloads
+        self._payloads, self._bits = payloads, bits
         self.unlisted = unlisted
         if changed:
             self.values = self.values | changed
@@ -358,32 +362,23 @@ def _command(
     return CommandCodec(name, spec, points, tuple(blocks), tuple(blocks.values()))
 
 
-def _extractor(signal: SignalCodec, blocks: tuple[Block, ...]) -> Callable[[list[Sequence[int]]], int]:
-    places = []
+def _places(signal: SignalCodec, blocks: tuple[Block, ...]) -> list[tuple[int, int, int]]:
+    """Where a signal's bits lie in a poll taken for one number: (shift there, mask, shift in the raw integer)."""
+    lengths = [(block.count + 7) // 8 if block.table in BIT_TABLES else 2 * block.count for block in blocks]
+    places, to = [], 0
     for point in signal.points:
         index = next((i for i, block in enumerate(blocks) if block.holds(point)), None)
         if index is None:
             raise ValueError(f"{signal.name}: no block read covers {point.table}:{point.address} on the wire")
-        places.append((index, point.address - blocks[index].start, point))
-    if len(places) == 1 and signal.points[0].whole:
-        block, position, _ = places[0]
-        return lambda cells: cells[block][position]
-    parts = [(index, position, point.low, (1 << point.width) - 1, point.width) for index, position, point in places]
-
-    def extract(cells: list[Sequence[int]]) -> int:
-        raw = shift = 0
-        for index, position, low, mask, width in parts:
-            raw |= (cells[index][position] >> low & mask) << shift
-            shift += width
-        return raw
-
-    return extract
-
-
-def _cells(payload: bytes, *, bits: bool) -> Sequence[int]:
-    if bits:
-        return [byte >> position & 1 for byte in payload for position in range(8)]
-    return struct.unpack(f">{len(payload) // 2}H", payload)
+        position = point.address - blocks[index].start
+        if point.table in BIT_TABLES:
+            byte, low = position >> 3, position & 7
+        else:
+            byte, low = 2 * position + 1, point.low
+        shift = 8 * (sum(lengths[index:]) - 1 - byte) + low
+        places.append((shift, (1 << point.width) - 1, to))
+        to += point.width
+    return places
 
 
 def _signed(raw: int) -> int:

@@ -28,6 +28,8 @@ WRITES = frozenset({WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS})
 _SHORTEST, _LONGEST = 2, 254
 """Limits of the length field: unit id and function at least; unit id and a PDU of 253 at most (guide, 3.1.2)."""
 _HEADER = 6
+_WHOLE = tuple(struct.pack(">HH", 0, max(0, length - _HEADER)) for length in range(MAX_FRAME + 1))
+"""Protocol id and length field of a frame of so many bytes."""
 _COIL_ON, _COIL_OFF = 0xFF00, 0x0000
 _LIMIT = {
     READ_COILS: MAX_READ_BITS,
@@ -156,6 +158,8 @@ def split(buffer: bytes) -> tuple[list[bytes], bytes]:
     """
     frames: list[bytes] = []
     start, end = 0, len(buffer)
+    if _HEADER + _SHORTEST <= end <= MAX_FRAME and buffer[2:_HEADER] == _WHOLE[end]:
+        return [buffer], b""  # nearly always: one answer, in one piece
     while end - start >= _HEADER:
         protocol, length = struct.unpack_from(">HH", buffer, start + 2)
         if protocol != 0:

@@ -32,6 +32,8 @@ from register_maps.words import BIT_TABLES, Table
 
 _log = logging.getLogger(__name__)
 
+_HEARTBEAT = frozenset({"alive"})
+
 
 @dataclass(slots=True)
 class _Press:
@@ -77,6 +79,7 @@ class ModbusLift:
         self._presses: dict[str, _Press] = {}
         self._permits: dict[str, Permit] = {}
         self._waiting: list[_Press] = []
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._wake = asyncio.Event()
         self._rested = asyncio.Event()
         self.capabilities = capabilities(codec, self._blocks, settings)
@@ -88,7 +91,10 @@ class ModbusLift:
 
     async def read(self) -> LiftReading:
         """Poll once. Raises DriverError."""
-        link, loop = self._link, asyncio.get_running_loop()
+        link, loop = self._link, self._loop
+        if loop is None:
+            # kept: Python 3.11 asks the kernel for the process id whenever it is asked for its loop
+            loop = self._loop = asyncio.get_running_loop()
         at, epoch = loop.time(), link.epoch
         if len(self._requests) == 1:
             payloads: tuple[bytes, ...] = (await link.read(self._requests[0]),)
@@ -175,7 +181,7 @@ class ModbusLift:
     def _changed(self, changed: frozenset[str], at: float) -> LiftValues:
         if self._values is None or "alive" in changed:
             self._alive_at = at
-        if self._values is None or changed - {"alive"}:
+        if self._values is None or changed != _HEARTBEAT:
             before = self._values.unknown if self._values is not None else {}
             self._values = lift_values(self._reader.values, self._reader.unlisted, self._names)
             for signal, raw in self._values.unknown.items():

@@ -12,6 +12,7 @@ from drivers.model import FloorName, LiftReading
 from lift_manager.core.bus import Bus
 from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.ticker import Ticker
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
@@ -28,12 +29,16 @@ an answer (open-rmf 2.1), so its idea of the floor may be 2.5 s old."""
 class LiftTask:
     """One lift: its newest sight and the keeper of its session."""
 
-    def __init__(self, driver: LiftDriver, options: LiftOptions, bus: Bus[Event]) -> None:
+    def __init__(self, driver: LiftDriver, options: LiftOptions, bus: Bus[Event], ticker: Ticker | None = None) -> None:
+        """Make a task that is not running yet; `ticker` is shared by the lifts of a site."""
         self.options = options
+        self._ticker = ticker or Ticker()
         self._driver = driver
         self._able = driver.capabilities
         self._bus = bus
         self._sight: Sight | None = None
+        self._read_at = -math.inf
+        """Monotonic seconds; nothing we know is older than this."""
         self._fault = "no answer yet"
         self._keeper = SessionKeeper(driver, options, bus, sight=self._fresh_sight, changed=self._publish)
         self._left: dict[FloorName, float] = {}
@@ -66,6 +71,7 @@ class LiftTask:
             doors_at=self.options.doors_at,
             able=self._able,
             sight=self._sight,
+            age_s=None if self._sight is None else max(0.0, _now() - self._read_at),
             fault=self._fault,
             source=self._driver.source,
             session=keeper.session,
@@ -115,11 +121,14 @@ class LiftTask:
             if late > 0:
                 # an overloaded poller skips polls; queued ones would only bring older and older news
                 due += math.ceil(late / period) * period
-            await asyncio.sleep(due - loop.time())
+            await self._ticker.sleep_until(due)
 
     def _got(self, reading: LiftReading) -> None:
-        before = self._sight
-        sight = self._sight = see(before, reading, self._able)
+        before, gap_s = self._sight, reading.at - self._read_at
+        self._read_at = reading.at
+        if before is not None and self._is_no_news(before, reading, gap_s):
+            return
+        sight = self._sight = see(before, reading, self._able, gap_s=gap_s)
         if before is None:
             self._looked.set()
         elif before.floor is not None and before.floor != sight.floor and self._keeper.session is None:
@@ -127,10 +136,19 @@ class LiftTask:
         if self._fault:
             _log.info("%s: reading %s", self.options.name, self._driver.source)
             self._fault = ""
-        elif before is not None and _same_news(before, sight) and not self._keeper.busy:
-            return
         self._keeper.act(_now())
         self._publish()
+
+    def _is_no_news(self, before: Sight, reading: LiftReading, gap_s: float) -> bool:
+        """Whether a reading only shows that nothing has changed: most do, and cost next to nothing."""
+        return (
+            reading.values is before.values
+            and before.settled
+            and reading.epoch == before.epoch
+            and not self._keeper.busy
+            and not self._fault
+            and gap_s <= self._able.max_age_s
+        )
 
     def _missed(self, error: DriverError) -> None:
         if not self._fault:
@@ -143,7 +161,7 @@ class LiftTask:
         """Publish the loss of a lift when its last reading has become too old, not when the next poll fails."""
         loop = asyncio.get_running_loop()
         while True:
-            at = self._sight.at if self._sight is not None else loop.time()
+            at = max(self._read_at, loop.time() - self._able.max_age_s)
             await asyncio.sleep(max(at + self._able.max_age_s - loop.time(), 0) + 0.001)
             if self._fresh_sight(loop.time()) is None:
                 self._keeper.act(loop.time())
@@ -151,8 +169,7 @@ class LiftTask:
                 await asyncio.sleep(self._able.max_age_s)
 
     def _fresh_sight(self, now: float) -> Sight | None:
-        sight = self._sight
-        return sight if sight is not None and now - sight.at <= self._able.max_age_s else None
+        return self._sight if now - self._read_at <= self._able.max_age_s else None
 
     def _publish(self) -> None:
         if not self._bus.heard:
@@ -161,10 +178,6 @@ class LiftTask:
         if self._shown is None or not same_but_for_time(state, self._shown):
             self._shown = state
             self._bus.publish(StateChanged(self.options.name, state))
-
-
-def _same_news(before: Sight, now: Sight) -> bool:
-    return now.values is before.values and now.standing is before.standing and now.agreed is before.agreed
 
 
 def _now() -> float:

@@ -21,6 +21,8 @@ class Seen:
     doors_at: Mapping[FloorName, tuple[Side, ...]]
     able: Capabilities
     sight: Sight | None
+    age_s: float | None
+    """Age of the newest reading; None when there never was one."""
     fault: str
     """Why the last poll failed; empty when it did not."""
     source: str
@@ -33,8 +35,7 @@ class Seen:
 
 def lift_state(seen: Seen, now: float) -> LiftState:
     """Return the state to publish at `now`."""
-    sight, session = seen.sight, seen.session
-    age_s = None if sight is None else max(0.0, now - sight.at)
+    sight, session, age_s = seen.sight, seen.session, seen.age_s
     state = LiftState(
         lift=seen.lift,
         floors=seen.floors,

@@ -6,7 +6,7 @@ Opening is believed slowly, closing at once: a robot drives on one message that 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from drivers.model import Capabilities, FloorName, LiftReading, LiftValues
 from lift_manager.domain.state import RobotDoor
@@ -15,11 +15,12 @@ from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Motion, Side
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """The newest reading, with what only several readings can tell."""
+    """The newest news of a lift, with what only several readings can tell.
+
+    A reading that brings no news leaves it as it is, so it does not say how old it is.
+    """
 
     values: LiftValues
-    at: float
-    """Monotonic seconds; nothing in `values` is older."""
     epoch: int
     floor_since: float
     """Since when the car has been reported at the same floor without a break."""
@@ -27,6 +28,8 @@ class Sight:
     """By the map's evidence the car stands at `values.floor`."""
     agreed: bool
     """The evidence for an open door came in one piece, or two readings in a row agree on it."""
+    settled: bool
+    """Another reading with the same values would tell nothing new."""
 
     @property
     def floor(self) -> FloorName | None:
@@ -34,22 +37,16 @@ class Sight:
         return self.values.floor
 
 
-def see(before: Sight | None, reading: LiftReading, able: Capabilities) -> Sight:
-    """Add one reading to what was known before it."""
-    values, at = reading.values, reading.at
-    follows = before is not None and before.epoch == reading.epoch and at - before.at <= able.max_age_s
-    if (
-        before is not None
-        and follows
-        and before.values is values
-        and (before.standing or able.evidence != "position_stable")
-    ):
-        return replace(before, at=at, agreed=True)
-    same_floor = before is not None and follows and before.values.floor == values.floor
-    floor_since = before.floor_since if before is not None and same_floor else at
-    agreed = able.one_block or (before is not None and follows and _evidence(before.values) == _evidence(values))
-    standing = values.floor is not None and _stands(values, able, at - floor_since)
-    return Sight(values, at, reading.epoch, floor_since, standing, agreed)
+def see(before: Sight | None, reading: LiftReading, able: Capabilities, *, gap_s: float) -> Sight:
+    """Add one reading to what was known before it, `gap_s` seconds earlier."""
+    values = reading.values
+    follows = before if before is not None and before.epoch == reading.epoch and gap_s <= able.max_age_s else None
+    same_floor = follows is not None and follows.values.floor == values.floor
+    floor_since = follows.floor_since if follows is not None and same_floor else reading.at
+    agreed = able.one_block or (follows is not None and _evidence(follows.values) == _evidence(values))
+    standing = values.floor is not None and _stands(values, able, reading.at - floor_since)
+    waits = able.evidence == "position_stable" and values.floor is not None and not standing
+    return Sight(values, reading.epoch, floor_since, standing, agreed, settled=agreed and not waits)
 
 
 def robot_door(sight: Sight, doors_here: tuple[Side, ...]) -> RobotDoor:

@@ -35,7 +35,7 @@ def sight(
 ) -> Sight:
     values = LiftValues(floor=floor, destination=destination, motion=motion, mode=Mode.NORMAL, doors={Side.FRONT: door})
     standing = floor is not None and motion is Motion.STOPPED
-    return Sight(values, at=0.0, epoch=1, floor_since=0.0, standing=standing, agreed=True)
+    return Sight(values, epoch=1, floor_since=0.0, standing=standing, agreed=True, settled=True)
 
 
 def confirmed() -> Call:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.model import LiftReading, LiftValues
-from lift_manager.domain.sight import Sight, barred, robot_door, see
+from drivers.model import Capabilities, LiftReading, LiftValues
+from lift_manager.domain import sight as sights
+from lift_manager.domain.sight import Sight, barred, robot_door
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 from tests.lift_manager.domain.test_call import ABLE
@@ -19,6 +20,10 @@ LEVEL = replace(ABLE, evidence="level")
 
 def reading(values: LiftValues, at: float, epoch: int = 1) -> LiftReading:
     return LiftReading(at, epoch, values)
+
+
+def see(before: Sight | None, new: LiftReading, able: Capabilities, *, gap_s: float = 0.1) -> Sight:
+    return sights.see(before, new, able, gap_s=gap_s)
 
 
 def door(sight: Sight, here: tuple[Side, ...] = (Side.FRONT,)) -> RobotDoor:
@@ -42,7 +47,7 @@ def test_closing_is_believed_on_the_first_reading_whatever_its_pieces() -> None:
 
 def test_two_readings_do_not_agree_across_a_gap_or_a_new_connection() -> None:
     first = see(None, reading(OPEN, 0.0), SPLIT)
-    assert door(see(first, reading(OPEN, 1.5), SPLIT)) is RobotDoor.MOVING
+    assert door(see(first, reading(OPEN, 1.5), SPLIT, gap_s=1.5)) is RobotDoor.MOVING
     assert door(see(first, reading(OPEN, 0.1, epoch=2), SPLIT)) is RobotDoor.MOVING
 
 
@@ -53,6 +58,16 @@ def test_a_position_counts_only_after_it_has_stood_still_long_enough() -> None:
         sight = see(sight, reading(still, tenth / 10), STABLE)
         assert door(sight) is RobotDoor.MOVING
     assert door(see(sight, reading(still, 1.0), STABLE)) is RobotDoor.OPEN
+
+
+def test_a_sight_is_settled_only_when_another_reading_would_tell_nothing_new() -> None:
+    still = replace(OPEN, motion=None)
+    assert see(None, reading(OPEN, 0.0), ABLE).settled
+    assert not see(None, reading(OPEN, 0.0), SPLIT).settled
+    waiting = see(None, reading(still, 0.0), STABLE)
+    assert not waiting.settled
+    assert see(waiting, reading(still, 1.0), STABLE).settled
+    assert see(None, reading(replace(still, floor=None), 0.0), STABLE).settled
 
 
 def test_a_position_that_went_away_in_between_starts_anew() -> None:

@@ -1,0 +1,143 @@
+"""What the benchmarks share: controllers that cost little, and a manager of lifts on top of them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import multiprocessing
+import os
+import resource
+import struct
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+
+import uvloop
+
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lift import ModbusLift
+from drivers.modbus.link import Link
+from drivers.modbus.wire import PymodbusWire
+from lift_manager.app import Building, build
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Site
+from lift_manager.core.bus import Bus
+from lift_manager.core.lift import LiftTask
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain.events import Event
+from register_maps.codec import compile_map
+from register_maps.load import load
+
+MAP = "generic-registers"
+"""One block, one request a poll."""
+FLOORS = {"L1": 1, "L2": 2, "L3": 3}
+REGISTERS = 8
+STANDING = (1, 1, 1, 1, 0b101, 0, 0)
+"""After the alive counter: at floor 1, stopped, door closed, normal, no fire (1) and level, no destination, no call."""
+FORK = multiprocessing.get_context("fork")
+_FILES_BESIDE = 100
+
+
+def building(ports: list[int], poll_s: float) -> Building:
+    """Return a manager of one lift at each port, watched only, put together as a site file would be."""
+    lift = {"floors": FLOORS, "poll_s": poll_s}
+    site = Site.model_validate(
+        {
+            "schema": 1,
+            "name": "benchmark",
+            "controllers": {f"controller{port}": {"host": "127.0.0.1", "port": port, "map": MAP} for port in ports},
+            "lifts": {f"lift{port}": {"controller": f"controller{port}", **lift} for port in ports},
+        }
+    )
+    loaded = load(MAP)
+    return build(LoadedSite(site, dict.fromkeys(site.controllers, loaded), loaded.path))
+
+
+def make_link(port: int) -> Link:
+    """Return a link over the real wire."""
+    return Link(lambda: PymodbusWire("127.0.0.1", port), name="benchmark")
+
+
+def make_driver(link: Link) -> ModbusLift:
+    """Return the driver of one lift that is watched only."""
+    return ModbusLift(compile_map(load(MAP).map), link, LiftSettings(name="lift", floors=FLOORS, control=False))
+
+
+def make_task(driver: ModbusLift) -> LiftTask:
+    """Return the manager's task of that lift."""
+    bus: Bus[Event] = Bus()
+    doors = dict.fromkeys(FLOORS, driver.capabilities.doors)
+    return LiftTask(driver, LiftOptions(name="lift", floors=tuple(FLOORS), doors_at=doors, control=False), bus)
+
+
+def two_cores() -> tuple[int | None, int | None]:
+    """One core for the measured process and one for the controllers; None where the system does not let us choose."""
+    try:
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, cores)
+    except (AttributeError, OSError):
+        return None, None
+    return cores[0], cores[-1]
+
+
+def pin(core: int | None) -> None:
+    """Keep this process on one core."""
+    if core is not None:
+        os.sched_setaffinity(0, {core})
+
+
+def allow_files(connections: int) -> None:
+    """Raise the soft limit of open files as far as so many connections need it."""
+    needed = connections + _FILES_BESIDE
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise SystemExit(
+            f"{needed} open files are needed, the limit is {hard}: measure fewer lifts or raise `ulimit -Hn`"
+        )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
+
+
+@contextlib.contextmanager
+def controllers(count: int, beat: int, core: int | None) -> Iterator[list[int]]:
+    """Run so many controllers in one process of their own; gives their ports."""
+    ours, theirs = FORK.Pipe(duplex=False)
+    server = FORK.Process(target=_serve, args=(count, beat, core, theirs), daemon=True)
+    server.start()
+    theirs.close()
+    try:
+        yield ours.recv()
+    finally:
+        server.terminate()
+        server.join()
+
+
+class _Controller(asyncio.Protocol):
+    """The same image to every request, from bytes made beforehand."""
+
+    def __init__(self, answers: list[bytes]) -> None:
+        self._answers = answers
+        self._asked = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self._asked += 1
+        self._transport.write(data[:2] + self._answers[self._asked % len(self._answers)])  # type: ignore[attr-defined]
+
+
+def _serve(count: int, beat: int, core: int | None, tell: Connection) -> None:
+    """Open the ports, tell which, and answer until terminated. The alive counter counts every `beat` answers."""
+    pin(core)
+    head = struct.pack(">HHBBB", 0, 3 + 2 * REGISTERS, 1, 3, 2 * REGISTERS)
+    answers = [head + struct.pack(f">{REGISTERS}H", place // beat, *STANDING) for place in range(100 * beat)]
+
+    async def forever() -> None:
+        loop = asyncio.get_running_loop()
+        servers = [await loop.create_server(lambda: _Controller(answers), "127.0.0.1", 0) for _ in range(count)]
+        tell.send([server.sockets[0].getsockname()[1] for server in servers])
+        await loop.create_future()
+
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        runner.run(forever())

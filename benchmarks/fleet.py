@@ -1,0 +1,251 @@
+"""What a building costs: 100 and 1,000 lifts polled ten times a second by one manager, against a bare pymodbus loop.
+
+    python benchmarks/fleet.py [--lifts 100 1000] [--seconds 5] [--rounds 3] [--beat 5]
+
+One server process plays all controllers, a port each. Every round runs in a fresh process of its own; manager and bare
+loop take turns, so that a busy machine slows both, and the table shows medians. It ends by itself after about 90 s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import random
+import statistics
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import uvloop
+from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
+
+from benchmarks import common
+
+POLL_S = 0.1
+SETTLE_S = 1.0
+READY_WITHIN_S = 20.0
+SAMPLES_PER_S = 200
+BARE = "bare pymodbus"
+HEADINGS = ("", "", "lifts", "polls/s", "rate", "age p50", "age p99", "core", "us/poll", "KB/lift")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How one round is run."""
+
+    seconds: float
+    core: int | None
+    """Where the measured process is pinned; None where the system does not allow it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """What one contestant did in one round."""
+
+    polls_per_s: float
+    age_p50_s: float
+    age_p99_s: float
+    core: float
+    """CPU time over wall time."""
+    poll_us: float
+    """CPU time of one poll."""
+    memory: float
+    """Bytes per lift."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """A contestant at work."""
+
+    polls: Callable[[], int]
+    """Polls answered so far, by all lifts."""
+    age_s: Callable[[int], float | None]
+    """How old this lift's state says it is; None while it has none."""
+
+
+Contestant = Callable[[list[int]], contextlib.AbstractAsyncContextManager[Fleet]]
+"""Polls the controllers at these ports."""
+
+
+@contextlib.asynccontextmanager
+async def manager(ports: list[int]) -> AsyncIterator[Fleet]:
+    """The whole path of a poll: wire, link, codec, rules, state."""
+    building = common.building(ports, POLL_S)
+    lifts, names = building.manager, building.manager.lift_names()
+
+    def age_s(index: int) -> float | None:
+        state = lifts.state(names[index])
+        return None if state is None else state.age_s
+
+    async with _running([link.run() for link in building.links]), _running([lifts.run()]):
+        yield Fleet(lambda: sum(link.stats.transactions - link.stats.timeouts for link in building.links), age_s)
+
+
+@contextlib.asynccontextmanager
+async def bare_pymodbus(ports: list[int]) -> AsyncIterator[Fleet]:
+    """The least that a program on pymodbus's own client does: one task per controller, the words kept as they came."""
+    loop, polls = asyncio.get_running_loop(), 0
+    over = False  # Python 3.11's wait_for, inside pymodbus, loses a cancellation that comes together with an answer
+    read_at: list[float | None] = [None] * len(ports)
+    words: list[Sequence[int]] = [[] for _ in ports]
+    clients = [AsyncModbusTcpClient("127.0.0.1", port=port, retries=0) for port in ports]
+    for client in clients:
+        await client.connect()
+    began = loop.time()
+
+    async def poll(index: int) -> None:
+        nonlocal polls
+        client, due = clients[index], began + POLL_S * index / len(ports)  # spread, as the manager spreads its lifts
+        await asyncio.sleep(due - loop.time())
+        while not over:
+            at = loop.time()
+            with contextlib.suppress(ModbusException):
+                words[index] = (await client.read_holding_registers(0, count=common.REGISTERS)).registers
+                read_at[index] = at
+                polls += 1
+            due += POLL_S
+            while due < loop.time():
+                due += POLL_S
+            await asyncio.sleep(due - loop.time())
+
+    def age_s(index: int) -> float | None:
+        at = read_at[index]
+        return None if at is None else loop.time() - at
+
+    async with _running([poll(index) for index in range(len(ports))]):
+        yield Fleet(lambda: polls, age_s)
+        over = True
+    for client in clients:
+        client.close()
+
+
+@contextlib.asynccontextmanager
+async def _running(works: list[Coroutine[Any, Any, None]]) -> AsyncIterator[None]:
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(work) for work in works]
+        yield
+        for task in tasks:
+            task.cancel()
+
+
+CONTESTANTS: dict[str, Contestant] = {"manager": manager, BARE: bare_pymodbus}
+
+
+async def measure(contestant: Contestant, ports: list[int], plan: Plan) -> Round:
+    """Let a contestant poll, and watch it from outside its poll path."""
+    empty = _memory()
+    async with contestant(ports) as fleet:
+        async with asyncio.timeout(READY_WITHIN_S):
+            await _all_read(fleet, len(ports))
+        await asyncio.sleep(SETTLE_S)
+        memory = (_memory() - empty) / len(ports)
+        began, cpu, polls = time.monotonic(), time.process_time(), fleet.polls()
+        ages = await _sample_ages(fleet, len(ports), began + plan.seconds)
+        took, cpu, polls = time.monotonic() - began, time.process_time() - cpu, fleet.polls() - polls
+    percentiles = statistics.quantiles(ages, n=100)
+    return Round(polls / took, percentiles[49], percentiles[98], cpu / took, cpu / max(polls, 1) * 1e6, memory)
+
+
+async def _all_read(fleet: Fleet, lifts: int) -> None:
+    while any(fleet.age_s(index) is None for index in range(lifts)):  # noqa: ASYNC110 - it is to be left in peace
+        await asyncio.sleep(0.1)
+
+
+async def _sample_ages(fleet: Fleet, lifts: int, until: float) -> list[float]:
+    """Ages of lifts drawn at random at random instants, as a client that asks now and then would see them."""
+    loop, ages, dice = asyncio.get_running_loop(), [], random.Random(1)
+    while time.monotonic() < until:
+        await asyncio.sleep(dice.expovariate(SAMPLES_PER_S))
+        age_s = fleet.age_s(dice.randrange(lifts))
+        if age_s is not None:
+            # The loop's clock stands still while a turn of the loop lasts; the client's does not.
+            ages.append(age_s + time.monotonic() - loop.time())
+    return ages
+
+
+def _memory() -> int:
+    """Memory of this process in bytes, without what it maps from files: that comes in when it is first used."""
+    for line in Path("/proc/self/status").read_text("ascii").splitlines():
+        if line.startswith("RssAnon:"):
+            return int(line.split()[1]) * 1024
+    raise SystemExit("this kernel does not tell RssAnon in /proc/self/status")
+
+
+def run_round(name: str, ports: list[int], plan: Plan) -> Round:
+    """One round in a process of its own."""
+    ours, theirs = common.FORK.Pipe(duplex=False)
+    child = common.FORK.Process(target=_round_process, args=(name, ports, plan, theirs), daemon=True)
+    child.start()
+    theirs.close()
+    try:
+        result: Round = ours.recv()
+    except EOFError:
+        raise SystemExit(f"the round of {name} failed; its traceback is above") from None
+    finally:
+        child.join()
+    return result
+
+
+def _round_process(name: str, ports: list[int], plan: Plan, tell: Connection) -> None:
+    common.pin(plan.core)
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        tell.send(runner.run(measure(CONTESTANTS[name], ports, plan)))
+
+
+def _median(rounds: list[Round]) -> Round:
+    return Round(*(statistics.median(values) for values in zip(*(_row(one) for one in rounds), strict=True)))
+
+
+def _row(one: Round) -> tuple[float, ...]:
+    return one.polls_per_s, one.age_p50_s, one.age_p99_s, one.core, one.poll_us, one.memory
+
+
+def show(lifts: int, results: dict[str, list[Round]]) -> None:
+    """Print the medians of one size, and what bare pymodbus costs for each unit that the manager costs."""
+    for name, rounds in results.items():
+        one = _median(rounds)
+        rate = one.polls_per_s * POLL_S / lifts
+        print(
+            f"{name:<18}{lifts:>9}{one.polls_per_s:>9.0f}{rate:>9.1%}"
+            f"{one.age_p50_s * 1e3:>6.0f} ms{one.age_p99_s * 1e3:>6.0f} ms{one.core:>9.1%}{one.poll_us:>9.1f}{one.memory / 1024:>9.1f}"
+        )
+    if BARE in results and len(results) > 1:
+        ours, bare = (_median(results[name]).poll_us for name in ("manager", BARE))
+        print(f"bare pymodbus costs {bare / ours:.2f} times the CPU of the manager\n", flush=True)
+
+
+def main() -> None:
+    """Start the controllers, take turns, print, end."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--lifts", type=int, nargs="+", default=[100, 1000])
+    parser.add_argument("--seconds", type=float, default=5.0, help="measured in each round")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--beat", type=int, default=5, help="polls to a count of the alive counter")
+    parser.add_argument("--only", choices=sorted(CONTESTANTS), help="one contestant alone, for a profiler")
+    chosen = parser.parse_args()
+    # In the process of the controllers: a listening socket and an accepted one for every lift.
+    common.allow_files(2 * max(chosen.lifts))
+    core, other = common.two_cores()
+    plan = Plan(chosen.seconds, core)
+    names = [chosen.only] if chosen.only else list(CONTESTANTS)
+    print("not pinned" if core is None else f"measured process on core {core}, controllers on core {other}")
+    print("".join(f"{word:>9}" for word in HEADINGS), flush=True)
+    with common.controllers(max(chosen.lifts), chosen.beat, other) as ports:
+        for lifts in chosen.lifts:
+            results: dict[str, list[Round]] = {name: [] for name in names}
+            for _ in range(chosen.rounds):
+                for name, rounds in results.items():
+                    rounds.append(run_round(name, ports[:lifts], plan))
+            show(lifts, results)
+
+
+if __name__ == "__main__":
+    main()

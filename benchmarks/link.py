@@ -1,0 +1,139 @@
+"""What a poll of one lift costs in CPU time, layer by layer, against one read with pymodbus's own client.
+
+    python benchmarks/link.py [--loop asyncio] [--polls 3000] [--rounds 5] [--beat 5]
+
+The server is a process of its own, so only the asking side is measured. The contestants take turns, round by round, so
+that a busy machine slows all of them; the table shows the median round. It ends by itself after about a minute at most.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import statistics
+import sys
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+
+import uvloop
+from pymodbus.client import AsyncModbusTcpClient
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
+
+from benchmarks import common
+from benchmarks.common import REGISTERS
+from drivers.modbus.link import Link
+from register_maps import frames
+from register_maps.words import Table
+
+LIMIT_S = 120.0
+BARE = "bare pymodbus"
+Poll = Callable[[], Awaitable[object]]
+Contestant = Callable[[int], contextlib.AbstractAsyncContextManager[Poll]]
+"""Connects to a port and gives the coroutine function that makes one poll."""
+
+
+@contextlib.asynccontextmanager
+async def bare_pymodbus(port: int) -> AsyncIterator[Poll]:
+    """One read with pymodbus's own client, as its documentation shows it."""
+    client = AsyncModbusTcpClient("127.0.0.1", port=port, retries=0, reconnect_delay=0)
+    await client.connect()
+
+    async def poll() -> None:
+        response = await client.read_holding_registers(0, count=REGISTERS, device_id=1)
+        if len(response.registers) != REGISTERS:
+            raise SystemExit("wrong answer")
+
+    yield poll
+    client.close()
+
+
+@contextlib.asynccontextmanager
+async def link_read(port: int) -> AsyncIterator[Poll]:
+    """One checked read over the link and the real wire."""
+    request = frames.read(Table.HOLDING, 0, REGISTERS)
+    async with _link_up(port) as link:
+
+        async def poll() -> None:
+            if len(await link.read(request)) != 2 * REGISTERS:
+                raise SystemExit("wrong answer")
+
+        yield poll
+
+
+@contextlib.asynccontextmanager
+async def lift_read(port: int) -> AsyncIterator[Poll]:
+    """The same, turned into the reading of a lift."""
+    async with _link_up(port) as link:
+        yield common.make_driver(link).read
+
+
+@contextlib.asynccontextmanager
+async def lift_poll(port: int) -> AsyncIterator[Poll]:
+    """The same, with what the manager makes of the reading."""
+    async with _link_up(port) as link:
+        driver = common.make_driver(link)
+        task = common.make_task(driver)
+
+        async def poll() -> None:
+            task._got(await driver.read())  # noqa: SLF001 - what its own loop does, without the pause
+
+        yield poll
+
+
+@contextlib.asynccontextmanager
+async def _link_up(port: int) -> AsyncIterator[Link]:
+    link = common.make_link(port)
+    async with asyncio.TaskGroup() as group:
+        group.create_task(link.run())
+        await link.wait_up()
+        yield link
+        await link.close()
+
+
+CONTESTANTS: dict[str, Contestant] = {
+    BARE: bare_pymodbus,
+    "link": link_read,
+    "lift: read": lift_read,
+    "lift: read, rules": lift_poll,
+}
+
+
+async def measure(port: int, polls: int, rounds: int) -> dict[str, float]:
+    """Microseconds of CPU per poll, the median round of each contestant."""
+    cost_us: dict[str, list[float]] = {name: [] for name in CONTESTANTS}
+    async with contextlib.AsyncExitStack() as stack, asyncio.timeout(LIMIT_S):
+        ready = {name: await stack.enter_async_context(make(port)) for name, make in CONTESTANTS.items()}
+        for turn in range(rounds + 1):
+            for name, poll in ready.items():
+                began = time.process_time()
+                for _ in range(polls):
+                    await poll()
+                if turn:  # the first round warms up
+                    cost_us[name].append((time.process_time() - began) / polls * 1e6)
+    return {name: statistics.median(costs) for name, costs in cost_us.items()}
+
+
+def main() -> None:
+    """Measure, print, end."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--loop", choices=["uvloop", "asyncio"], default="uvloop")
+    parser.add_argument("--polls", type=int, default=3000, help="in each round")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--beat", type=int, default=5, help="polls to a count of the alive counter")
+    chosen = parser.parse_args()
+    core, other = common.two_cores()
+    factory = uvloop.new_event_loop if chosen.loop == "uvloop" else asyncio.new_event_loop
+    with common.controllers(1, chosen.beat, other) as ports, asyncio.Runner(loop_factory=factory) as runner:
+        common.pin(core)
+        costs = runner.run(measure(ports[0], chosen.polls, chosen.rounds))
+    print("not pinned" if core is None else f"measured process on core {core}, controller on core {other}")
+    print(f"{'loop: ' + chosen.loop:<20}{'CPU per poll':>14}{'bare is':>12}")
+    for name, cost_us in costs.items():
+        print(f"{name:<20}{cost_us:>11.1f} us{costs[BARE] / cost_us:>6.2f} times")
+
+
+if __name__ == "__main__":
+    main()
