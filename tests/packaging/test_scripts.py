@@ -237,7 +237,7 @@ def test_the_interpreter_can_be_chosen_even_in_a_folder_with_a_space(machine: Ma
 def test_test_runs_the_linters_and_then_the_tests(machine: Machine) -> None:
     assert machine.run("test").returncode == 0
     ran = machine.log.read_text().splitlines()[-5:]
-    assert ran == ["ruff check --quiet", "ruff format --check --quiet", "mypy ", "lint-imports ", "venv -m pytest"]
+    assert ran == ["ruff check --quiet", "ruff format --check --quiet", "mypy ", "lint-imports ", "venv -m pytest -n 2 --dist loadfile"]
 
 
 def test_test_with_arguments_hands_them_to_the_tests_alone(machine: Machine) -> None:
@@ -250,7 +250,7 @@ def test_a_linter_that_complains_does_not_hide_the_tests_but_fails_the_run(machi
     done = machine.run("test", more={"FAILING_TOOL": "mypy"})
     assert done.returncode == 1
     assert done.stderr.endswith("Failed: mypy\n")
-    assert machine.lines("venv -m pytest") == ["venv -m pytest"]
+    assert machine.lines("venv -m pytest") == ["venv -m pytest -n 2 --dist loadfile"]
 
 
 def test_what_ros_puts_into_the_environment_does_not_reach_the_program(machine: Machine) -> None:
@@ -288,12 +288,12 @@ def test_ci_installs_what_is_missing_and_runs_the_command_of_the_readme(ci_machi
     ci_machine.add("tshark", FAKE_TOOL)
     done = run_ci(ci_machine)
     assert done.returncode == 0, done.stderr
-    assert ci_machine.lines("apt-get")[-1].endswith(" python3 python3-venv mbpoll chromium")
+    assert ci_machine.lines("apt-get")[-1].endswith(" python3 python3-venv curl mbpoll chromium")
     assert ci_machine.lines("tests") == ["tests 0"]
 
 
 def test_ci_asks_nothing_of_apt_when_everything_is_there(ci_machine: Machine) -> None:
-    for name in ("mbpoll", "tshark", "chromium"):
+    for name in ("curl", "mbpoll", "tshark", "chromium"):
         ci_machine.add(name, FAKE_TOOL)
     assert run_ci(ci_machine).returncode == 0
     assert ci_machine.lines("apt-get") == []
