@@ -48,6 +48,10 @@ class LiftDriver(Protocol):
         """Release a hold or a press that is still on; repeated until verified or the controller is gone."""
         ...
 
+    def given(self, command: Command) -> bool:
+        """Whether a press or hold is wanted and not let go; a call that a controller forgot no longer is."""
+        ...
+
     def held(self, command: Command) -> bool:
         """Whether this hold is on and verified."""
         ...

@@ -76,6 +76,8 @@ class Outcome:
     proof: Proof = Proof.NONE
     frames: tuple[str, ...] = ()
     """The writes as hex, transaction id left out, in the order they were sent."""
+    not_granted: bool = False
+    """Rejected only because the lift did not grant what the command requires, such as robot mode; nothing was sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +126,8 @@ class Capabilities:
     """Flags that a call waits for, such as `robot_mode_on`."""
     granted_within_s: float
     arrive_within_s: float
+    call_is_held: bool
+    """A call is kept on until the car is there."""
     same_floor_call: bool
     """A call, not the door hold, opens the door where the car already stands."""
     not_visible: Mapping[str, str]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from socket import socket
@@ -70,18 +70,30 @@ async def run(loaded: LoadedSite, sock: socket, *, stop: asyncio.Event, ready: C
         for controller in loaded.controllers.values():
             locks.enter_context(controller_lock(canonical_host(controller.host), controller.port))
         building = build(loaded)
+        crashes: list[Exception] = []
+
+        async def guarded(work: Coroutine[None, None, None]) -> None:
+            """Let a bug in one part end the program only after every lift has been let go."""
+            try:
+                await work
+            except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
+                crashes.append(bug)
+                stop.set()
+
         async with asyncio.TaskGroup() as tasks:
-            running = [tasks.create_task(link.run()) for link in building.links]
-            running.append(tasks.create_task(building.manager.run()))
+            parts = [*(link.run() for link in building.links), *building.manager.drives(), building.manager.run()]
+            running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            running.append(tasks.create_task(serve(make_app(building.manager), sock)))
+            running.append(tasks.create_task(guarded(serve(make_app(building.manager), sock))))
             ready()
             await stop.wait()
             released = await _let_go(building.manager)
             for task in running:
                 task.cancel()
+    if crashes:
+        raise ExceptionGroup("the manager ended because of a bug", crashes)
     return released
 
 
@@ -96,27 +108,29 @@ def stop_on_signals(stop: asyncio.Event) -> None:
 
 async def _let_go(manager: LiftManager) -> bool:
     _log.info("stopping: letting go of everything")
+    states = [manager.state(name) for name in manager.lift_names()]
     try:
         async with asyncio.timeout(RELEASE_WITHIN_S):
             await manager.stop()
     except TimeoutError:
         _log.error("not every output could be verified as let go within %g s; look at the lift", RELEASE_WITHIN_S)
         return False
-    for name in manager.lift_names():
-        state = manager.state(name)
+    for state in states:
         if state is not None and state.quality is Quality.OFFLINE:
-            _log.warning("%s: is offline, so nobody could look at what its controller holds", name)
+            _log.warning("%s: is offline, so nobody could look at what its controller holds", state.lift)
     _log.info("everything we held is let go and verified")
     return True
 
 
 def _link(name: str, spec: Controller, source: RegisterMap) -> Link:
     defaults = source.link
+    least_s = spec.reconnect_min_s or defaults.reconnect_min_s
     settings = LinkSettings(
         timeout_s=spec.timeout_s or defaults.timeout_s,
         connect_timeout_s=spec.connect_timeout_s,
         min_gap_s=defaults.min_gap_s if spec.min_gap_s is None else spec.min_gap_s,
-        reconnect_min_s=spec.reconnect_min_s or defaults.reconnect_min_s,
+        reconnect_min_s=least_s,
+        reconnect_max_s=max(least_s, LinkSettings().reconnect_max_s),
         tid_echo=defaults.tid_echo if spec.tid_echo is None else spec.tid_echo,
     )
     return Link(lambda: PymodbusWire(spec.host, spec.port), settings, name=f"{name} ({spec.host}:{spec.port})")

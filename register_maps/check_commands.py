@@ -67,8 +67,10 @@ def _point(_: RegisterMap, __: str, command: Command) -> Said:
         yield ("press",), "a call writes its floor, not a fixed value; remove `press`"
 
 
-def _action(_: RegisterMap, __: str, command: Command) -> Said:
+def _action(_: RegisterMap, name: str, command: Command) -> Said:
     if command.action == "pulse":
+        if name.startswith("hold_door.") or name == "robot_mode":
+            yield ("action",), "it has to be kept on, and a pulse is never repeated; use `action: hold`"
         for key in _OF_A_HOLD:
             if getattr(command, key) is not None:
                 yield (key,), "belongs to `action: hold`; a pulse ends by itself after `width_s`"

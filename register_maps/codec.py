@@ -153,6 +153,8 @@ class Codec:
     commands: Mapping[str, CommandCodec]
     served: Mapping[Table, tuple[range, ...]]
     """Wire addresses the device answers for."""
+    offset: Mapping[Table, int]
+    """How far each table was moved."""
 
     @property
     def signal_points(self) -> tuple[Point, ...]:
@@ -241,7 +243,7 @@ def compile_map(source: RegisterMap, *, offset: Mapping[Table, int] | None = Non
         )
         for table, ranges in source.served.items()
     }
-    return Codec(source, signals, commands, served)
+    return Codec(source, signals, commands, served, shift)
 
 
 def _signal(name: str, spec: Signal, place: Callable[..., Point]) -> SignalCodec:

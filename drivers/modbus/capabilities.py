@@ -45,6 +45,7 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         call_requires=frozenset(call.requires) if call is not None else frozenset(),
         granted_within_s=mode.granted_within_s if mode is not None else 600.0,
         arrive_within_s=call.arrive_within_s if call is not None else 120.0,
+        call_is_held=call is not None and call.action == "hold",
         same_floor_call=codec.map.at_same_floor == "call",
         not_visible={str(signal): reason for signal, reason in codec.map.not_visible.items()},
         map_name=codec.map.name,

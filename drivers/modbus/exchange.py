@@ -172,7 +172,8 @@ class Exchange:
         if self._gap_s:
             self._gap = self._loop.call_later(self._gap_s, self._on_gap_over)
         elif self._commands or self._reads:
-            self._next()
+            # one turn later: what this answer says must be known before a press that waits behind it may leave
+            self._gap = self._loop.call_soon(self._on_gap_over)
 
     def _on_gap_over(self) -> None:
         self._gap = None

@@ -47,6 +47,7 @@ class _Press:
     """Set once the write was echoed."""
     written_at: float = math.inf
     read_back: bool = False
+    not_granted: bool = False
 
 
 class ModbusLift:
@@ -146,6 +147,10 @@ class ModbusLift:
         """Keep a held command on, or renew it."""
         if command.name not in self._commands:
             return
+        if self._missing(command.name):
+            # what the map requires was taken away: the hold goes, whatever its limit
+            self.let_go(command)
+            return
         self._permits[command.name] = permit
         resting = self._outputs.phase(command.name) is Phase.REST
         self._outputs.hold(command.name, asyncio.get_running_loop().time())
@@ -154,10 +159,15 @@ class ModbusLift:
 
     def let_go(self, command: Command) -> None:
         """Release a hold or a press that is still on."""
-        if command.name in self._commands and self._outputs.phase(command.name) in (Phase.ON, Phase.DUE):
+        if command.name in self._commands and self._outputs.phase(command.name) is not Phase.REST:
             self._outputs.let_go(command.name)
             self._end_press(command.name, Result.UNCONFIRMED, "let go before it was confirmed")
             self._stir()
+
+    def given(self, command: Command) -> bool:
+        """Whether it is wanted and not let go."""
+        phase = self._outputs.phase(command.name) if command.name in self._commands else Phase.REST
+        return phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
 
     def held(self, command: Command) -> bool:
         """Whether this hold is on and verified, by read-back or, where the map asks for it, by its effect."""
@@ -193,7 +203,6 @@ class ModbusLift:
 
     async def _take_over(self, epoch: int) -> None:
         """Look at our own outputs over a new connection before anything is believed or written."""
-        self._alive_at = asyncio.get_running_loop().time()
         if self._commands:
             cells: dict[tuple[Table, int], int] = {}
             for block in dict.fromkeys(block for codec in self._commands.values() for block in codec.blocks):
@@ -205,7 +214,7 @@ class ModbusLift:
     async def _carry_out(self, step: Step) -> None:
         loop = asyncio.get_running_loop()
         press = self._presses.get(step.name) if step.kind is StepKind.PRESS else None
-        permit = None if step.kind is StepKind.RELEASE else self._permit(step)
+        permit = None if step.kind is StepKind.RELEASE else self._permit(step, press)
         maybe_sent = False
         try:
             for request in self._writes(step):
@@ -214,7 +223,7 @@ class ModbusLift:
                 if press is not None:
                     press.frames.append(_hex(request))
             self._outputs.written(step, loop.time())
-            if press is not None:
+            if press is not None and not press.future.done():
                 self._await_proof(press)
             if self._must_look(step):
                 holds = await self._holds(step)
@@ -224,14 +233,14 @@ class ModbusLift:
         except PressRefused as refused:
             # a hold that may not be refreshed stays on until it is let go or falls by its limit
             self._outputs.failed(step, maybe_sent=maybe_sent, now=loop.time())
-            self._end_press(step.name, Result.REJECTED, refused.reason)
+            if press is not None:
+                self._finish(press, Result.UNCONFIRMED if maybe_sent else Result.REJECTED, refused.reason)
         except DriverError as error:
             sent = maybe_sent or error.sent is not Sent.NO
-            self._outputs.failed(step, maybe_sent=sent, now=loop.time())
+            rejected = isinstance(error, ControllerException)
+            self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected)
             if press is not None and press.expected is None:
-                self._end_press(
-                    step.name, Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED, str(error)
-                )
+                self._finish(press, Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED, str(error))
             _log.debug("%s: %s of %s failed: %s", self._settings.name, step.kind, step.name, error)
 
     async def _send(self, request: Request, permit: Permit | None) -> None:
@@ -241,20 +250,26 @@ class ModbusLift:
             if error.code != ACCEPTED:
                 raise
 
-    def _permit(self, step: Step) -> Permit:
+    def _permit(self, step: Step, press: _Press | None) -> Permit:
         permit = self._permits[step.name]
-        requires = self._commands[step.name].spec.requires
 
         def allowed() -> str | None:
+            wanted = Phase.LEAVING if step.kind is StepKind.PRESS else Phase.ON
+            if self._outputs.phase(step.name) is not wanted:
+                return "nobody wants it any more"
             if self._link.epoch != self._epoch:
                 return "the connection is new and has not been read yet"
-            flags = self._values.flags if self._values is not None else {}
-            missing = [flag for flag in requires if not flags.get(flag, False)]
-            if missing:
+            if missing := self._missing(step.name):
+                if press is not None:
+                    press.not_granted = True
                 return f"{step.name} needs {', '.join(missing)}"
             return permit()
 
         return allowed
+
+    def _missing(self, name: str) -> list[str]:
+        flags = self._values.flags if self._values is not None else {}
+        return [flag for flag in self._commands[name].spec.requires if not flags.get(flag, False)]
 
     def _writes(self, step: Step) -> list[Request]:
         """Return the requests of one step, cells that come to rest first."""
@@ -340,7 +355,8 @@ class ModbusLift:
 
 def _end(press: _Press, result: Result, reason: str, found: Proof = Proof.NONE) -> None:
     if not press.future.done():
-        press.future.set_result(Outcome(press.command, result, reason, found, tuple(press.frames)))
+        outcome = Outcome(press.command, result, reason, found, tuple(press.frames), press.not_granted)
+        press.future.set_result(outcome)
 
 
 def _hex(request: Request) -> str:

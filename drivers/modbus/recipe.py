@@ -20,6 +20,10 @@ RETRY_S = 0.2
 """Pause before a release, or the refresh of a hold that did not stick, is written again. Chosen: five tries a second do not
 load a controller, and a button left pressed is let go soon."""
 
+REJECTED_PAUSE_S = 2.0
+"""Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
+failed call; a controller that says no is not to be asked at the pace of the polls."""
+
 Cells = Mapping[tuple[Table, int], int]
 
 
@@ -30,6 +34,8 @@ class Phase(StrEnum):
     REST = "rest"
     DUE = "due"
     """Wanted, not written yet."""
+    LEAVING = "leaving"
+    """Its press is on its way: whoever wants rest now must let it go."""
     ON = "on"
     LETTING_GO = "letting go"
 
@@ -63,6 +69,7 @@ class _Output:
     fall_at: float = math.inf
     refresh_at: float = math.inf
     try_at: float = -math.inf
+    not_before: float = -math.inf
     rested_at: float = -math.inf
     verified: bool = False
 
@@ -129,7 +136,10 @@ class Outputs:
         return all(output.phase is Phase.REST for output in self._outputs.values())
 
     def next(self, now: float) -> Step | None:
-        """Return the write that is due now, releases first; None when there is none."""
+        """Hand out the write that is due now, releases first; None when there is none.
+
+        A press that is handed out is on its way: its fate is told by `written` or `failed`.
+        """
         for output in self._outputs.values():
             if output.phase is Phase.ON and now >= output.fall_at:
                 self._drop(output)
@@ -141,6 +151,8 @@ class Outputs:
                 due = Step(StepKind.PRESS, name, output.code)
             if due is None and output.phase is Phase.ON and now >= output.refresh_at:
                 due = Step(StepKind.REFRESH, name, output.code)
+        if due is not None and due.kind is StepKind.PRESS:
+            self._outputs[due.name].phase = Phase.LEAVING
         return due
 
     def wake_at(self) -> float:
@@ -163,7 +175,7 @@ class Outputs:
         """The controller echoed the write. That proves nothing yet."""
         output = self._outputs[step.name]
         self.image.update(output.codec.encode(step.code))
-        if step.kind is StepKind.PRESS and output.phase is Phase.DUE:
+        if step.kind is StepKind.PRESS and output.phase is Phase.LEAVING:
             output.phase = Phase.ON
             output.verified = False
             if output.spec.width_s is not None:
@@ -184,17 +196,21 @@ class Outputs:
             else:
                 output.try_at = now + RETRY_S
 
-    def failed(self, step: Step, *, maybe_sent: bool, now: float) -> None:
+    def failed(self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False) -> None:
         """The write or its read-back failed. What may have been pressed is let go; a release is tried again."""
         output = self._outputs[step.name]
+        if rejected:
+            output.not_before = now + REJECTED_PAUSE_S
         if step.kind is StepKind.RELEASE:
             output.try_at = now + RETRY_S
         elif step.kind is StepKind.REFRESH:
             output.verified = False
             output.refresh_at = now + RETRY_S
-        elif output.phase is Phase.DUE:
-            output.phase = Phase.LETTING_GO if maybe_sent else Phase.REST
-            output.try_at = now
+        elif not maybe_sent and output.phase in (Phase.LEAVING, Phase.LETTING_GO):
+            self._rest(output, output.rested_at)
+            output.try_at = now + RETRY_S
+        elif output.phase is Phase.LEAVING:
+            output.phase, output.try_at = Phase.LETTING_GO, now
 
     def reconnected(self, cells: Cells, now: float) -> None:
         """Compare with what the controller holds after a new connection.
@@ -205,15 +221,14 @@ class Outputs:
         for output in self._outputs.values():
             rest = output.codec.encode(None)
             self.image.update({cell: value for cell, value in cells.items() if cell in rest})
-            at_rest = _match(cells, rest)
             if output.phase is Phase.ON and output.spec.action == "hold" and self._adopted(output, cells, now):
+                continue
+            if output.phase in (Phase.REST, Phase.DUE) and _match(cells, rest):
                 continue
             if output.phase is Phase.DUE:
                 output.again, output.next_code = True, output.code
-            if at_rest:
-                self._rest(output, now)
-            else:
-                output.phase, output.try_at, output.verified = Phase.LETTING_GO, now, False
+            # written even if it reads at rest: the controller may still find our press in the connection that broke
+            output.phase, output.try_at, output.verified = Phase.LETTING_GO, now, False
 
     def _adopted(self, output: _Output, cells: Cells, now: float) -> bool:
         """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
@@ -222,7 +237,7 @@ class Outputs:
         return output.verified or not output.codec.is_call
 
     def _drop(self, output: _Output) -> None:
-        if output.phase is Phase.ON:
+        if output.phase in (Phase.ON, Phase.LEAVING):
             output.phase, output.try_at = Phase.LETTING_GO, -math.inf
         elif output.phase is Phase.DUE:
             output.phase = Phase.REST
@@ -241,12 +256,12 @@ class Outputs:
 
     def _free_at(self, output: _Output) -> float:
         """Return when the outputs that this one excludes will have rested for the gap; infinity while one is on."""
-        free = output.try_at
+        free = max(output.try_at, output.not_before)
         for name in output.spec.excludes:
             other = self._outputs.get(name)
             if other is None:
                 continue
-            if other.phase in (Phase.ON, Phase.LETTING_GO):
+            if other.phase in (Phase.ON, Phase.LEAVING, Phase.LETTING_GO):
                 return math.inf
             free = max(free, other.rested_at + output.spec.gap_s)
         return free

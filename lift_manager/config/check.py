@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from lift_manager.config.site import Lift, Site
-from register_maps.codec import Codec, Point, compile_map
+from lift_manager.config.site import Controller, Lift, Site
+from register_maps.codec import Codec, Point, SignalCodec, compile_map
 from register_maps.schema import RegisterMap
 
 Key = tuple[str | int, ...]
@@ -29,7 +29,7 @@ def check_site(site: Site, maps: Mapping[str, RegisterMap]) -> list[Problem]:
             problems.append(Problem((*key, "controller"), no_controller(lift.controller, site.controllers)))
             continue
         if lift.controller in maps:
-            problems += _lift(key, lift, maps[lift.controller])
+            problems += _lift(key, lift, site.controllers[lift.controller], maps[lift.controller])
     problems += _shared_outputs(site, maps)
     return problems
 
@@ -57,18 +57,28 @@ def _controllers(site: Site) -> Iterator[Problem]:
         at.setdefault(address, name)
 
 
-def _lift(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
+def _lift(key: Key, lift: Lift, controller: Controller, source: RegisterMap) -> Iterator[Problem]:
     codec = compile_map(source, offset=lift.offset)
     yield from _addresses(key, codec)
     yield from _floors(key, lift, codec)
     yield from _access(key, lift, source)
+    yield from _timing(key, lift, controller, source)
+
+
+def _timing(key: Key, lift: Lift, controller: Controller, source: RegisterMap) -> Iterator[Problem]:
+    timeout_s = controller.timeout_s or source.link.timeout_s
     max_age_s = lift.max_age_s or source.link.max_age_s
     if lift.poll_s * 2 > max_age_s:
         message = f"a poll every {lift.poll_s:g} s is too slow for max_age_s {max_age_s:g}: one lost poll would take the lift offline"
         yield Problem((*key, "poll_s"), message)
+    if timeout_s > max_age_s:
+        message = f"timeout_s {timeout_s:g} of its controller is above max_age_s {max_age_s:g}: one late answer would take the lift offline"
+        yield Problem((*key, "controller"), message)
 
 
 def _addresses(key: Key, codec: Codec) -> Iterator[Problem]:
+    for table in codec.offset.keys() - codec.served.keys():
+        yield Problem((*key, "offset", table), f"{codec.map.name} uses no {table} addresses")
     for table, spans in codec.served.items():
         if any(span.start < 0 or span.stop > 0x10000 for span in spans):
             message = f"moves {table} addresses of {codec.map.name} out of 0 to 65535 on the wire"
@@ -85,6 +95,8 @@ def _floors(key: Key, lift: Lift, codec: Codec) -> Iterator[Problem]:
         named.setdefault(entry.code, floor)
         for message in _uncodable(entry.code, codec, writes=lift.access == "control"):
             yield Problem(where, message)
+        if entry.doors == ():
+            yield Problem(where, "lists no door; leave `doors` out if all of them serve this floor")
         for side in entry.doors or ():
             if side not in sides:
                 yield Problem(
@@ -101,17 +113,22 @@ def _uncodable(code: int, codec: Codec, *, writes: bool) -> Iterator[str]:
         except ValueError as error:
             yield str(error)
             return
-    signal = codec.signals.get("car_floor")
-    if signal is None:
-        return
+    for name in ("car_floor", "destination", "call_accepted"):
+        signal = codec.signals.get(name)
+        if signal is not None and (message := _untellable(code, signal)) is not None:
+            yield message
+            return
+
+
+def _untellable(code: int, signal: SignalCodec) -> str | None:
     try:
-        heard = signal.decode(signal.encode(code))
+        heard = signal.decode(signal.encode(code) & (1 << sum(point.width for point in signal.points)) - 1)
     except ValueError as error:
-        yield str(error)
-        return
-    if heard != code:
-        meaning = "means that no floor is known" if heard is None else f"would read back as {heard}"
-        yield f"code {code} cannot be told apart: in {codec.map.name} it {meaning}"
+        return str(error)
+    if heard == code:
+        return None
+    meaning = "means that there is no floor" if heard is None else f"would read back as {heard}"
+    return f"code {code} cannot be told apart: in {signal.name} it {meaning}"
 
 
 def _access(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:

@@ -14,6 +14,8 @@ Text = Annotated[
     Field(description="text on one line, without control characters"),
 ]
 Seconds = Annotated[float, Field(gt=0, le=86400)]
+Wait = Annotated[float, Field(gt=0, le=10)]
+"""For an answer, a connection or a fresh reading: whoever waits longer than this has no news but history."""
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
 
 
@@ -67,8 +69,8 @@ class Controller(_Part):
     map: Text
     """A shipped map by name, or a path relative to the site file."""
     unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] | None = None
-    timeout_s: Seconds | None = None
-    connect_timeout_s: Seconds = 1.0
+    timeout_s: Wait | None = None
+    connect_timeout_s: Wait = 1.0
     min_gap_s: Annotated[float, Field(ge=0, le=10)] | None = None
     reconnect_min_s: Seconds | None = None
     max_registers_per_read: Annotated[int, Field(strict=True, ge=1, le=125)] | None = None
@@ -88,7 +90,7 @@ class Lift(_Part):
     """Moves every address of a table, for one lift of several on a controller."""
     unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] | None = None
     poll_s: Annotated[float, Field(ge=0.02, le=60)] = 0.2
-    max_age_s: Seconds | None = None
+    max_age_s: Wait | None = None
     lease_s: Seconds = 300.0
     max_session_hold_s: Seconds = 900.0
     accept_latching: Text | None = None

@@ -47,9 +47,11 @@ class SessionKeeper:
         self._sight = sight
         self._changed = changed
         self._call: Call | None = None
+        self._pressed: asyncio.Future[Outcome] | None = None
+        """The newest press of the call."""
         self._permit: Permit = lambda: "there is no session"
         self._sessions_opened = 0
-        self._keep_robot_mode = False
+        self._keep_robot_mode_until: float | None = None
         """The session is over, but the car still moves: robot mode is not dropped under way."""
         self._fire_latched = False
         self._stopping = False
@@ -57,7 +59,7 @@ class SessionKeeper:
     @property
     def busy(self) -> bool:
         """Whether every reading matters, changed or not."""
-        return self.session is not None or self._keep_robot_mode
+        return self.session is not None or self._keep_robot_mode_until is not None
 
     @property
     def arrived(self) -> bool:
@@ -85,7 +87,7 @@ class SessionKeeper:
         """Refuse everything from now on, and end the session."""
         self._stopping = True
         self._end_session("the manager is stopping", _now())
-        self._keep_robot_mode = False
+        self._keep_robot_mode_until = None
 
     def _decide(self, ask: Ask, now: float, *, is_release: bool, offline: str) -> Session | Accepted | Refused:
         options, session = self._options, self.session
@@ -163,7 +165,7 @@ class SessionKeeper:
         if sight is None:
             return
         if self.session is None:
-            self._settle(sight)
+            self._settle(sight, now)
             return
         self._driver.hold(_ROBOT_MODE, self._why_not_now)
         self._serve(sight, now)
@@ -172,7 +174,7 @@ class SessionKeeper:
         mode = sight.values.mode
         if mode is Mode.FIRE and not self._fire_latched:
             self._fire_latched = True
-            self._keep_robot_mode = False
+            self._keep_robot_mode_until = None
             self._driver.let_go(_ROBOT_MODE)
             self._alarm("fire: everything is let go, robots are refused until a person has checked the lift")
         if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:
@@ -185,19 +187,30 @@ class SessionKeeper:
             return
         call = self._call = self._seen_call(call, sight, now)
         if call.phase is CallPhase.WANTED and not calls.granted(sight, self._able):
+            self._release_doors()
             self._await_grant(session, call, now)
             return
-        if calls.may_press(call, sight, self._able):
+        if calls.may_press(call, sight, self._able, now):
             self._release_doors()
             self._press(session.floor, now)
         elif call.phase is CallPhase.ARRIVED:
-            self._driver.let_go(Command(CommandKind.GO_TO, session.floor))
+            self._end_held_call(session.floor)
             self._stay(session, sight, now)
         else:
             self._release_doors()
+            if call.phase is CallPhase.FAILED:
+                self._end_held_call(session.floor)
+
+    def _end_held_call(self, floor: FloorName) -> None:
+        """Let go of a call that is a level; a pulse ends by itself, after its width."""
+        if self._able.call_is_held:
+            self._driver.let_go(Command(CommandKind.GO_TO, floor))
 
     def _seen_call(self, call: Call, sight: Sight, now: float) -> Call:
         after = calls.seen(call, sight, self._able, now)
+        forgotten = self._able.call_is_held and not self._driver.given(Command(CommandKind.GO_TO, call.floor))
+        if after.phase is CallPhase.CONFIRMED and forgotten:
+            after = calls.failed(after, "the controller no longer holds the call", now)
         if after.phase is not call.phase:
             _log.info("%s: call to %s %s %s", self._options.name, call.floor, after.phase, after.reason)
         return after
@@ -215,8 +228,8 @@ class SessionKeeper:
         if self._call is None:
             return
         self._call = calls.pressed(self._call, now)
-        future = self._driver.press(Command(CommandKind.GO_TO, floor), self._permit)
-        future.add_done_callback(self._ended)
+        self._pressed = self._driver.press(Command(CommandKind.GO_TO, floor), self._permit)
+        self._pressed.add_done_callback(self._ended)
 
     def _ended(self, future: asyncio.Future[Outcome]) -> None:
         if future.cancelled():
@@ -225,7 +238,7 @@ class SessionKeeper:
         proof = f", seen by {outcome.proof}" if outcome.proof != "none" else ""
         _log.info("%s: %s %s%s %s", self._options.name, outcome.command, outcome.result, proof, outcome.reason)
         self._bus.publish(CommandEnded(self._options.name, outcome))
-        if self._call is not None and self._call.floor == outcome.command.floor:
+        if self._call is not None and future is self._pressed:
             self._call = calls.ended(self._call, outcome, now)
         self.act(now)
         self._changed()
@@ -243,21 +256,23 @@ class SessionKeeper:
             self._alarm(
                 f"the door was held for {self._options.max_session_hold_s:g} s; it is let go, {session.holder} keeps the lift"
             )
-        if session.hold_spent:
+        if session.hold_spent or barred(sight.values) is not None:
             self._release_doors()
         else:
             for side in self._options.doors_at[session.floor]:
                 self._driver.hold(self._hold_door(side), self._permit)
-            session = replace(session, holding_since=session.holding_since or now)
+            session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self.session = session
 
-    def _settle(self, sight: Sight) -> None:
-        """Drop robot mode after a session, once the car stands still."""
-        if self._keep_robot_mode:
-            if moving(sight.values):
+    def _settle(self, sight: Sight, now: float) -> None:
+        """Drop robot mode after a session, once the car stands still; a car that never does keeps it for a bounded time."""
+        until = self._keep_robot_mode_until
+        if until is not None and moving(sight) and sight.values.flags.get("robot_mode_on", False):
+            if now < until:
                 self._driver.hold(_ROBOT_MODE, self._why_not_now)
                 return
-            self._keep_robot_mode = False
+            self._alarm(f"the car has not come to rest for {self._able.arrive_within_s:g} s; robot mode is dropped")
+        self._keep_robot_mode_until = None
         self._driver.let_go(_ROBOT_MODE)
 
     def _end_session(self, reason: str, now: float) -> None:
@@ -267,12 +282,13 @@ class SessionKeeper:
         self.session = self._call = None
         self._release_doors()
         self._driver.let_go(Command(CommandKind.GO_TO, session.floor))
-        self._keep_robot_mode = not self._fire_latched and not self._stopping
+        keeps = not self._fire_latched and not self._stopping
+        self._keep_robot_mode_until = now + self._able.arrive_within_s if keeps else None
         _log.info("%s: session of %s over: %s", self._options.name, session.holder, reason)
         self._bus.publish(SessionEnded(self._options.name, session.holder, reason))
         sight = self._sight(now)
         if sight is not None:
-            self._settle(sight)
+            self._settle(sight, now)
         self._changed()
 
     def _release_doors(self) -> None:

@@ -51,11 +51,14 @@ class LiftTask:
         await self._looked.wait()
 
     async def run(self) -> None:
-        """Poll and drive the lift until cancelled. Its bad weather stays its own."""
+        """Poll the lift until cancelled. Its bad weather stays its own."""
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._driver.run())
             tasks.create_task(self._poll())
             tasks.create_task(self._watch_age())
+
+    async def drive(self) -> None:
+        """Carry out presses, holds and releases until cancelled; letting go needs this and the link, and nothing else."""
+        await self._driver.run()
 
     async def stop(self) -> None:
         """Refuse everything from now on, let everything go, and return once that is verified."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Iterator
+from collections.abc import Coroutine, Iterable, Iterator
 from contextlib import contextmanager
 
 from lift_manager.core.bus import Bus, Subscription
@@ -21,10 +21,14 @@ class LiftManager:
         self._bus = bus
 
     async def run(self) -> None:
-        """Run every lift until cancelled."""
+        """Poll every lift until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             for lift in self._lifts.values():
                 tasks.create_task(lift.run())
+
+    def drives(self) -> list[Coroutine[None, None, None]]:
+        """Return what carries out each lift's presses and releases, to be run for as long as anything may be held."""
+        return [lift.drive() for lift in self._lifts.values()]
 
     async def first_look(self) -> None:
         """Return once every lift has been read for the first time; bound it with a timeout."""

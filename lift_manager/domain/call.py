@@ -9,14 +9,17 @@ from dataclasses import dataclass, replace
 from enum import StrEnum, unique
 
 from drivers.model import Capabilities, FloorName, Outcome, Result
-from lift_manager.domain.sight import Sight, moving
-from register_maps.words import Door
+from lift_manager.domain.sight import Sight
+from register_maps.words import Door, Motion
 
 BACKOFF_S = (2.0, 30.0)
 """First and longest pause before a failed call may be pressed again (DESIGN section 7)."""
 
 DOOR_OPENS_WITHIN_S = 10.0
 """How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
+
+SETTLES_WITHIN_S = 3.0
+"""How long a car that stops may take to show that it stands. Chosen: levelling takes a second or two."""
 
 LOST_AFTER_READINGS = 3
 """A call counts as lost when this many readings in a row show neither it nor the car at its floor. Chosen: one or two may fall
@@ -70,6 +73,8 @@ def ended(call: Call, outcome: Outcome, now: float) -> Call:
     """Take the outcome of the press."""
     if call.phase is not CallPhase.PRESSED:
         return call
+    if outcome.not_granted:
+        return replace(call, phase=CallPhase.WANTED, since=now)
     if outcome.result is Result.CONFIRMED:
         return replace(call, phase=CallPhase.CONFIRMED, since=now)
     return failed(call, f"{outcome.result}: {outcome.reason}", now)
@@ -108,9 +113,13 @@ def seen(call: Call, sight: Sight, able: Capabilities, now: float) -> Call:
     return replace(call, missing=call.missing + 1)
 
 
-def may_press(call: Call, sight: Sight, able: Capabilities) -> bool:
-    """Whether a wanted call needs a press now: not while the car stops at its floor, unless a call opens the door there."""
-    settling = sight.floor == call.floor and not moving(sight.values)
+def may_press(call: Call, sight: Sight, able: Capabilities, now: float) -> bool:
+    """Whether a wanted call needs a press now: not while the car stops at its floor, unless a call opens the door there.
+
+    A car that stopped there, but not level, is called after a while.
+    """
+    stopping = sight.floor == call.floor and sight.values.motion in (None, Motion.STOPPED)
+    settling = stopping and now - call.since < SETTLES_WITHIN_S + able.evidence_for_s
     opens = able.same_floor_call and sight.standing
     return call.phase is CallPhase.WANTED and (opens or not settling)
 
@@ -137,9 +146,8 @@ def _gone(call: Call, sight: Sight) -> bool:
 
 
 def _shown(call: Call, sight: Sight, able: Capabilities) -> bool:
-    """Whether the lift still shows the call; a map without such a signal cannot lose it."""
-    shown = [name for name in ("call_accepted", "destination") if name in able.signals]
-    if not shown:
-        return True
+    """Whether the lift still shows the call. Without a lamp for it, it counts as lost only when the lift has nothing to do."""
     values = sight.values
-    return call.floor in (values.call_accepted, values.destination)
+    if "call_accepted" in able.signals:
+        return call.floor in (values.call_accepted, values.destination)
+    return "destination" not in able.signals or values.destination is not None

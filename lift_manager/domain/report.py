@@ -86,7 +86,7 @@ def _reported_floor(seen: Seen, sight: Sight) -> FloorName | None:
         return floor
     if seen.session is not None and floor == seen.session.floor and not seen.arrived:
         return None
-    if moving(sight.values) and floor == sight.values.destination:
+    if moving(sight) and floor == sight.values.destination:
         return None
     return floor
 

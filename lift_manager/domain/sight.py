@@ -70,11 +70,10 @@ def barred(values: LiftValues) -> str | None:
     return None
 
 
-def moving(values: LiftValues) -> bool:
-    """Whether the car moves or may be moving: anything but a clear "stopped", or a floor where motion is not told."""
-    if values.motion is not None:
-        return values.motion is not Motion.STOPPED
-    return values.floor is None
+def moving(sight: Sight) -> bool:
+    """Whether the car moves or may be moving: anything but a clear "stopped", or not seen to stand where motion is not told."""
+    motion = sight.values.motion
+    return not sight.standing if motion is None else motion is not Motion.STOPPED
 
 
 def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:

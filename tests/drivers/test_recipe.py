@@ -150,6 +150,7 @@ def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_
         carry_out(made, 0.0)
         made.reconnected(cells | {(Table.HOLDING, 17): int(still_on)}, 5.0)
         assert made.verified("hold_door.front") is still_on
+        assert carry_out(made, 5.0) == Step(StepKind.RELEASE, "go_to", None)
         assert carry_out(made, 5.0) == Step(StepKind.REFRESH, "hold_door.front", 1)
         assert made.phase("go_to") is Phase.REST
 
@@ -170,4 +171,38 @@ def test_a_level_call_that_the_controller_still_holds_is_adopted() -> None:
     made.reconnected({(Table.COIL, n): int(n == 1) for n in range(4)}, 1.0)
     assert made.phase("go_to") is Phase.ON
     made.reconnected({(Table.COIL, n): 0 for n in range(4)}, 2.0)
-    assert made.phase("go_to") is Phase.REST
+    assert carry_out(made, 2.0) == Step(StepKind.RELEASE, "go_to", None)
+    assert made.at_rest
+
+
+def test_a_press_that_is_let_go_while_it_is_on_its_way_is_released_when_it_has_arrived() -> None:
+    made = outputs()
+    made.press("go_to", 3, 0.0)
+    step = made.next(0.0)
+    assert step is not None
+    made.let_go("go_to")
+    assert not made.at_rest
+    made.written(step, 0.1)
+    assert carry_out(made, 0.1) == Step(StepKind.RELEASE, "go_to", None)
+    assert made.at_rest
+
+
+def test_a_press_that_is_let_go_on_its_way_and_never_left_needs_no_release() -> None:
+    made = outputs()
+    made.press("go_to", 3, 0.0)
+    step = made.next(0.0)
+    assert step is not None
+    made.let_go("go_to")
+    made.failed(step, maybe_sent=False, now=0.1)
+    assert made.at_rest
+
+
+def test_a_newer_press_waits_for_the_one_on_its_way_to_be_let_go() -> None:
+    made = outputs()
+    made.press("go_to", 3, 0.0)
+    first = made.next(0.0)
+    assert first is not None
+    made.press("go_to", 2, 0.05)
+    made.written(first, 0.1)
+    assert carry_out(made, 0.1) == Step(StepKind.RELEASE, "go_to", None)
+    assert carry_out(made, 0.1) == Step(StepKind.PRESS, "go_to", 2)

@@ -237,7 +237,13 @@ def test_the_interpreter_can_be_chosen_even_in_a_folder_with_a_space(machine: Ma
 def test_test_runs_the_linters_and_then_the_tests(machine: Machine) -> None:
     assert machine.run("test").returncode == 0
     ran = machine.log.read_text().splitlines()[-5:]
-    assert ran == ["ruff check --quiet", "ruff format --check --quiet", "mypy ", "lint-imports ", "venv -m pytest -n 2 --dist loadfile"]
+    assert ran == [
+        "ruff check --quiet",
+        "ruff format --check --quiet",
+        "mypy ",
+        "lint-imports ",
+        "venv -m pytest -n 2 --dist loadfile",
+    ]
 
 
 def test_test_with_arguments_hands_them_to_the_tests_alone(machine: Machine) -> None:

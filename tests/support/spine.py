@@ -51,6 +51,9 @@ class SimulatedDevice:
     """Hears nothing and answers nothing."""
     ignores_calls: bool = False
     """Answers a write of the call register with OK and does nothing."""
+    refuses: bool = False
+    """Answers a press with an exception."""
+    refused: int = 0
     delay_s: float = 0.004
     wires: list[MemoryWire] = field(default_factory=list)
 
@@ -63,6 +66,9 @@ class SimulatedDevice:
         if self.silent:
             return []
         request, now = frames.parse_request(frame), asyncio.get_running_loop().time()
+        if self.refuses and any(request.values):
+            self.refused += 1
+            return [(self.delay_s, frames.exception_answer(frame, 4))]
         try:
             if request.is_write:
                 if not (self.ignores_calls and request.address == CALL):
@@ -161,7 +167,7 @@ async def spine(
         poll_s=poll_s,
     )
     task = LiftTask(driver, options, bus)
-    running = [asyncio.ensure_future(link.run()), asyncio.ensure_future(task.run())]
+    running = [asyncio.ensure_future(work) for work in (link.run(), task.drive(), task.run())]
     made = Spine(device, task, bus, driver, link)
     await asyncio.sleep(1.5)
     try:

@@ -295,7 +295,7 @@ FLOORS: list[Mistake] = [
     (
         "a code that means no floor, on a lift that is only watched",
         [("L2: 2", "L2: 0"), ("    access: control\n", "")],
-        [said(8, "lifts.main.floors.L2", "code 0", "means that no floor is known")],
+        [said(8, "lifts.main.floors.L2", "code 0", "means that there is no floor")],
     ),
     (
         "a code that does not fit the register's type",

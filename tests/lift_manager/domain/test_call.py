@@ -21,6 +21,7 @@ ABLE = Capabilities(
     call_requires=frozenset(),
     granted_within_s=600.0,
     arrive_within_s=120.0,
+    call_is_held=False,
     same_floor_call=False,
     not_visible={},
     map_name="by-hand",
@@ -101,16 +102,21 @@ def test_re_levelling_with_the_door_open_is_not_leaving() -> None:
 
 def test_where_the_car_stands_nothing_is_pressed() -> None:
     wanted = calls.want(None, "L2", 0.0)
-    assert not calls.may_press(wanted, sight("L2"), ABLE)
-    assert calls.may_press(wanted, sight("L2", motion=Motion.UP), ABLE)
-    assert calls.may_press(wanted, sight("L1"), ABLE)
+    assert not calls.may_press(wanted, sight("L2"), ABLE, 1.0)
+    assert calls.may_press(wanted, sight("L2", motion=Motion.UP), ABLE, 1.0)
+    assert calls.may_press(wanted, sight("L1"), ABLE, 1.0)
+
+
+def test_a_car_that_stopped_off_level_is_called_after_a_while() -> None:
+    wanted = calls.want(None, "L2", 0.0)
+    assert calls.may_press(wanted, sight("L2"), ABLE, calls.SETTLES_WITHIN_S)
 
 
 def test_a_lift_that_opens_for_a_call_is_called_where_it_stands_with_its_door_shut() -> None:
     opens = replace(ABLE, same_floor_call=True)
     wanted = calls.want(None, "L2", 0.0)
     assert calls.seen(wanted, sight("L2"), opens, 0.1) is wanted
-    assert calls.may_press(wanted, sight("L2"), opens)
+    assert calls.may_press(wanted, sight("L2"), opens, 1.0)
     assert calls.seen(wanted, sight("L2", door=Door.OPEN), opens, 0.1).phase is CallPhase.ARRIVED
 
 
