@@ -291,3 +291,13 @@ def test_a_problem_is_known_by_its_path_and_says_whether_it_only_warns(tmp_path:
     problems = check(loaded(tmp_path, NO_GUARD).map)
     assert [(problem.path, problem.warning) for problem in problems] == [(("signals",), True)]
     assert isinstance(problems[0], Problem)
+
+
+def test_what_has_to_be_kept_on_cannot_be_a_pulse(tmp_path: Path) -> None:
+    text = GOOD.replace(
+        "    action: hold\n    max_hold_s: 60\n    on_link_loss: latches\n    granted_by",
+        "    action: pulse\n    width_s: 1\n    granted_by",
+    )
+    assert [(finding.key, "use `action: hold`" in finding.message) for finding in findings_of(tmp_path, text)] == [
+        ("commands.robot_mode.action", True)
+    ]

@@ -235,6 +235,26 @@ CONTROLLERS: list[Mistake] = [
 
 LIFTS: list[Mistake] = [
     (
+        "an offset for a table that the map does not use",
+        [("access: control", "access: control\n    offset: {coil: 1}")],
+        [said(9, "lifts.main.offset.coil", "uses no coil addresses")],
+    ),
+    (
+        "a floor without a door",
+        [("L2: 2", "L2: {code: 2, doors: []}")],
+        [said(9, "lifts.main.floors.L2", "lists no door")],
+    ),
+    (
+        "a time-out beyond the age limit",
+        [("port: 502,", "port: 502, timeout_s: 2,")],
+        [said(7, "lifts.main.controller", "timeout_s 2", "above max_age_s 1")],
+    ),
+    (
+        "an age limit of a day",
+        [("access: control", "access: control\n    max_age_s: 86400")],
+        [said(9, "lifts.main.max_age_s", "at most 10")],
+    ),
+    (
         "an offset that leaves the address space at the top",
         [("access: control", "access: control\n    offset: {holding: 65530}")],
         [said(9, "lifts.main.offset.holding", "0 to 65535 on the wire")],
