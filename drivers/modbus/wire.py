@@ -140,7 +140,7 @@ class _Connection(ModbusProtocol):
         self.close()
 
     def callback_new_connection(self) -> ModbusProtocol:
-        raise NotImplementedError("a client accepts no connections")
+        raise RuntimeError("a client accepts no connections")
 
     def callback_connected(self) -> None:
         if self._aborted:
@@ -157,7 +157,7 @@ class _Connection(ModbusProtocol):
             self._on_lost(f"the connection broke: {exc}" if exc else CLOSED_BY_CONTROLLER)
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
-        raise NotImplementedError("data_received does not pass it on")
+        raise RuntimeError("data_received does not pass it on")
 
     def data_received(self, data: bytes) -> None:
         # Not left to ModbusProtocol: its buffer drops everything that comes when more than 516 bytes come together.

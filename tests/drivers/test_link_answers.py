@@ -20,6 +20,7 @@ from drivers.modbus.memory import Fault, MemoryDevice, MemoryWire, Reply, edited
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, outcome, virtual
+from tests.support.virtual_time import elapse
 
 READ = frames.read(Table.HOLDING, 0)
 PRESS = frames.write_register(3, 1)
@@ -120,7 +121,7 @@ async def test_a_recycle_tells_everyone_who_waits_and_sends_nothing_of_it_later(
     device.fail_next(silence(executes=False), times=2)
     async with linked(device) as link, asyncio.TaskGroup() as group:
         reads = [group.create_task(outcome(link.read(READ))) for _ in range(3)]
-        await asyncio.sleep(0.6)
+        await elapse(0.6)
         press = group.create_task(outcome(link.write(PRESS)))
         await asyncio.wait([*reads, press])
         assert [type(read.result()) for read in reads] == [AnswerTimeout, AnswerTimeout, LinkDown]
@@ -128,7 +129,7 @@ async def test_a_recycle_tells_everyone_who_waits_and_sends_nothing_of_it_later(
         assert isinstance(error, LinkDown)
         assert error.sent is Sent.NO
         await link.wait_up()
-        await asyncio.sleep(10)
+        await elapse(10)
         assert device.executed == []
         assert len(device.heard) == 2
 
@@ -142,7 +143,7 @@ async def test_a_write_without_an_answer_is_never_sent_again() -> None:
             with pytest.raises(AnswerTimeout):
                 await link.write(PRESS)
         await link.wait_up()
-        await asyncio.sleep(10)
+        await elapse(10)
         assert device.writes == [PRESS, PRESS]
 
 
@@ -277,7 +278,7 @@ async def test_a_busy_answer_to_a_write_is_reported_as_not_sent_and_not_repeated
         with pytest.raises(ControllerException) as caught:
             await link.write(PRESS)
         assert (caught.value.code, caught.value.sent) == (6, Sent.NO)
-        await asyncio.sleep(10)
+        await elapse(10)
         assert len(device.heard) == 1
 
 
@@ -309,7 +310,7 @@ async def test_a_command_does_not_wait_while_reads_pause_for_a_busy_device() -> 
         began = now()
         first = group.create_task(link.read(READ_111))
         second = group.create_task(link.read(READ_222))
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         await link.write(PRESS)
         assert now() - began == pytest.approx(0.1)
         assert not second.done()

@@ -11,6 +11,7 @@ from drivers.modbus.memory import MemoryDevice, late, silence
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, outcome, virtual
+from tests.support.virtual_time import elapse
 
 READ = frames.read(Table.HOLDING, 0)
 PRESS = frames.write_coil(9, True)
@@ -22,7 +23,7 @@ async def test_a_command_waits_for_the_transaction_in_flight_and_overtakes_every
     async with linked(device) as link, asyncio.TaskGroup() as group:
         for address in range(50):
             group.create_task(link.read(frames.read(Table.HOLDING, address)))
-        await asyncio.sleep(0.01)
+        await elapse(0.01)
         began = now()
         await link.write(PRESS)
         assert now() - began == pytest.approx(0.01 + 0.02)
@@ -74,7 +75,7 @@ async def test_the_pause_between_transactions_counts_from_the_end_of_the_last_on
         ended = now()
         await link.write(PRESS)
         assert device.heard[-1].at_s - ended == pytest.approx(0.02)
-        await asyncio.sleep(5)
+        await elapse(5)
         began = now()
         await link.read(READ)
         assert device.heard[-1].at_s == began
@@ -116,7 +117,7 @@ async def test_a_press_that_is_no_longer_permitted_when_its_turn_comes_is_not_se
     fire: list[str] = []
     async with linked(device) as link, asyncio.TaskGroup() as group:
         group.create_task(link.read(READ))
-        await asyncio.sleep(0.05)
+        await elapse(0.05)
         press = group.create_task(outcome(link.write(PRESS, lambda: fire[0] if fire else None)))
         behind = group.create_task(link.read(READ))
         fire.append("fire service")
@@ -154,7 +155,7 @@ async def test_a_caller_cancelled_while_it_queues_never_reaches_the_device() -> 
         await asyncio.sleep(0)
         press = group.create_task(link.write(PRESS))
         behind = group.create_task(link.read(READ))
-        await asyncio.sleep(0.05)
+        await elapse(0.05)
         press.cancel()
         await asyncio.wait([press])
         assert press.cancelled()
@@ -170,7 +171,7 @@ async def test_a_caller_cancelled_in_flight_keeps_the_lane_taken_until_its_answe
     async with linked(device) as link, asyncio.TaskGroup() as group:
         began = now()
         first = group.create_task(link.read(frames.read(Table.HOLDING, 1)))
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         first.cancel()
         second = group.create_task(link.read(frames.read(Table.HOLDING, 2)))
     assert first.cancelled()
@@ -186,7 +187,7 @@ async def test_a_cancelled_transaction_that_is_never_answered_frees_the_lane_at_
     async with linked(device) as link, asyncio.TaskGroup() as group:
         began = now()
         first = group.create_task(link.read(READ))
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         first.cancel()
         await link.read(READ)
         assert now() - began == pytest.approx(0.5)

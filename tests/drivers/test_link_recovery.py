@@ -12,6 +12,7 @@ from drivers.modbus.memory import MemoryDevice, MemoryWire, hang_up, silence
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, now, outcome, virtual
+from tests.support.virtual_time import elapse
 
 READ = frames.read(Table.HOLDING, 0)
 PRESS = frames.write_coil(9, True)
@@ -32,7 +33,7 @@ async def test_while_it_is_down_everything_fails_at_once_with_the_reason_and_how
     async with linked(device) as link:
         device.turns_away = ConnectProblem.REFUSED
         device.disconnect()
-        await asyncio.sleep(3)
+        await elapse(3)
         began = now()
         for asking in (link.read(READ), link.read_urgent(READ), link.write(PRESS)):
             with pytest.raises(
@@ -52,7 +53,7 @@ async def test_every_connection_is_a_new_epoch() -> None:
             assert await link.wait_up() == epoch
             assert link.epoch == epoch
             assert (link.state, link.reason, link.since) == (LinkState.UP, "", now())
-            await asyncio.sleep(5)
+            await elapse(5)
             device.disconnect()
             assert (link.state, link.since) == (LinkState.DOWN, now())
             assert link.reason == "the controller closed the connection"
@@ -89,7 +90,7 @@ async def test_attempts_back_off_to_one_a_second_and_no_further() -> None:
     link = Link(make_wire, name="lobby")
     async with asyncio.TaskGroup() as group:
         group.create_task(link.run())
-        await asyncio.sleep(5)
+        await elapse(5)
         await link.close()
     pauses = [after - before for before, after in pairwise(attempts)]
     assert pauses == pytest.approx([0.2, 0.4, 0.8, 1.0, 1.0, 1.0])
@@ -106,7 +107,7 @@ async def test_it_is_up_again_within_two_seconds_of_the_controllers_return(
     async with linked(device) as link:
         device.turns_away = problem
         device.disconnect()
-        await asyncio.sleep(away_s)
+        await elapse(away_s)
         device.turns_away = None
         returned = now()
         await link.wait_up()
@@ -167,7 +168,7 @@ def test_an_outage_is_one_warning_and_its_end_one_line_more(caplog: pytest.LogCa
             await link.read(READ)
             device.turns_away = ConnectProblem.REFUSED
             device.disconnect()
-            await asyncio.sleep(60)
+            await elapse(60)
             device.turns_away = None
             await link.wait_up()
             await link.read(READ)
@@ -207,7 +208,7 @@ async def test_closing_tells_everyone_and_ends_the_run() -> None:
         await link.wait_up()
         press = group.create_task(outcome(link.write(PRESS)))
         queued = group.create_task(outcome(link.write(PRESS)))
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         await link.close()
     assert running.result() is None
     assert isinstance(press.result(), ConnectionLost)
@@ -234,7 +235,7 @@ async def test_closing_while_it_connects_leaves_no_connection() -> None:
     async with asyncio.TaskGroup() as group:
         group.create_task(link.run())
         waiting = group.create_task(outcome(link.wait_up()))
-        await asyncio.sleep(0.5)
+        await elapse(0.5)
         assert link.state is LinkState.CONNECTING
         await link.close()
     assert now() <= 1.0
@@ -250,7 +251,7 @@ async def test_cancelling_the_run_ends_the_connection_and_tells_everyone() -> No
         running = group.create_task(link.run())
         await link.wait_up()
         press = group.create_task(outcome(link.write(PRESS)))
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         running.cancel()
     assert running.cancelled()
     assert isinstance(press.result(), ConnectionLost)

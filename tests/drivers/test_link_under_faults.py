@@ -12,6 +12,7 @@ from drivers.modbus.memory import Fault, MemoryDevice, edited, exception, hang_u
 from register_maps import frames
 from register_maps.words import Table
 from tests.drivers.linked import linked, virtual
+from tests.support.virtual_time import elapse
 
 REGISTERS = 64
 
@@ -43,11 +44,11 @@ async def keep_reading(link: Link, chance: random.Random, good: list[int]) -> No
         except TimeoutError:
             continue
         except DriverError:
-            await asyncio.sleep(0.05)
+            await elapse(0.05)
             continue
         assert int.from_bytes(payload, "big") == address
         good.append(address)
-        await asyncio.sleep(chance.choice([0.0, 0.01]))
+        await elapse(chance.choice([0.0, 0.01]))
 
 
 async def keep_writing(link: Link, numbers: range, told: dict[int, Sent]) -> None:
@@ -58,7 +59,7 @@ async def keep_writing(link: Link, numbers: range, told: dict[int, Sent]) -> Non
             told[number] = error.sent
         else:
             told[number] = Sent.YES
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
 
 
 @pytest.mark.parametrize("tid_echo", [True, False])
@@ -75,7 +76,7 @@ async def test_no_value_is_mixed_up_and_no_write_is_repeated(seed: int, tid_echo
     async def misbehave() -> None:
         while True:
             device.fail_next(any_fault(chance, tid_echo=tid_echo))
-            await asyncio.sleep(chance.choice([0.1, 1.0, 2.0]))
+            await elapse(chance.choice([0.1, 1.0, 2.0]))
 
     async with linked(device, LinkSettings(tid_echo=tid_echo)) as link:
         others = [asyncio.create_task(keep_reading(link, chance, good)) for _ in range(4)]

@@ -19,7 +19,7 @@ from register_maps.codec import compile_map
 from register_maps.frames import Request, exception_answer
 from register_maps.schema import RegisterMap
 from register_maps.words import Door, Mode, Motion, Side, Table
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import elapse, run_virtual
 
 MAPS = Path(__file__).parents[2] / "register_maps" / "maps"
 GO_L2 = Command(CommandKind.GO_TO, "L2")
@@ -52,8 +52,8 @@ class Rig:
 
     async def until(self, true: Callable[[], bool], within_s: float = 10.0) -> None:
         async with asyncio.timeout(within_s):
-            while not true():  # noqa: ASYNC110 - virtual time: a look costs nothing
-                await asyncio.sleep(0.01)
+            while not true():
+                await elapse(0.01)
 
 
 @asynccontextmanager
@@ -77,11 +77,11 @@ async def rig(map_name: str, *, control: bool, beat: bool) -> AsyncIterator[Rig]
                 await lift.read()
             except DriverError as error:
                 made.errors.append(error)
-            await asyncio.sleep(0.1)
+            await elapse(0.1)
 
     tasks = [asyncio.ensure_future(work) for work in (link.run(), lift.run(), poll())]
     await link.wait_up()
-    await asyncio.sleep(0.35)
+    await elapse(0.35)
     try:
         yield made
     finally:
@@ -167,7 +167,7 @@ def test_unchanged_registers_give_the_same_values_object() -> None:
 
 def test_a_heartbeat_that_stands_still_is_no_reading() -> None:
     async def check(made: Rig) -> None:
-        await asyncio.sleep(4)
+        await elapse(4)
         with pytest.raises(HeartbeatStopped, match="has not changed"):
             await made.lift.read()
         made.set(holding_0=999)
@@ -184,7 +184,7 @@ def test_a_call_is_pressed_for_its_width_and_confirmed_by_its_lamp() -> None:
         made.set(holding_7=2)
         outcome = await future
         assert (outcome.result, outcome.proof) == (Result.CONFIRMED, Proof.LAMP)
-        await asyncio.sleep(1)
+        await elapse(1)
         assert made.writes() == ["write holding register 16 := 2, unit 1", "write holding register 16 := 0, unit 1"]
         released = [heard for heard in made.device.heard if heard.request.is_write][-1]
         assert released.at_s - pressed_at == pytest.approx(0.5, abs=0.02)
@@ -197,7 +197,7 @@ def test_a_call_that_nothing_shows_ends_unconfirmed_and_is_not_repeated() -> Non
     async def check(made: Rig) -> None:
         outcome = await made.lift.press(GO_L2, allowed)
         assert outcome.result is Result.UNCONFIRMED
-        await asyncio.sleep(30)
+        await elapse(30)
         assert made.writes().count("write holding register 16 := 2, unit 1") == 1
 
     on_rig("generic-registers", check)
@@ -212,7 +212,7 @@ def test_a_press_whose_answer_is_lost_is_let_go_but_never_pressed_again(fault: F
         made.device.fail_next(fault, on=is_write)
         outcome = await made.lift.press(GO_L2, allowed)
         assert outcome.result is result
-        await asyncio.sleep(5)
+        await elapse(5)
         assert made.device.values[Table.HOLDING].get(16, 0) == 0
         assert [heard.request.values for heard in made.device.heard].count((2,)) == 1
 
@@ -224,7 +224,7 @@ def test_a_release_is_repeated_until_the_register_reads_back_at_rest() -> None:
         made.device.fail_next(DOES_NOTHING, on=lets_go)
         made.device.fail_next(silence(executes=False), times=3, on=lets_go)
         outcome = made.lift.press(GO_L2, allowed)
-        await asyncio.sleep(10)
+        await elapse(10)
         assert made.device.values[Table.HOLDING][16] == 0
         assert [heard.request.values for heard in made.device.heard].count((0,)) >= 4
         assert outcome.done()
@@ -237,7 +237,7 @@ def test_a_write_that_is_answered_but_not_carried_out_is_not_taken_for_done() ->
         made.device.fail_next(DOES_NOTHING, times=100, on=is_write)
         for _ in range(10):
             made.lift.hold(HOLD, allowed)
-            await asyncio.sleep(0.1)
+            await elapse(0.1)
             assert not made.lift.held(HOLD)
 
     on_rig("generic-registers", check)
@@ -247,10 +247,10 @@ def test_a_hold_is_refreshed_verified_and_falls_when_nobody_renews_it() -> None:
     async def check(made: Rig) -> None:
         made.lift.hold(HOLD, allowed)
         await made.until(lambda: made.lift.held(HOLD))
-        await asyncio.sleep(10.5)
+        await elapse(10.5)
         assert made.lift.held(HOLD)
         assert made.writes().count("write holding register 17 := 1, unit 1") == 11
-        await asyncio.sleep(21)
+        await elapse(21)
         assert made.device.values[Table.HOLDING][17] == 0
         assert not made.lift.held(HOLD)
 
@@ -261,7 +261,7 @@ def test_a_hold_that_is_renewed_stays_on() -> None:
     async def check(made: Rig) -> None:
         for _ in range(120):
             made.lift.hold(HOLD, allowed)
-            await asyncio.sleep(1)
+            await elapse(1)
         assert made.device.values[Table.HOLDING][17] == 1
         assert "write holding register 17 := 0, unit 1" not in made.writes()
 
@@ -275,11 +275,11 @@ def test_a_hold_is_not_refreshed_without_permission_and_can_always_be_let_go() -
         await made.until(lambda: made.lift.held(HOLD))
         refusal.append("no more")
         before = len(made.device.writes)
-        await asyncio.sleep(20)
+        await elapse(20)
         assert len(made.device.writes) == before
         assert not made.lift.held(HOLD)
         made.lift.let_go(HOLD)
-        await asyncio.sleep(1)
+        await elapse(1)
         assert made.device.values[Table.HOLDING][17] == 0
 
     on_rig("generic-registers", check)
@@ -298,7 +298,7 @@ def test_a_press_without_permission_sends_nothing() -> None:
 def test_a_call_needs_the_robot_mode_that_its_map_requires() -> None:
     async def check(made: Rig) -> None:
         made.set(holding_4=1, holding_5=0b101)
-        await asyncio.sleep(0.3)
+        await elapse(0.3)
         outcome = await made.lift.press(GO_L2, allowed)
         assert outcome.result is Result.REJECTED
         assert "robot_mode_on" in outcome.reason
@@ -311,11 +311,11 @@ def test_a_monitored_lift_is_never_written_to_not_even_to_clear_it() -> None:
     async def check(made: Rig) -> None:
         made.set(holding_16=2, holding_17=1)
         made.device.disconnect()
-        await asyncio.sleep(2)
+        await elapse(2)
         outcome = await made.lift.press(GO_L2, allowed)
         made.lift.hold(HOLD, allowed)
         await made.lift.release_all()
-        await asyncio.sleep(5)
+        await elapse(5)
         assert outcome.result is Result.REJECTED
         assert made.device.writes == []
 
@@ -326,7 +326,7 @@ def test_outputs_left_on_by_somebody_before_us_are_cleared_on_connect() -> None:
     async def check(made: Rig) -> None:
         made.set(holding_16=2, holding_17=1, holding_18=1)
         made.device.disconnect()
-        await asyncio.sleep(2)
+        await elapse(2)
         image = made.device.values[Table.HOLDING]
         assert (image[16], image[17], image[18]) == (0, 0, 0)
 
@@ -338,7 +338,7 @@ def test_a_hold_that_is_still_on_after_a_reconnect_is_adopted_not_toggled() -> N
         made.lift.hold(HOLD, allowed)
         await made.until(lambda: made.lift.held(HOLD))
         made.device.disconnect()
-        await asyncio.sleep(2)
+        await elapse(2)
         assert made.lift.held(HOLD)
         assert "write holding register 17 := 0, unit 1" not in made.writes()
 
@@ -351,7 +351,7 @@ def test_a_call_that_the_controller_forgot_during_an_outage_is_not_given_again()
         await made.until(lambda: bool(made.device.writes))
         made.set(coil_0=0, coil_1=0)
         made.device.disconnect()
-        await asyncio.sleep(5)
+        await elapse(5)
         assert [request.values for request in made.device.writes].count((0, 1, 0, 0)) == 1
         future.cancel()
 
@@ -363,13 +363,13 @@ def test_two_stop_commands_are_written_together_and_exclude_each_other() -> None
         call = made.lift.press(GO_L2, allowed)
         await made.until(lambda: bool(made.device.writes))
         made.set(discrete_2=0)
-        await asyncio.sleep(1)
+        await elapse(1)
         made.set(discrete_3=1)
         assert (await call).result is Result.CONFIRMED
         made.lift.hold(HOLD, allowed)
         await made.until(lambda: made.lift.held(HOLD))
         made.lift.let_go(HOLD)
-        await asyncio.sleep(1)
+        await elapse(1)
         images = [request.values for request in made.device.writes]
         assert all(request.function == 15 and request.address == 0 for request in made.device.writes)
         assert list(dict.fromkeys(images)) == [(0, 1, 0, 0), (0, 0, 0, 0), (0, 0, 1, 0)]
@@ -409,7 +409,7 @@ def test_a_controller_that_says_accepted_has_taken_the_press() -> None:
         await made.until(lambda: bool(made.device.writes))
         made.set(holding_7=2)
         assert (await future).result is Result.CONFIRMED
-        await asyncio.sleep(1)
+        await elapse(1)
         assert [request.values for request in made.device.writes] == [(2,), (0,)]
 
     on_rig("generic-registers", check)
@@ -423,7 +423,7 @@ def test_a_new_call_replaces_one_that_is_still_pressed() -> None:
         outcome: Outcome = await first
         assert outcome.reason == "replaced by a newer command"
         await second
-        await asyncio.sleep(1)
+        await elapse(1)
         assert [request.values for request in made.device.writes] == [(2,), (0,), (1,), (0,)]
 
     on_rig("generic-registers", check)

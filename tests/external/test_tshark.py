@@ -23,7 +23,7 @@ from drivers.model import Command, CommandKind
 from register_maps.codec import compile_map
 from register_maps.load import load
 from register_maps.words import Side, Table
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import elapse, run_virtual
 
 pytestmark = pytest.mark.external("tshark")
 
@@ -173,7 +173,7 @@ def two_stop_agv() -> tuple[Sent, ...]:
 async def poll(lift: ModbusLift, times: int) -> None:
     for _ in range(times):
         await lift.read()
-        await asyncio.sleep(POLL_S)
+        await elapse(POLL_S)
 
 
 def recorded(

@@ -25,7 +25,7 @@ from simulator.server import SimulatedController
 from tests.register_maps.golden.generic_registers import GENERIC_REGISTERS
 from tests.register_maps.golden.two_stop_agv import TWO_STOP_AGV
 from tests.register_maps.golden.vectors import Does, Golden, Says
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import elapse, run_virtual
 
 GOLDEN = (GENERIC_REGISTERS, TWO_STOP_AGV)
 POLL_S = 0.1
@@ -125,7 +125,7 @@ def test_a_new_connection_is_first_polled_and_then_asked_for_our_own_outputs(gol
         async with driven(golden, bench, control=True) as lift:
             for _ in range(20):
                 await lift.read()
-                await asyncio.sleep(POLL_S)
+                await elapse(POLL_S)
 
     run_virtual(main)
     assert [request for _, request in bench.heard] == [request for request, _ in golden.takes_over]
@@ -167,7 +167,7 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
             async def poll(until: float) -> None:
                 while loop.time() < until - POLL_S / 2:
                     await lift.read()
-                    await asyncio.sleep(POLL_S)
+                    await elapse(POLL_S)
 
             await poll(loop.time() + 1.0)
             given, taken_over = loop.time(), len(bench.heard)

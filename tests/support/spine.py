@@ -27,7 +27,7 @@ from simulator import shaft
 from simulator.controller import Inputs, Parameters
 from simulator.modes import Key
 from simulator.registers import Objection, RegisterFace
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import elapse, run_virtual
 
 MAPS = Path(__file__).parents[2] / "register_maps" / "maps"
 CALL = 16
@@ -133,8 +133,8 @@ class Spine:
         loop = asyncio.get_running_loop()
         start = loop.time()
         async with asyncio.timeout(within_s):
-            while not true(self.state):  # noqa: ASYNC110 - virtual time: a look costs nothing
-                await asyncio.sleep(0.02)
+            while not true(self.state):
+                await elapse(0.02)
         return loop.time() - start
 
 
@@ -169,7 +169,7 @@ async def spine(
     task = LiftTask(driver, options, bus)
     running = [asyncio.ensure_future(work) for work in (link.run(), task.drive(), task.run())]
     made = Spine(device, task, bus, driver, link)
-    await asyncio.sleep(1.5)
+    await elapse(1.5)
     try:
         yield made
     finally:

@@ -14,6 +14,7 @@ from tests.support.virtual_time import (
     TimeLimitError,
     UnhandledError,
     VirtualTimeError,
+    elapse,
     run_virtual,
 )
 
@@ -201,3 +202,8 @@ def test_the_errors_are_failures_of_a_test_and_share_one_root() -> None:
     for error in (DeadlockError, TimeLimitError, LeftoverTaskError, UnhandledError):
         assert issubclass(error, VirtualTimeError)
     assert issubclass(VirtualTimeError, AssertionError)
+
+
+def test_virtual_time_does_not_pass_on_a_real_loop() -> None:
+    with pytest.raises(VirtualTimeError, match="tests do not sleep"):
+        asyncio.run(elapse(0.001))

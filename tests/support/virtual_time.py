@@ -47,6 +47,13 @@ def run_virtual(main: Callable[[], Coroutine[Any, Any, T]], *, limit_s: float = 
         return runner.run(_watched(main))
 
 
+async def elapse(seconds: float) -> None:
+    """Let so many virtual seconds pass; refused on a loop on which it would be a sleep."""
+    if not isinstance(asyncio.get_running_loop(), VirtualTimeLoop):
+        raise VirtualTimeError("tests do not sleep: wait for a condition, or run on virtual time")
+    await asyncio.sleep(seconds)
+
+
 async def _watched(main: Callable[[], Coroutine[Any, Any, T]]) -> T:
     errors: list[str] = []
     loop = asyncio.get_running_loop()

@@ -10,6 +10,7 @@ from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator.controller import Inputs
 from simulator.modes import Key
 from tests.support.spine import OTHER, Spine, on_spine
+from tests.support.virtual_time import elapse
 
 MAPS = ["generic-registers", "two-stop-agv"]
 
@@ -19,7 +20,7 @@ def test_an_idle_lift_says_where_it_is_and_touches_nothing() -> None:
         state = made.state
         assert (state.quality, state.floor, state.destination) == (Quality.LIVE, "L1", "L1")
         assert (state.robot_door, state.motion, state.mode) == (RobotDoor.CLOSED, Motion.STOPPED, Mode.NORMAL)
-        await asyncio.sleep(60)
+        await elapse(60)
         assert made.device.writes == []
 
     on_spine(check)
@@ -33,7 +34,7 @@ def test_a_request_brings_the_car_and_holds_its_door(map_name: str) -> None:
         picture = made.face.picture
         assert picture.door_open_floor == 1
         assert made.state.floor == "L2"
-        await asyncio.sleep(60)
+        await elapse(60)
         assert made.state.robot_door is RobotDoor.OPEN
         assert made.face.picture.doors[Side.FRONT] is Door.OPEN
 
@@ -47,7 +48,7 @@ def test_the_destination_is_not_the_current_floor_before_the_car_stands_there(ma
         while made.state.floor != "L2":
             assert made.state.robot_door is not RobotDoor.OPEN
             assert made.state.destination == "L2"
-            await asyncio.sleep(0.01)
+            await elapse(0.01)
         assert made.face.picture.level_floor == 1
 
     on_spine(check, map_name)
@@ -60,7 +61,7 @@ def test_a_call_without_a_hold_ends_its_session_on_arrival(map_name: str) -> Non
         await made.until(lambda state: state.holder is None and state.floor == "L2")
         await made.until(lambda state: state.robot_door is RobotDoor.OPEN) if map_name != "two-stop-agv" else None
         await made.until(lambda state: state.robot_door is RobotDoor.CLOSED)
-        await asyncio.sleep(1)
+        await elapse(1)
         assert made.state.mode is (Mode.ROBOT if map_name == "two-stop-agv" else Mode.NORMAL)
         assert made.driver.capabilities.commands
 
@@ -85,7 +86,7 @@ def test_repeats_of_a_request_press_nothing_more() -> None:
     async def check(made: Spine) -> None:
         for _ in range(60):
             made.accept("L3")
-            await asyncio.sleep(0.5)
+            await elapse(0.5)
         assert made.state.robot_door is RobotDoor.OPEN
         assert [value for _, value in made.presses()] == [3]
 
@@ -130,7 +131,7 @@ def test_ten_minutes_of_an_idle_workshop_adapter_leave_the_lift_free_for_people(
     async def check(made: Spine) -> None:
         for _ in range(600):
             made.accept(made.state.floor or "L1", hold=False)
-            await asyncio.sleep(1)
+            await elapse(1)
         assert made.state.holder is None
         assert made.device.writes == []
 
@@ -143,11 +144,11 @@ def test_a_slow_idle_client_does_not_call_back_a_lift_that_people_move() -> None
             made.people(Inputs(landing_buttons=frozenset({floor})))
             for _ in range(20):
                 believed = made.state.floor
-                await asyncio.sleep(1.5)
+                await elapse(1.5)
                 if believed is not None:
                     made.accept(believed, hold=False)
             made.people(Inputs())
-            await asyncio.sleep(1)
+            await elapse(1)
         assert made.device.writes == []
 
     on_spine(check)
@@ -181,11 +182,11 @@ def test_a_repeat_renews_the_lease_but_no_hold_lasts_longer_than_the_site_allows
         made.accept("L2")
         await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
         for _ in range(119):
-            await asyncio.sleep(1)
+            await elapse(1)
             made.accept("L2")
             assert made.face.picture.doors[Side.FRONT] is Door.OPEN
         for _ in range(20):
-            await asyncio.sleep(1)
+            await elapse(1)
             made.accept("L2")
         assert made.face.picture.doors[Side.FRONT] is Door.CLOSED
         assert made.state.holder is not None
@@ -197,10 +198,10 @@ def test_a_lost_pulse_is_pressed_again_only_on_a_repeat_and_only_after_a_pause()
     async def check(made: Spine) -> None:
         made.device.ignores_calls = True
         made.accept("L2")
-        await asyncio.sleep(3.5)
+        await elapse(3.5)
         assert len(made.presses()) == 1
         made.accept("L2")
-        await asyncio.sleep(20)
+        await elapse(20)
         assert len(made.presses()) == 1
         made.device.ignores_calls = False
         made.accept("L2")
@@ -214,7 +215,7 @@ def test_a_lost_pulse_is_pressed_again_only_on_a_repeat_and_only_after_a_pause()
 def test_no_robot_is_taken_while_the_key_says_otherwise(key: Key) -> None:
     async def check(made: Spine) -> None:
         made.people(Inputs(key=key))
-        await asyncio.sleep(1)
+        await elapse(1)
         refused = made.refuse("L2")
         assert refused.code is Refusal.MODE
         assert key.value in refused.message
@@ -231,12 +232,12 @@ def test_fire_lets_everything_go_at_once_and_no_door_invites_a_robot_in() -> Non
         await made.until(lambda state: state.mode is Mode.FIRE, within_s=0.5)
         for _ in range(300):
             assert made.state.robot_door is not RobotDoor.OPEN
-            await asyncio.sleep(0.1)
+            await elapse(0.1)
         assert made.state.holder is None
         assert made.face.picture.door_open_floor == 0
         assert made.face.read(Table.HOLDING, 16, 4, asyncio.get_running_loop().time()) == [0, 0, 0, 0]
         made.people(Inputs())
-        await asyncio.sleep(2)
+        await elapse(2)
         assert made.refuse("L2").code is Refusal.FIRE_LATCHED
 
     on_spine(check)
@@ -254,7 +255,7 @@ def test_a_silent_controller_makes_the_lift_offline_within_its_age_limit_and_it_
         assert state.floor is None
         assert "nothing newer within 1 s" in state.reason
         assert made.refuse("L3").code is Refusal.OFFLINE
-        await asyncio.sleep(10)
+        await elapse(10)
         made.device.silent = False
         assert await made.until(lambda state: state.quality is Quality.LIVE) <= 2.0
 
@@ -265,7 +266,7 @@ def test_a_monitored_lift_refuses_calls_but_not_releases() -> None:
     async def check(made: Spine) -> None:
         assert made.refuse("L2").code is Refusal.MONITOR_ONLY
         made.accept("L1", hold=False)
-        await asyncio.sleep(10)
+        await elapse(10)
         assert made.device.writes == []
 
     on_spine(check, control=False)
@@ -301,7 +302,7 @@ def test_a_release_under_way_keeps_robot_mode_until_the_car_stands() -> None:
         assert made.state.holder is None
         while made.face.picture.motion is not Motion.STOPPED:
             assert made.face.picture.robot_mode_on
-            await asyncio.sleep(0.1)
+            await elapse(0.1)
         await made.until(lambda state: state.mode is Mode.NORMAL)
 
     on_spine(check)

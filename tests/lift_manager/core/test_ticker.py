@@ -3,7 +3,7 @@
 import asyncio
 
 from lift_manager.core.ticker import BEAT_S, Ticker
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import elapse, run_virtual
 
 
 def test_a_sleeper_wakes_when_it_is_due_and_at_most_a_beat_late() -> None:
@@ -19,7 +19,7 @@ def test_a_sleeper_wakes_when_it_is_due_and_at_most_a_beat_late() -> None:
 def test_a_time_that_has_passed_wakes_at_once() -> None:
     async def main() -> None:
         ticker, loop = Ticker(), asyncio.get_running_loop()
-        await asyncio.sleep(5)
+        await elapse(5)
         await ticker.sleep_until(2.0)
         assert loop.time() == 5.0
 
@@ -38,7 +38,7 @@ def test_those_who_are_due_together_wake_together_and_a_cancelled_one_disturbs_n
             for when in (0.991, 0.995, 1.0):
                 tasks.create_task(sleeper(when))
             given_up = tasks.create_task(sleeper(0.993))
-            await asyncio.sleep(0.1)
+            await elapse(0.1)
             given_up.cancel()
         assert woken == [1.0, 1.0, 1.0]
 
