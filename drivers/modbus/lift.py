@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from drivers.driver import Permit
@@ -28,11 +28,14 @@ from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Resu
 from register_maps import frames
 from register_maps.codec import Block, Codec
 from register_maps.frames import Request
+from register_maps.schema import Confirm
 from register_maps.words import BIT_TABLES, Table
 
 _log = logging.getLogger(__name__)
 
 _HEARTBEAT = frozenset({"alive"})
+_READ_BACK = Confirm(any_of=("readback",), within_s=2.0)
+"""What counts for a command whose map names no confirmation. The time is that of the shipped maps."""
 
 
 @dataclass(slots=True)
@@ -171,11 +174,11 @@ class ModbusLift:
 
     def held(self, command: Command) -> bool:
         """Whether this hold is on and verified, by read-back or, where the map asks for it, by its effect."""
-        codec = self._commands.get(command.name)
-        if codec is None or self._values is None or self._outputs.phase(command.name) is not Phase.ON:
+        if self._values is None or command.name not in self._commands:
             return False
-        any_of = codec.spec.confirm.any_of if codec.spec.confirm is not None else ("readback",)
-        expected = Expectation(command, any_of, None, ())
+        if self._outputs.phase(command.name) is not Phase.ON:
+            return False
+        expected = Expectation(command, self._confirm(command.name).any_of, None, ())
         return proof(expected, self._values, read_back=self._outputs.verified(command.name)) is not Proof.NONE
 
     async def release_all(self) -> None:
@@ -204,9 +207,7 @@ class ModbusLift:
     async def _take_over(self, epoch: int) -> None:
         """Look at our own outputs over a new connection before anything is believed or written."""
         if self._commands:
-            cells: dict[tuple[Table, int], int] = {}
-            for block in dict.fromkeys(block for codec in self._commands.values() for block in codec.blocks):
-                cells |= await self._read_cells(block)
+            cells = await self._read_cells(block for codec in self._commands.values() for block in codec.blocks)
             self._outputs.reconnected(cells, asyncio.get_running_loop().time())
             self._stir()
         self._epoch = epoch
@@ -281,38 +282,38 @@ class ModbusLift:
         )
         return [_write(block, function, cells, self._settings.unit_id) for block, function in pairs]
 
+    def _confirm(self, name: str) -> Confirm:
+        return self._commands[name].spec.confirm or _READ_BACK
+
     def _must_look(self, step: Step) -> bool:
-        if step.kind is StepKind.RELEASE:
-            return True
-        confirm = self._commands[step.name].spec.confirm
-        return confirm is None or "readback" in confirm.any_of
+        return step.kind is StepKind.RELEASE or "readback" in self._confirm(step.name).any_of
 
     async def _holds(self, step: Step) -> bool:
         codec = self._commands[step.name]
-        wanted = codec.encode(step.code)
-        cells: dict[tuple[Table, int], int] = {}
-        for block in codec.blocks:
-            cells |= await self._read_cells(block)
-        return all(cells.get(cell) == value for cell, value in wanted.items())
+        cells = await self._read_cells(codec.blocks)
+        return all(cells.get(cell) == value for cell, value in codec.encode(step.code).items())
 
-    async def _read_cells(self, block: Block) -> dict[tuple[Table, int], int]:
-        payload = await self._link.read_urgent(
-            frames.read(block.table, block.start, block.count, self._settings.unit_id)
-        )
-        if block.table in BIT_TABLES:
-            values: tuple[int, ...] = frames.unpack_bits(payload, block.count)
-        else:
-            values = tuple(int.from_bytes(payload[i : i + 2], "big") for i in range(0, len(payload), 2))
-        return {(block.table, block.start + i): value for i, value in enumerate(values)}
+    async def _read_cells(self, blocks: Iterable[Block]) -> dict[tuple[Table, int], int]:
+        """Read what the controller holds in these blocks, each once."""
+        cells: dict[tuple[Table, int], int] = {}
+        for block in dict.fromkeys(blocks):
+            request = frames.read(block.table, block.start, block.count, self._settings.unit_id)
+            payload = await self._link.read_urgent(request)
+            if block.table in BIT_TABLES:
+                values: tuple[int, ...] = frames.unpack_bits(payload, block.count)
+            else:
+                values = tuple(int.from_bytes(payload[i : i + 2], "big") for i in range(0, len(payload), 2))
+            cells.update(
+                {(block.table, address): value for address, value in zip(_addresses(block), values, strict=True)}
+            )
+        return cells
 
     def _await_proof(self, press: _Press) -> None:
-        confirm = self._commands[press.command.name].spec.confirm
-        any_of, within_s = (confirm.any_of, confirm.within_s) if confirm is not None else (("readback",), 2.0)
-        loop = asyncio.get_running_loop()
-        press.expected = Expectation(press.command, any_of, self._values, tuple(self._settings.floors))
+        confirm, loop = self._confirm(press.command.name), asyncio.get_running_loop()
+        press.expected = Expectation(press.command, confirm.any_of, self._values, tuple(self._settings.floors))
         press.written_at = loop.time()
         self._waiting.append(press)
-        loop.call_later(within_s, self._too_late, press, within_s)
+        loop.call_later(confirm.within_s, self._too_late, press, confirm.within_s)
 
     def _look(self, values: LiftValues, at: float) -> None:
         """Compare what is waited for with a reading that was asked for after the write."""
