@@ -1,65 +1,77 @@
-"""Whether each command of a map is complete, bounded, and can be confirmed."""
+"""Whether each command of a map is complete and bounded: its points, its values, its action and its times."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+from register_maps.address import Place
 from register_maps.errors import Problem
 from register_maps.plain import closest
-from register_maps.schema import COMMANDS, SIGNALS, Command, Kind, RegisterMap, parse_address
-from register_maps.words import WRITABLE_TABLES, Table
+from register_maps.schema import CALLS, COMMANDS, Command, RegisterMap
+from register_maps.words import BIT_TABLES, WRITABLE_TABLES, Table
 
 Said = Iterator[tuple[tuple[str | int, ...], str]]
 
-_OF_A_HOLD = ("until", "max_hold_s", "refresh_s", "on_link_loss", "bounded_by")
-_SHOWS_EFFECT = {"go_to": ("car_floor", "motion"), "robot_mode": ("robot_mode_on",)}
+_OF_A_HOLD = ("until", "max_hold_s", "refresh_s", "on_link_loss", "bounded_by", "repeat_pulse_s")
+_OF_A_HEARTBEAT = frozenset({"at", "action", "every_s", "type", "rest", "shared_word", "note"})
+_REFUSED_ANYWAY = frozenset({"one_of", "as_", "until", "read_at", "read_one_of"})
+"""Keys that other rules refuse a heartbeat."""
+
+_ALIASES = {"on": "press"}
+_KEPT_ON = ("robot_mode", "hold_door.")
 
 
 def check_commands(source: RegisterMap) -> Iterator[Problem]:
-    """Yield the problems of every command by itself and of what it names."""
+    """Yield the problems of every command by itself."""
     for name, command in source.commands.items():
         path = ("commands", name)
         if name not in COMMANDS:
             hint = closest(name, COMMANDS) or f"; commands are {', '.join(COMMANDS)}"
             yield Problem(path, f"there is no command of this name{hint}")
             continue
-        for check in (_floors, _point, _action, _names, _confirm):
-            for key, message in check(source, name, command):
+        for rule in _RULES:
+            for key, message in rule(source, name, command):
                 yield Problem((*path, *key), message)
-        if command.action == "pulse" and command.confirm is None:
-            message = "nothing confirms this press; say `confirm`, or it counts as unconfirmed unless it reads back"
-            yield Problem(path, message, warning=True)
+
+
+def is_bit(place: Place) -> bool:
+    """Whether a place is one bit: a coil, a discrete input, or a bit of a register."""
+    return place.table in BIT_TABLES or place.bit is not None
 
 
 def _floors(_: RegisterMap, name: str, command: Command) -> Said:
-    if name != "go_to":
-        for key, given in (("as", command.as_), ("one_of", command.one_of), ("until", command.until)):
+    if name not in CALLS:
+        for key, given in (("as", command.as_), ("one_of", command.one_of)):
             if given is not None:
-                yield (key,), "belongs to go_to, the only command with a floor; remove it"
+                yield (key,), f"belongs to a call ({', '.join(CALLS)}), and {name} has no floor; remove it"
+        if "arrive_within_s" in command.model_fields_set and not command.is_heartbeat:
+            yield ("arrive_within_s",), f"belongs to a call, and {name} goes nowhere; remove it"
         return
     if command.one_of is None and command.as_ is None:
-        yield (), "go_to carries a floor: say `as: floor` for a number, or `one_of` for one output per floor"
+        yield (), f"{name} carries a floor: say `as: floor` for a number, or `one_of` for one output per floor"
     if command.one_of is not None and command.as_ is not None:
         yield ("as",), "`one_of` is one output per floor already; remove `as`"
     if command.one_of is not None and command.rest != 0:
         yield ("rest",), "outputs of `one_of` rest at 0; remove `rest`"
+    if command.one_of is not None and "on" in command.model_fields_set:
+        yield ("press",), "outputs of `one_of` are pressed with 1; remove `press`"
 
 
-def _point(_: RegisterMap, __: str, command: Command) -> Said:
-    for key, address in address_keys(command):
-        table, number, bit = parse_address(address)
-        if table not in WRITABLE_TABLES:
-            yield key, f"a {table} cannot be written; commands are coils or holding registers"
-        elif bit is not None:
-            cure = f"give the whole register, holding:{number}, if the device allows that"
-            yield key, f"a bit in a register needs read-modify-write, which is not supported yet; {cure}"
+def _point(source: RegisterMap, __: str, command: Command) -> Said:
+    for key, text in command.keyed_addresses:
+        place = source.place(text)
+        if place.table not in WRITABLE_TABLES:
+            yield key, f"a {place.table} cannot be written; commands are coils or holding registers"
     if command.at is None:
         return
-    table = parse_address(command.at)[0]
-    if table is Table.COIL and command.as_ is not None:
-        yield ("at",), "a coil cannot carry a floor number; give a holding register, or `one_of`"
-    low, high = (0, 1) if table is Table.COIL else (0, 0xFFFF) if command.type == "uint16" else (-0x8000, 0x7FFF)
-    sort = "a coil" if table is Table.COIL else command.type
+    place = source.place(command.at)
+    if is_bit(place) and command.as_ is not None:
+        what = "a coil" if place.table is Table.COIL else "a bit"
+        yield ("at",), f"{what} cannot carry a floor number; give a holding register, or `one_of`"
+    if place.bit is not None and command.type == "int16":
+        yield ("type",), "int16 needs a whole register, and this is 1 bit; use uint16"
+    low, high = (0, 1) if is_bit(place) else (0, 0xFFFF) if command.type == "uint16" else (-0x8000, 0x7FFF)
+    sort = "a coil" if place.table is Table.COIL else "a bit" if is_bit(place) else command.type
     for name, value in (("press", command.on), ("rest", command.rest)):
         if not low <= value <= high:
             yield (name,), f"{value} does not fit: {sort} holds {low} to {high}"
@@ -67,70 +79,152 @@ def _point(_: RegisterMap, __: str, command: Command) -> Said:
         yield ("press",), "a call writes its floor, not a fixed value; remove `press`"
 
 
+def _read_back(source: RegisterMap, _: str, command: Command) -> Said:
+    reads = command.keyed_read_addresses
+    if not reads:
+        return
+    if command.read_at is not None and command.read_one_of is not None:
+        yield ("read_at",), "`read_at` goes with `at`, and `read_one_of` with `one_of`; remove one of the two"
+        return
+    way, wanted = ("at", "read_at") if command.at is not None else ("one_of", "read_one_of")
+    given = "read_at" if command.read_at is not None else "read_one_of"
+    if given != wanted:
+        yield (given,), f"the command is written with `{way}`; say `{wanted}`"
+        return
+    if command.ends_itself or command.is_heartbeat:
+        why = "a heartbeat changes all the time" if command.is_heartbeat else "the device ends this pulse by itself"
+        yield (given,), f"{why}, and it is not read back; remove it"
+    if len(reads) != len(command.keyed_addresses):
+        yield (given,), f"has {len(reads)} entries for {len(command.keyed_addresses)} outputs; give one for each"
+    for (key, text), at in zip(reads, command.addresses, strict=False):
+        if is_bit(source.place(text)) != is_bit(source.place(at)):
+            sort = "a single bit" if is_bit(source.place(at)) else "a whole register"
+            yield key, f"{at} is {sort}, and {text} is not; read it back from {sort}"
+
+
 def _action(_: RegisterMap, name: str, command: Command) -> Said:
-    if command.action == "pulse":
-        if name.startswith("hold_door.") or name == "robot_mode":
-            yield ("action",), "it has to be kept on, and a pulse is never repeated; use `action: hold`"
+    if (name == "heartbeat") is not command.is_heartbeat:
+        if name == "heartbeat":
+            yield ("action",), "our sign of life has to change for ever; use `action: count` or `action: toggle`"
+        else:
+            yield ("action",), f"`{command.action}` is for the heartbeat; use `action: pulse` or `action: hold`"
+    elif command.action == "pulse" and name.startswith(_KEPT_ON):
+        cure = "use `action: hold`; for a controller that wants repeated presses say `repeat_pulse_s` with it"
+        yield ("action",), f"it has to be kept on, and a pulse is never repeated; {cure}"
+    if command.action != "hold" and not command.is_heartbeat:
         for key in _OF_A_HOLD:
             if getattr(command, key) is not None:
                 yield (key,), "belongs to `action: hold`; a pulse ends by itself after `width_s`"
-        return
-    if command.width_s is not None:
+    if command.action == "hold" and command.width_s is not None and command.repeat_pulse_s is None:
         yield ("width_s",), "belongs to `action: pulse`; a hold is bounded by `max_hold_s`"
-    if command.refresh_s is not None and command.max_hold_s is not None and command.refresh_s >= command.max_hold_s:
-        message = f"{command.refresh_s:g} s is not before max_hold_s, {command.max_hold_s:g} s; refresh sooner"
-        yield ("refresh_s",), message
-    if command.confirm is None:
-        yield (), "a hold needs `confirm`, such as {any_of: [readback], within_s: 2}"
+    if command.timed_by == "device" and command.action == "hold":
+        yield ("timed_by",), "is for a pulse; for a hold that the device ends say `on_link_loss: timed_by_device`"
 
 
-def _names(source: RegisterMap, name: str, command: Command) -> Said:
-    named: list[tuple[tuple[str | int, ...], str]] = []
-    named += [(("requires", index), flag) for index, flag in enumerate(command.requires)]
-    if command.granted_by is not None:
-        named.append((("granted_by",), command.granted_by))
-    for place, flag in named:
-        if flag not in source.signals:
-            yield place, _absent(flag, source)
-        elif SIGNALS.get(flag) is not Kind.FLAG:
-            yield place, f"{flag} is no flag; name one that reads yes or no"
-    for index, other in enumerate(command.excludes):
-        if other == name:
-            yield ("excludes", index), "a command cannot exclude itself; remove it"
-        elif other not in source.commands:
-            hint = closest(other, source.commands)
-            yield ("excludes", index), f"the map has no command {other}{hint or '; remove it, or declare the command'}"
+def _heartbeat(source: RegisterMap, name: str, command: Command) -> Said:
+    if name != "heartbeat" or not command.is_heartbeat:
+        if name != "heartbeat" and command.every_s is not None:
+            yield ("every_s",), "belongs to the heartbeat; a hold is written again every `refresh_s`"
+        return
+    if command.every_s is None:
+        yield (), "a heartbeat needs `every_s`: how often it is written"
+    elif command.every_s < source.link.min_gap_s:
+        message = f"cannot be kept: the link leaves {source.link.min_gap_s:g} s between requests (min_gap_s); give more than that"
+        yield ("every_s",), message
+    if command.at is not None and command.action == "count" and is_bit(source.place(command.at)):
+        yield ("action",), "a count needs a whole register; in a bit use `action: toggle`"
+    for key in sorted(command.model_fields_set - _OF_A_HEARTBEAT - _REFUSED_ANYWAY):
+        yield (_ALIASES.get(key, key),), "a heartbeat is written all the time and never pressed; remove it"
 
 
-def _confirm(source: RegisterMap, name: str, command: Command) -> Said:
-    for index, word in enumerate(command.confirm.any_of if command.confirm is not None else ()):
-        key = ("confirm", "any_of", index)
-        kind = SIGNALS.get(word)
-        if word == "effect":
-            shown_by = _SHOWS_EFFECT.get(name, (f"door.{name.partition('.')[2]}",))
-            if not any(signal in source.signals for signal in shown_by):
-                yield (
-                    key,
-                    f"the effect cannot be seen without {' or '.join(shown_by)}; declare it, or name another proof",
-                )
-        elif word == "readback":
-            continue
-        elif word not in source.signals:
-            yield key, _absent(word, source, "effect", "readback")
-        elif kind not in (Kind.FLAG, Kind.FLOOR):
-            yield key, f"{word} is a {kind}; only a flag or a floor confirms"
-        elif kind is Kind.FLOOR and name != "go_to":
-            yield key, f"{word} is a floor, and only go_to has one to compare with; name a flag"
+def _until(source: RegisterMap, name: str, command: Command) -> Said:
+    match command.until:
+        case "arrived" if name not in CALLS:
+            yield ("until",), f"belongs to a call ({', '.join(CALLS)}), and {name} goes nowhere; remove it"
+        case "closed" if not name.startswith("close_door."):
+            yield ("until",), "`closed` ends close_door; remove it"
+        case "closed":
+            door = f"door.{name.partition('.')[2]}"
+            if door not in source.signals and door not in source.needs:
+                yield ("until",), f"nobody can see the door closed without {door}; declare it, or remove `until`"
+        case "robot_in_place" | "robot_left" as end:
+            if name not in ("call", "go"):
+                yield ("until",), f"`{end}` ends call or go, the calls of a robot outside and inside; remove it"
+            elif end not in source.commands:
+                yield ("until",), f"the map has no command {end}; declare it, or remove `until`"
+        case _:
+            pass
 
 
-def address_keys(command: Command) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Every address of a command with its key."""
-    if command.at is not None:
-        yield ("at",), command.at
-    for index, address in enumerate(command.one_of or ()):
-        yield ("one_of", index), address
+def _times(_: RegisterMap, __: str, command: Command) -> Said:
+    for key in ("refresh_s", "repeat_pulse_s"):
+        given = getattr(command, key)
+        if given is not None and command.max_hold_s is not None and given >= command.max_hold_s:
+            cure = "refresh sooner" if key == "refresh_s" else "repeat sooner"
+            yield (key,), f"{given:g} s is not before max_hold_s, {command.max_hold_s:g} s; {cure}"
+    if command.repeat_pulse_s is not None:
+        if command.width_s is not None and command.repeat_pulse_s <= command.width_s:
+            message = f"each pulse lasts {command.width_s:g} s and has to end before the next; give more than that"
+            yield ("repeat_pulse_s",), message
+        if command.refresh_s is not None:
+            message = "a hold is either written again, or pressed again every `repeat_pulse_s`; remove one of the two"
+            yield ("refresh_s",), message
+    if command.gap_s and not command.excludes:
+        yield ("gap_s",), "is the pause after letting go what `excludes` names; say `excludes`, or remove it"
+    if "granted_within_s" in command.model_fields_set and command.granted_by is None:
+        yield ("granted_within_s",), "belongs to `granted_by`; say what grants it, or remove this"
 
 
-def _absent(name: str, source: RegisterMap, *others: str) -> str:
-    hint = closest(name, (*source.signals, *others))
-    return f"the map has no signal {name}{hint or '; declare it under `signals`, or remove it'}"
+def _payload(source: RegisterMap, _: str, command: Command) -> Said:
+    payload = command.payload
+    if payload is None or command.is_heartbeat:
+        return
+    if command.as_ is not None:
+        yield ("payload",), "a call writes its floor, and cannot carry a time; remove `payload`"
+        return
+    if command.one_of is not None and not command.ends_itself:
+        yield ("payload",), "one output per floor carries a time only if the device ends it; say `timed_by: device`"
+        return
+    wanted = "width_s" if command.action == "pulse" else "max_hold_s"
+    if payload.time != wanted:
+        yield ("payload", "time"), f"the time of a {command.action} is `{wanted}`; say `time: {wanted}`"
+        return
+    if command.at is not None and "on" in command.model_fields_set:
+        yield ("press",), "the value written is the time; remove `press`, or `payload`"
+    places = [source.place(text) for text in command.addresses]
+    if any(place.bit is not None for place in places):
+        yield ("payload",), "a bit cannot carry a time; give a whole register"
+        return
+    if any(place.table is Table.COIL for place in places) and not command.ends_itself:
+        message = (
+            "a coil takes a time only for a pulse that the device ends; say `action: pulse` and `timed_by: device`"
+        )
+        yield ("payload",), message
+    seconds = command.width_s if command.action == "pulse" else command.max_hold_s
+    most = 0xFFFF if all(_takes_a_word(place, command) for place in places) else 0x7FFF
+    for message in _counts(seconds or 0.0, payload.unit_s, most):
+        yield (wanted,), message
+
+
+def _takes_a_word(place: Place, command: Command) -> bool:
+    return place.table is not Table.COIL and command.type == "uint16"
+
+
+def _counts(seconds: float, unit_s: float, most: int) -> Iterator[str]:
+    counts = seconds / unit_s
+    if abs(counts - round(counts)) > 1e-6:
+        yield f"{seconds:g} s is {counts:g} counts of {unit_s:g} s; give a whole number of them"
+    elif not 1 <= round(counts) <= most:
+        yield f"{seconds:g} s is {counts:.0f} counts of {unit_s:g} s, and 1 to {most} can be written; give a time that fits"
+
+
+_RULES: tuple[Callable[[RegisterMap, str, Command], Said], ...] = (
+    _floors,
+    _point,
+    _read_back,
+    _action,
+    _heartbeat,
+    _until,
+    _times,
+    _payload,
+)

@@ -6,11 +6,35 @@ from collections.abc import Iterator
 
 from register_maps.errors import Problem
 from register_maps.plain import closest
-from register_maps.schema import SIGNALS, WORDS, Kind, RegisterMap, Signal, parse_address
+from register_maps.schema import SIGNALS, WORDS, Kind, RegisterMap, Signal
+from register_maps.signal_schema import PLACE_KEYS
 from register_maps.words import BIT_TABLES
 
-_DOOR_WORDS = {0: "closed", 1: "open"}
-"""What a single bit of a door means where the map does not say."""
+Said = Iterator[tuple[tuple[str | int, ...], str]]
+
+_SINGLE = frozenset(Kind) - {Kind.FLOORS}
+_WAYS: dict[str, tuple[frozenset[Kind], str]] = {
+    "at": (_SINGLE, "one point is not enough for one bit per floor"),
+    "one_of": (frozenset({Kind.FLOOR}), "one bit per floor is for floors"),
+    "each_of": (frozenset({Kind.FLOORS}), "any number of bits at once is for calls_registered"),
+    "code_of": (frozenset({Kind.FLOOR}), "a position code is for floors"),
+    "open_limit": (frozenset({Kind.DOOR}), "limits are for doors"),
+    "open_limits": (frozenset({Kind.DOOR}), "limits are for doors"),
+    "up": (frozenset({Kind.MOTION}), "two directions are for the motion"),
+}
+"""Kinds that may be said in each way, and what the way is for."""
+
+_BELONGS: dict[str, tuple[str, ...]] = {
+    "values": ("at",),
+    "bits": ("at",),
+    "must_change_within_s": ("at",),
+    "word_order": ("at",),
+    "means_yes": ("at",),
+    "unknown": ("at", "code_of"),
+    "none": ("at", "code_of"),
+    "code": ("at", "code_of"),
+}
+"""Keys that only some ways have."""
 
 
 def check_signals(source: RegisterMap) -> Iterator[Problem]:
@@ -22,97 +46,174 @@ def check_signals(source: RegisterMap) -> Iterator[Problem]:
             hint = closest(name, SIGNALS) or f"; signals are {', '.join(SIGNALS)}"
             yield Problem(path, f"there is no signal of this name{hint}")
             continue
-        for key, message in _signal(kind, signal):
+        for key, message in _signal(source, name, kind, signal):
             yield Problem((*path, *key), message)
 
 
-def word_table(name: str, signal: Signal) -> dict[int, str]:
-    """Code to word of a door, motion or mode, as raw values; with the meaning of a bare bit where the map has none."""
-    default = _DOOR_WORDS if name.startswith("door.") else {}
-    table = signal.values if signal.values is not None else default
-    if signal.active == "low" and width_of(signal) == 1:
-        return {code ^ 1: word for code, word in table.items()}
-    return dict(table)
+def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Said:
+    width = _width(source, signal)
+    yield from _form(kind, signal)
+    yield from _single_bits(source, signal)
+    yield from _field(source, signal)
+    yield from _type(kind, signal, width)
+    yield from _level(kind, signal, width)
+    yield from _units(name, kind, signal)
+    yield from _counting(kind, signal)
+    if signal.known_while is not None:
+        if name != "car_floor":
+            yield ("known_while",), "belongs to car_floor; remove it"
+        elif "motion" not in source.signals:
+            yield ("known_while",), "nothing tells when the car is stopped; declare `motion`, or remove it"
+    if signal.at is not None:
+        yield from _words(kind, signal, width)
+        yield from _flag(kind, signal, width)
+    if signal.at is not None or signal.code_of is not None:
+        yield from _reserved(kind, signal)
+        yield from _codes(signal, width)
 
 
-def width_of(signal: Signal) -> int:
-    """How many bits the raw value has, at one point."""
-    table, _, bit = parse_address(signal.addresses[0])
-    if table in BIT_TABLES or bit is not None:
+def _width(source: RegisterMap, signal: Signal) -> int:
+    """Count the bits of the raw value; of a 32-bit number, those of its first register."""
+    if signal.code_of is not None:
+        return len(signal.code_of)
+    if signal.at is None:
+        return 1
+    place = source.place(signal.at)
+    if place.table in BIT_TABLES or place.bit is not None:
         return 1
     return 16 if signal.bits is None else signal.bits[1] - signal.bits[0] + 1
 
 
-Said = Iterator[tuple[tuple[str | int, ...], str]]
-
-
-def _signal(kind: Kind, signal: Signal) -> Said:
-    yield from _form(kind, signal)
-    yield from _point(kind, signal)
-    if signal.at is not None:
-        yield from _coding(kind, signal)
-        yield from _codes(signal)
+def _way(signal: Signal) -> str:
+    """First key of the way in which a signal says where it is."""
+    return next(keys[0] for keys in PLACE_KEYS if getattr(signal, keys[0]) is not None)
 
 
 def _form(kind: Kind, signal: Signal) -> Said:
-    """One point, one bit per floor, or two limits: each for its kind."""
-    if signal.one_of is not None and kind is not Kind.FLOOR:
-        yield ("one_of",), f"one bit per floor is for floors, and this is a {kind}; say `at`"
-    if signal.open_limit is not None and kind is not Kind.DOOR:
-        yield ("open_limit",), f"limits are for doors, and this is a {kind}; say `at`"
-    if signal.at is None:
-        for key in ("values", "unknown", "none", "bits", "must_change_within_s"):
-            if key in signal.model_fields_set:
-                yield (key,), "belongs to a signal with `at`; remove it"
+    """Each way for its kinds, and each key for its ways."""
+    way = _way(signal)
+    kinds, purpose = _WAYS[way]
+    if kind not in kinds:
+        cures = [f"`{key}`" for key, (others, _) in _WAYS.items() if kind in others]
+        yield (way,), f"{purpose}, and this is a {kind}; say {' or '.join(cures)}"
+    for key, ways in _BELONGS.items():
+        if key in signal.model_fields_set and way not in ways:
+            yield (key,), f"belongs to a signal with {' or '.join(f'`{other}`' for other in ways)}; remove it"
     if kind is not Kind.FLOOR and signal.as_ is not None:
         yield ("as",), f"`as: floor` is for floors, and this is a {kind}; remove it"
     if kind is Kind.FLOOR and signal.at is not None and signal.as_ is None:
         yield (), "a floor that is a number needs `as: floor`"
 
 
-def _point(kind: Kind, signal: Signal) -> Said:
-    table, _, bit = parse_address(signal.addresses[0])
-    if signal.bits is not None and signal.at is not None:
-        if table in BIT_TABLES:
-            yield ("bits",), f"a {table} is a single bit; remove `bits`, or give a register"
-        elif bit is not None:
-            yield ("bits",), f"`at` names bit {bit} already; say either `bits` or the bit"
-    width = width_of(signal)
-    if signal.type == "int16" and width < 16:
-        yield ("type",), f"int16 needs a whole register, and this is {_bits(width)}; use uint16"
+def _single_bits(source: RegisterMap, signal: Signal) -> Said:
+    if signal.at is not None:
+        return
+    for key, text in signal.keyed_addresses:
+        place = source.place(text)
+        if place.table not in BIT_TABLES and place.bit is None:
+            yield key, f"{text} is a whole register, and one bit is meant; name it, such as {text}.0"
+
+
+def _field(source: RegisterMap, signal: Signal) -> Said:
+    if signal.bits is None or signal.at is None:
+        return
+    place = source.place(signal.at)
+    if place.table in BIT_TABLES:
+        yield ("bits",), f"a {place.table} is a single bit; remove `bits`, or give a register"
+    elif place.bit is not None:
+        yield ("bits",), f"`at` names bit {place.bit} already; say either `bits` or the bit"
+    elif signal.wide:
+        yield ("bits",), f"{signal.type} fills two registers; remove `bits`, or use uint16"
+
+
+def _type(kind: Kind, signal: Signal, width: int) -> Said:
     if (signal.type == "counter") is not (kind is Kind.COUNTER):
         yield ("type",), "a counter needs `type: counter`" if kind is Kind.COUNTER else f"a {kind} is not a counter"
-    one_bit = kind in (Kind.FLAG, Kind.DOOR) and (width == 1 or kind is Kind.FLAG or signal.at is None)
-    if signal.active == "low" and not one_bit:
-        yield ("active",), "`active: low` is for a flag, a door's limits or a door's single bit; change the `values`"
+    elif signal.wide and kind not in (Kind.NUMBER, Kind.FLOOR):
+        yield ("type",), f"{signal.type} is for numbers and floors, and this is a {kind}; use uint16 or int16"
+    elif signal.wide and (width == 1 or signal.at is None):
+        yield (
+            ("type",),
+            f"{signal.type} needs two whole registers, and this is {_bits(width)}; give the first of the two",
+        )
+    elif signal.type == "int16" and (width < 16 or signal.at is None):
+        yield ("type",), f"int16 needs a whole register, and this is {_bits(width)}; use uint16"
+    if signal.wide and signal.word_order is None:
+        message = "a number in two registers needs `word_order`: `high_first` if the high half has the lower address, else `low_first`"
+        yield (), message
+    if not signal.wide and signal.word_order is not None and signal.at is not None:
+        yield ("word_order",), "belongs to a number in two registers; remove it, or say `type: uint32`"
 
 
-def _coding(kind: Kind, signal: Signal) -> Said:
-    words = WORDS.get(kind)
-    if words is None and signal.values is not None:
-        cures = {Kind.FLAG: "to invert it say `active: low`", Kind.FLOOR: "the site file names the floor codes"}
-        yield ("values",), f"a {kind} has no table of words; {cures.get(kind, 'remove `values`')}"
-    if words is not None and signal.values is None and (kind is not Kind.DOOR or width_of(signal) > 1):
-        yield (), f"a {kind} needs `values`, a table of codes and words: {', '.join(set_words(kind))}"
-    if words is not None:
-        for code, word in (signal.values or {}).items():
-            if word not in set_words(kind):
-                cure = f"; say `unknown: [{code}]`" if word == "unknown" else closest(word, set_words(kind))
-                yield ("values", code), f"{word!r} is no {kind} word{cure or '; use ' + ', '.join(set_words(kind))}"
-    elif kind is not Kind.FLOOR and signal.unknown:
-        yield ("unknown",), f"a {kind} has no codes; remove `unknown`"
-    if kind is not Kind.FLOOR and signal.none:
-        yield ("none",), "`none` is for floors; remove it" + (", or say `unknown`" if words is not None else "")
+def _level(kind: Kind, signal: Signal, width: int) -> Said:
+    """Inverted bits, and codes that do not count in binary."""
+    coded = kind is Kind.FLOOR and signal.type == "uint16" and width > 1
+    inverted = kind is Kind.FLAG or (kind is Kind.DOOR and width == 1) or (coded and signal.bits is not None)
+    if signal.active == "low" and signal.at is not None and not inverted:
+        message = "`active: low` is for a flag, a door's single bit or limits, and the bits of a position code; change the `values`"
+        yield ("active",), message
+    if "code" in signal.model_fields_set and _way(signal) in _BELONGS["code"] and not coded:
+        cure = "use `type: uint16`" if kind is Kind.FLOOR and width > 1 else "remove `code`"
+        yield ("code",), f"`code` is for a floor in several bits, without a sign; {cure}"
+
+
+def _units(name: str, kind: Kind, signal: Signal) -> Said:
+    if signal.unit and kind is not Kind.NUMBER:
+        yield ("unit",), f"belongs to a number, and this is a {kind}; remove it"
+    if name == "watchdog_time":
+        if signal.unit_s is None:
+            yield (), "watchdog_time needs `unit_s`: how many seconds one count of it is"
+    elif signal.unit_s is not None:
+        yield ("unit_s",), "belongs to watchdog_time; remove it, or say the unit of a number with `unit`"
+
+
+def _counting(kind: Kind, signal: Signal) -> Said:
     if kind is Kind.COUNTER and signal.must_change_within_s is None:
         yield (), "a counter needs `must_change_within_s`: how old it may get before the lift counts as lost"
-    if kind is not Kind.COUNTER and signal.must_change_within_s is not None:
+    if kind is not Kind.COUNTER and signal.must_change_within_s is not None and signal.at is not None:
         yield ("must_change_within_s",), "belongs to a counter; remove it"
 
 
-def _codes(signal: Signal) -> Said:
+def _words(kind: Kind, signal: Signal, width: int) -> Said:
+    words = WORDS.get(kind)
+    if words is None:
+        if signal.values is not None:
+            cures = {Kind.FLAG: "to invert it say `active: low`", Kind.FLOOR: "the site file names the floor codes"}
+            yield ("values",), f"a {kind} has no table of words; {cures.get(kind, 'remove `values`')}"
+        return
+    # `unknown` has a key of its own
+    allowed = [word for word in words if word != "unknown"]
+    if signal.values is None and (kind is not Kind.DOOR or width > 1):
+        yield (), f"a {kind} needs `values`, a table of codes and words: {', '.join(allowed)}"
+    for code, word in (signal.values or {}).items():
+        if word not in allowed:
+            cure = f"; say `unknown: [{code}]`" if word == "unknown" else closest(word, allowed)
+            yield ("values", code), f"{word!r} is no {kind} word{cure or '; use ' + ', '.join(allowed)}"
+
+
+def _flag(kind: Kind, signal: Signal, width: int) -> Said:
+    if "means_yes" not in signal.model_fields_set:
+        return
+    code = signal.means_yes
+    if kind is not Kind.FLAG:
+        yield ("means_yes",), f"belongs to a flag, and this is a {kind}; remove it"
+    elif width == 1:
+        yield ("means_yes",), "a single bit means yes at 1, or with `active: low` at 0; remove `means_yes`"
+    elif code == 0:
+        yield ("means_yes",), "0 is no already; to invert the flag say `active: low`, else give the code for yes"
+    elif (message := _misfit(signal, code, width)) is not None:
+        yield ("means_yes",), message
+
+
+def _reserved(kind: Kind, signal: Signal) -> Said:
+    if kind is not Kind.FLOOR and kind not in WORDS and signal.unknown:
+        yield ("unknown",), f"a {kind} has no codes; remove `unknown`"
+    if kind is not Kind.FLOOR and signal.none:
+        yield ("none",), "`none` is for floors; remove it" + (", or say `unknown`" if kind in WORDS else "")
+
+
+def _codes(signal: Signal, width: int) -> Said:
     """Codes that the bits cannot hold, and codes with two meanings."""
-    width = width_of(signal)
-    low, high = (-0x8000, 0x7FFF) if signal.type == "int16" else (0, (1 << width) - 1)
     meanings: dict[int, str] = {}
     places = [
         *((("values", code), code, word) for code, word in (signal.values or {}).items()),
@@ -120,18 +221,23 @@ def _codes(signal: Signal) -> Said:
         *((("none", index), code, "none") for index, code in enumerate(signal.none)),
     ]
     for path, code, meaning in places:
-        if not low <= code <= high:
-            hint = f"; as int16 it is {code - 0x10000}" if signal.type == "int16" and high < code else ""
-            hint = hint or ("; a negative code needs `type: int16`" if code < 0 and width == 16 else "")
-            yield path, f"code {code} does not fit: {_bits(width)} of {signal.type} hold {low} to {high}{hint}"
+        if (message := _misfit(signal, code, width)) is not None:
+            yield path, message
         if code in meanings:
             yield path, f"code {code} means {meanings[code]} already; a code has one meaning"
         meanings.setdefault(code, meaning)
 
 
-def set_words(kind: Kind) -> list[str]:
-    """Return the words a table may use; `unknown` has a key of its own."""
-    return [word for word in WORDS[kind] if word != "unknown"]
+def _misfit(signal: Signal, code: int, width: int) -> str | None:
+    width = 32 if signal.wide else width
+    low, high = {"int16": (-0x8000, 0x7FFF), "int32": (-0x8000_0000, 0x7FFF_FFFF)}.get(
+        signal.type, (0, (1 << width) - 1)
+    )
+    if low <= code <= high:
+        return None
+    hint = f"; as int16 it is {code - 0x10000}" if signal.type == "int16" and high < code else ""
+    hint = hint or ("; a negative code needs `type: int16`" if code < 0 and width == 16 else "")
+    return f"code {code} does not fit: {_bits(width)} of {signal.type} hold {low} to {high}{hint}"
 
 
 def _bits(width: int) -> str:

@@ -21,9 +21,11 @@ MAX_FRAME = 260
 """Bytes in the longest frame: 6 of header before the unit id, then at most 254."""
 
 READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT = 1, 2, 3, 4
-WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS = 5, 6, 15, 16
+WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS, MASK_WRITE = 5, 6, 15, 16, 22
 READS = frozenset({READ_COILS, READ_DISCRETE, READ_HOLDING, READ_INPUT})
-WRITES = frozenset({WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS})
+WRITES = frozenset({WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS, MASK_WRITE})
+_SINGLE = frozenset({WRITE_COIL, WRITE_REGISTER, MASK_WRITE})
+"""Writes of one address, whose right answer repeats the request."""
 
 _SHORTEST, _LONGEST = 2, 254
 """Limits of the length field: unit id and function at least; unit id and a PDU of 253 at most (guide, 3.1.2)."""
@@ -31,6 +33,8 @@ _HEADER = 6
 _WHOLE = tuple(struct.pack(">HH", 0, max(0, length - _HEADER)) for length in range(MAX_FRAME + 1))
 """Protocol id and length field of a frame of so many bytes."""
 _COIL_ON, _COIL_OFF = 0xFF00, 0x0000
+_LONGEST_DURATION = 0x7FFF
+"""Of a coil pulse that the module times (elevator-interfaces 2, Waveshare)."""
 _LIMIT = {
     READ_COILS: MAX_READ_BITS,
     READ_DISCRETE: MAX_READ_BITS,
@@ -40,6 +44,7 @@ _LIMIT = {
     WRITE_REGISTER: 1,
     WRITE_COILS: MAX_WRITE_COILS,
     WRITE_REGISTERS: MAX_WRITE_REGISTERS,
+    MASK_WRITE: 1,
 }
 _TABLE = {
     **{function: table for table, function in READ_FUNCTION.items()},
@@ -47,6 +52,7 @@ _TABLE = {
     WRITE_COILS: Table.COIL,
     WRITE_REGISTER: Table.HOLDING,
     WRITE_REGISTERS: Table.HOLDING,
+    MASK_WRITE: Table.HOLDING,
 }
 _NOUN = {
     Table.COIL: "coil",
@@ -71,7 +77,11 @@ class Request:
     count: int
     """Bits or registers."""
     values: tuple[int, ...] = ()
-    """What a write writes: 0 or 1 for a coil, 0 to 65535 for a register; empty for a read."""
+    """What a write writes: 0 or 1 for a coil, 0 to 65535 for a register; the AND mask and the OR mask of function 22;
+    empty for a read."""
+    duration: int | None = None
+    """With function 5 on some relay modules: how long the coil is to stay on, in counts of the module, 1 to 0x7FFF. The
+    specification knows FF00 and 0000 only."""
     body: bytes = field(init=False, repr=False, compare=False)
     """The frame after its transaction id; the same for ever."""
     answer_head: bytes = field(init=False, repr=False, compare=False)
@@ -85,7 +95,7 @@ class Request:
         payload = _payload_length(self)
         if payload:
             head = struct.pack(">HHBBB", 0, 3 + payload, self.unit, self.function, payload)
-        elif self.function in (WRITE_COIL, WRITE_REGISTER):
+        elif self.function in _SINGLE:
             head = body
         else:
             head = struct.pack(">HHBBHH", 0, 6, self.unit, self.function, self.address, self.count)
@@ -107,6 +117,11 @@ class Request:
         noun = _NOUN[self.table]
         if self.function in READS:
             return f"read {self.count} {noun}{'' if self.count == 1 else 's'} from {self.address}, unit {self.unit}"
+        if self.function == MASK_WRITE:
+            keep, put = self.values
+            return f"write {noun} {self.address} := itself AND {keep:04X} OR {put:04X}, unit {self.unit}"
+        if self.duration is not None:
+            return f"write {noun} {self.address} := on for {self.duration} counts, unit {self.unit}"
         if self.function in (WRITE_COIL, WRITE_REGISTER):
             return f"write {noun} {self.address} := {_value_text(self, self.values[0])}, unit {self.unit}"
         written = " ".join(_value_text(self, value) for value in self.values)
@@ -139,6 +154,16 @@ def write_registers(address: int, values: Iterable[int], unit: int = 1) -> Reque
     """Set holding registers that follow one another (FC16)."""
     written = tuple(values)
     return Request(unit, WRITE_REGISTERS, address, len(written), written)
+
+
+def mask_write(address: int, keep: int, put: int, unit: int = 1) -> Request:
+    """Set some bits of a holding register inside the device (FC22): contents AND `keep`, OR `put` without `keep`."""
+    return Request(unit, MASK_WRITE, address, 1, (keep, put))
+
+
+def pulse_coil(address: int, duration: int, unit: int = 1) -> Request:
+    """Set a coil for a duration that the device times (FC5 with a number, on modules that know it); 1 to 0x7FFF counts."""
+    return Request(unit, WRITE_COIL, address, 1, (1,), duration)
 
 
 def frame(request: Request, tid: int) -> bytes:
@@ -187,12 +212,15 @@ def check(request: Request, frame: bytes, *, tid: int | None = None) -> bytes:
     raise _what_is_wrong(request, frame, tid)
 
 
-def parse_request(frame: bytes) -> Request:
-    """Read a request as a device does. Raises BadRequest, with the exception code to answer, or FrameError."""
+def parse_request(frame: bytes, *, timed_coils: bool = False) -> Request:
+    """Read a request as a device does; with `timed_coils`, as a module that times coil pulses.
+
+    Raises BadRequest, with the exception code to answer, or FrameError.
+    """
     unit, pdu = _open(frame)
     function = pdu[0]
     if function not in _TABLE:
-        raise BadRequest(f"function {function} is none of 1 to 6, 15, 16", code=1)
+        raise BadRequest(f"function {function} is none of 1 to 6, 15, 16, 22", code=1)
     if len(pdu) < 5:
         raise BadRequest(f"a request with function {function} and {len(pdu) - 1} bytes of data")
     address, number = struct.unpack_from(">HH", pdu, 1)
@@ -201,7 +229,13 @@ def parse_request(frame: bytes) -> Request:
             raise BadRequest(f"a request with function {function} and {len(pdu) - 1} bytes of data, expected 4")
         if function in READS:
             return Request(unit, function, address, number)
+        if timed_coils and function == WRITE_COIL and 1 <= number <= _LONGEST_DURATION:
+            return pulse_coil(address, number, unit)
         return Request(unit, function, address, 1, (_single_value(function, number),))
+    if function == MASK_WRITE:
+        if len(pdu) != 7:
+            raise BadRequest(f"a request with function {function} and {len(pdu) - 1} bytes of data, expected 6")
+        return mask_write(address, number, int.from_bytes(pdu[5:], "big"), unit)
     return Request(unit, function, address, number, _many_values(function, number, pdu))
 
 
@@ -244,6 +278,8 @@ def describe_answer(frame: bytes) -> str:
     if function in (WRITE_COILS, WRITE_REGISTERS) and len(data) == 4:
         address, count = struct.unpack(">HH", data)
         return f"{count} {_NOUN[_TABLE[function]]}{'' if count == 1 else 's'} written from {address}, unit {unit}"
+    if function == MASK_WRITE and len(data) == 6:
+        return f"{_NOUN[_TABLE[function]]} {int.from_bytes(data[:2], 'big')} masked: {_hex(data[2:])}, unit {unit}"
     if function in (WRITE_COIL, WRITE_REGISTER) and len(data) == 4:
         address, number = struct.unpack(">HH", data)
         return f"{_NOUN[_TABLE[function]]} {address} written := {number}, unit {unit}"
@@ -267,15 +303,20 @@ def unpack_bits(payload: bytes, count: int) -> tuple[int, ...]:
 def _check_limits(request: Request) -> None:
     limit = _LIMIT.get(request.function)
     if limit is None:
-        raise BadRequest(f"function {request.function} is none of 1 to 6, 15, 16", code=1)
+        raise BadRequest(f"function {request.function} is none of 1 to 6, 15, 16, 22", code=1)
     if not 0 <= request.unit <= 255:
         raise BadRequest(f"unit id {request.unit}, allowed 0 to 255")
     if not 1 <= request.count <= limit:
         raise BadRequest(f"count {request.count} with function {request.function}, allowed 1 to {limit}")
     if not 0 <= request.address <= 65536 - request.count:
         raise BadRequest(f"address {request.address} with count {request.count} is not within 0 to 65535", code=2)
-    if len(request.values) != (request.count if request.function in WRITES else 0):
+    expected = {MASK_WRITE: 2}.get(request.function, request.count) if request.function in WRITES else 0
+    if len(request.values) != expected:
         raise BadRequest(f"{len(request.values)} values with function {request.function} and count {request.count}")
+    if request.duration is not None and not (
+        request.function == WRITE_COIL and 1 <= request.duration <= _LONGEST_DURATION
+    ):
+        raise BadRequest(f"duration {request.duration}, allowed 1 to {_LONGEST_DURATION} with function 5")
     highest = 1 if _TABLE[request.function] is Table.COIL else 0xFFFF
     for value in request.values:
         if not 0 <= value <= highest:
@@ -287,7 +328,10 @@ def _request_pdu(request: Request) -> bytes:
     if function in READS:
         return struct.pack(">BHH", function, address, count)
     if function == WRITE_COIL:
-        return struct.pack(">BHH", function, address, _COIL_ON if values[0] else _COIL_OFF)
+        state = _COIL_ON if values[0] else _COIL_OFF
+        return struct.pack(">BHH", function, address, state if request.duration is None else request.duration)
+    if function == MASK_WRITE:
+        return struct.pack(">BHHH", function, address, *values)
     if function == WRITE_REGISTER:
         return struct.pack(">BHH", function, address, values[0])
     data = pack_bits(values) if function == WRITE_COILS else struct.pack(f">{count}H", *values)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from register_maps.check import Problem, check
-from register_maps.errors import Finding, MapFileError
+from register_maps.check import check
+from register_maps.check_places import unreadable
+from register_maps.errors import Finding, MapFileError, Problem
+from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay
 from register_maps.plain import closest
 from register_maps.schema import COMMANDS, SIGNALS, RegisterMap
 from register_maps.source import KeyPath, Source, read, try_validate
@@ -20,14 +23,45 @@ MAPS = Path(__file__).parent / "maps"
 
 
 @dataclass(frozen=True, slots=True)
+class Changes:
+    """What a site says about a map: values for its parameters, and entries laid over it."""
+
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    override: Mapping[str, Any] = field(default_factory=dict)
+    finding: Callable[[KeyPath, str], Finding] | None = None
+    """Makes a finding in the site's file, for a path under its `parameters` or `override`."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """What the site changed, such as `signals.car_floor`."""
+        return tuple(
+            f"{section}.{name}" if isinstance(change, Mapping) else section
+            for section, change in self.override.items()
+            for name in (change if isinstance(change, Mapping) else [section])
+        )
+
+    @property
+    def any(self) -> bool:
+        """Whether the map is used other than as it is shipped."""
+        return bool(self.parameters or self.override)
+
+
+AS_IT_IS = Changes()
+
+
+@dataclass(frozen=True, slots=True)
 class LoadedMap:
     """A map that has passed every check, and the file it came from."""
 
     map: RegisterMap
     path: Path
     sha256: str
-    """Of the file's bytes: what a checkout record is about."""
+    """Of the file's bytes and of everything the site changed: what a checkout record is about."""
     warnings: tuple[Finding, ...]
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    """What every parameter is."""
+    unset: tuple[str, ...] = ()
+    """Parameters that every site has to set, and nobody has: their example stands in."""
 
 
 def shipped() -> tuple[str, ...]:
@@ -35,22 +69,31 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in MAPS.glob("*.yaml")))
 
 
-def load(name_or_path: str | Path, *, near: Path | None = None) -> LoadedMap:
-    """Load a shipped map by its name, or a file by its path, relative to the folder `near`.
+def load(name_or_path: str | Path, *, near: Path | None = None, changes: Changes = AS_IT_IS) -> LoadedMap:
+    """Load a shipped map by its name, or a file by its path, relative to the folder `near`, with a site's changes.
 
     Raises MapFileError with every finding.
     """
     path = _find(name_or_path, near or Path())
-    source = read(path, number_keys=_is_value_table)
+    source = _Changed.of(read(path, number_keys=_is_value_table), changes)
+    wrong = [
+        source.finding(("override", key), _not_changeable(key)) for key in changes.override if key not in CHANGEABLE
+    ]
+    filled = fill(overlay(source.data, changes.override), changes.parameters)
+    source = replace(source, data=filled.data)
+    wrong += [source.finding(problem.path, problem.message) for problem in filled.problems]
     model, findings = try_validate(source, RegisterMap, spare=("signals", "commands"))
     if model is None:
-        raise MapFileError(findings)
-    problems = _certain(check(model), source, model)
+        raise MapFileError([*wrong, *findings])
+    wrong += [source.finding(("given", name), message) for name, message in _misfits(model, changes.parameters)]
+    hidden = unreadable(model)
+    model = _without(model, hidden)
+    problems = [*hidden, *_certain(check(model), source, model)]
     refused = [source.finding(problem.path, problem.message) for problem in problems if not problem.warning]
-    if findings or refused:
-        raise MapFileError([*findings, *refused])
+    if wrong or findings or refused:
+        raise MapFileError([*wrong, *findings, *refused])
     warnings = tuple(source.finding(problem.path, problem.message) for problem in problems)
-    return LoadedMap(model, path, source.sha256, warnings)
+    return LoadedMap(model, path, _fingerprint(source, changes), warnings, filled.values, filled.unset)
 
 
 def json_schema() -> str:
@@ -58,6 +101,21 @@ def json_schema() -> str:
     schema = RegisterMap.model_json_schema()
     _enumerate(schema["properties"]["signals"], {name: f"A {kind} signal." for name, kind in SIGNALS.items()})
     _enumerate(schema["properties"]["commands"], dict.fromkeys(COMMANDS, "A command."))
+    for name in (
+        "signals",
+        "commands",
+        "served",
+        "endpoints",
+        "link",
+        "write_blocks",
+        "at_floor_evidence",
+        "door_opens_within_s",
+    ):
+        schema["properties"][name] = _or_parameter(schema["properties"][name])
+    schema["$defs"] = {
+        name: part if name in ("Parameter", "Provenance", "Table") else _or_parameter(part)
+        for name, part in schema["$defs"].items()
+    }
     old = {"$schema": "http://json-schema.org/draft-07/schema#", **_draft_7(schema)}
     return json.dumps(old, indent=2) + "\n"
 
@@ -70,6 +128,65 @@ def _find(name_or_path: str | Path, near: Path) -> Path:
         return MAPS / f"{text}.yaml"
     message = f"no map has this name{closest(text, shipped())}; shipped are {', '.join(shipped())}; a file is given by its path, such as ./{text}.yaml"
     raise MapFileError([Finding(text, None, "", message)])
+
+
+@dataclass(frozen=True, slots=True)
+class _Changed(Source):
+    """A map's file under a site's changes: a finding is said where the wrong words stand."""
+
+    changes: Changes = AS_IT_IS
+
+    @classmethod
+    def of(cls, source: Source, changes: Changes) -> _Changed:
+        return cls(**{part.name: getattr(source, part.name) for part in fields(source)}, changes=changes)
+
+    def finding(self, path: KeyPath, message: str) -> Finding:
+        elsewhere = self.changes.finding
+        if elsewhere is None or not path:
+            return Source.finding(self, path, message)
+        if path[0] == "given":
+            return elsewhere(("parameters", *path[1:]), message)
+        if path[0] == "override":
+            return elsewhere(path, message)
+        change = self.changes.override.get(str(path[0]))
+        if change is not None and (not isinstance(change, Mapping) or len(path) < 2 or path[1] in change):
+            return elsewhere(("override", *path), message)
+        return Source.finding(self, path, message)
+
+
+def _not_changeable(key: str) -> str:
+    return f"a site cannot change {key!r} of a map; it may change {', '.join(CHANGEABLE)}"
+
+
+def _misfits(model: RegisterMap, given: Mapping[str, ParameterValue]) -> Iterable[tuple[str, str]]:
+    """Yield what is wrong with the values a site gave."""
+    for name, value in given.items():
+        if name not in model.parameters:
+            hint = closest(name, model.parameters) or f"; it has {', '.join(model.parameters) or 'none'}"
+            yield name, f"{model.name} has no parameter {name}{hint}"
+        elif (problem := model.parameters[name].objection(value)) is not None:
+            yield name, f"{problem} ({model.parameters[name].help})"
+
+
+def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
+    """Leave out what has an address that cannot be read, so that the rest can still be checked."""
+    gone = {problem.path[:2] for problem in hidden}
+    return model.model_copy(
+        update={
+            "signals": {name: part for name, part in model.signals.items() if ("signals", name) not in gone},
+            "commands": {name: part for name, part in model.commands.items() if ("commands", name) not in gone},
+            "write_blocks": tuple(
+                block for index, block in enumerate(model.write_blocks) if ("write_blocks", index) not in gone
+            ),
+        }
+    )
+
+
+def _fingerprint(source: Source, changes: Changes) -> str:
+    if not changes.any:
+        return source.sha256
+    said = json.dumps([dict(changes.parameters), dict(changes.override)], sort_keys=True, default=str)
+    return hashlib.sha256(f"{source.sha256} {said}".encode()).hexdigest()
 
 
 def _certain(problems: list[Problem], source: Source, model: RegisterMap) -> list[Problem]:
@@ -109,3 +226,16 @@ def _draft_7(node: Any) -> Any:
     if "prefixItems" in node:
         new["additionalItems"] = False
     return new
+
+
+def _or_parameter(node: Any) -> Any:
+    """Let `{name}` stand wherever a number is wanted."""
+    if isinstance(node, list):
+        return [_or_parameter(item) for item in node]
+    if not isinstance(node, Mapping):
+        return node
+    if node.get("type") in ("integer", "number") or "enum" in node:
+        about = {key: node[key] for key in ("default", "description", "title") if key in node}
+        rest = {key: item for key, item in node.items() if key not in about}
+        return about | {"anyOf": [rest, {"type": "string", "pattern": "^\\{[a-z][a-z0-9_]*([+-][0-9]+)?\\}$"}]}
+    return {key: _or_parameter(item) for key, item in node.items()}

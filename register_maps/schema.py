@@ -1,131 +1,42 @@
 """What a register-map file may say: the pydantic form of `maps/*.yaml`.
 
-This module checks each field by itself. What only makes sense across fields (overlaps, ranges a device does
+The models check each field by itself. What only makes sense across fields (overlaps, ranges a device does
 not serve, a confirmation that names no signal) is checked by `register_maps.check`. The grammar is explained, with the
 26 interface features it was designed against, in README.md of this folder.
 """
 
 from __future__ import annotations
 
-import re
-from enum import StrEnum, unique
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
-from register_maps.words import BIT_TABLES, Door, Mode, Motion, Side, Table
+from register_maps import address
+from register_maps.command_schema import Command, Confirm, Payload
+from register_maps.fields import Address, Name, ParameterName, Part, Seconds
+from register_maps.signal_schema import Signal
+from register_maps.vocabulary import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, WORDS, Kind
+from register_maps.words import Table
+
+__all__ = [
+    "CALLS",
+    "COMMANDS",
+    "SAFETY_FLAGS",
+    "SCHEMA_VERSION",
+    "SIGNALS",
+    "WORDS",
+    "Command",
+    "Confirm",
+    "Kind",
+    "Payload",
+    "RegisterMap",
+    "Signal",
+]
 
 SCHEMA_VERSION = 1
 
-_ADDRESS = re.compile(
-    r"(?P<table>coil|discrete|holding|input):(?P<number>0[xX][0-9a-fA-F]+|[0-9]+)(?:\.(?P<bit>[0-9]+))?"
-)
 
-
-@unique
-class Kind(StrEnum):
-    """What sort of value a signal carries."""
-
-    FLOOR = "floor"
-    DOOR = "door"
-    MOTION = "motion"
-    MODE = "mode"
-    FLAG = "flag"
-    NUMBER = "number"
-    COUNTER = "counter"
-
-
-_FLAGS = [
-    "level",
-    "door_zone",
-    "robot_mode_on",
-    "may_enter",
-    "may_leave",
-    "ready",
-    "fire",
-    "fireman",
-    "emergency_power",
-    "inspection",
-    "independent",
-    "attendant",
-    "overload",
-    "nudging",
-    "out_of_service",
-    "robots_allowed",
-    "passenger_alarm",
-    "fault",
-]
-
-SIGNALS: dict[str, Kind] = {
-    "car_floor": Kind.FLOOR,
-    "destination": Kind.FLOOR,
-    "call_accepted": Kind.FLOOR,
-    "motion": Kind.MOTION,
-    "mode": Kind.MODE,
-    "alive": Kind.COUNTER,
-    "load": Kind.NUMBER,
-    "fault_code": Kind.NUMBER,
-    "identity": Kind.NUMBER,
-    **{f"door.{side}": Kind.DOOR for side in Side},
-    **{f"obstruction.{side}": Kind.FLAG for side in Side},
-    **dict.fromkeys(_FLAGS, Kind.FLAG),
-}
-"""Every signal a map may declare, and its kind. Nothing else is accepted."""
-
-COMMANDS: tuple[str, ...] = (
-    "go_to",
-    "robot_mode",
-    *(f"hold_door.{side}" for side in Side),
-    *(f"close_door.{side}" for side in Side),
-)
-"""Every command a map may declare: only what a passenger can do, and the controller's own robot mode."""
-
-WORDS: dict[Kind, type[StrEnum]] = {Kind.DOOR: Door, Kind.MOTION: Motion, Kind.MODE: Mode}
-
-
-def parse_address(text: str) -> tuple[Table, int, int | None]:
-    """Split `holding:12`, `holding:0x180` or `holding:12.4` into table, printed number and bit.
-
-    Raises ValueError with the form that was expected.
-    """
-    match = _ADDRESS.fullmatch(text)
-    if match is None:
-        raise ValueError(
-            f"{text!r} is not an address: write table:number or table:number.bit, such as holding:12 or holding:12.4"
-        )
-    table = Table(match["table"])
-    bit = None if match["bit"] is None else int(match["bit"])
-    if bit is not None and (table in BIT_TABLES or bit > 15):
-        raise ValueError(f"{text!r}: a bit number (0 to 15) belongs to a holding or input register")
-    return table, int(match["number"], 0), bit
-
-
-def _checked_address(text: str) -> str:
-    parse_address(text)
-    return text
-
-
-Address = Annotated[
-    str,
-    AfterValidator(_checked_address),
-    # for editors, whose expressions know no named groups; `parse_address` decides
-    Field(json_schema_extra={"pattern": r"^(coil|discrete|holding|input):(0[xX][0-9a-fA-F]+|[0-9]+)(\.[0-9]+)?$"}),
-]
-Name = Annotated[
-    str,
-    StringConstraints(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$"),
-    Field(description="lower-case letters and digits in words joined by hyphens, such as acme-lc3"),
-]
-Seconds = Annotated[float, Field(gt=0, le=3600)]
-Word = Annotated[int, Field(strict=True, ge=-32768, le=65535)]
-NumberType = Literal["uint16", "int16"]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class Provenance(_Part):
+class Provenance(Part):
     """Where the map comes from. A map never claims more than its source."""
 
     trust: Literal["vendor-manual", "integration-code", "simulation", "template"]
@@ -133,137 +44,58 @@ class Provenance(_Part):
     notes: str = ""
 
 
-class Addressing(_Part):
-    """How the source numbers its points: number as printed minus `base` is the address on the wire."""
+class Addressing(Part):
+    """How the source numbers its points: a number minus `base` is the address on the wire, or a `notation` says it."""
 
-    base: Literal[0, 1]
+    base: Literal[0, 1] | None = None
+    notation: str | None = None
+    """`modicon`, or the name of a PLC family whose letters are meant."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.base is None) == (self.notation is None):
+            raise ValueError("say either `base` (0 or 1) or `notation`")
+        if self.notation is not None and self.notation not in address.notations():
+            raise ValueError(f"there is no notation {self.notation!r}; there are {', '.join(address.notations())}")
+        return self
 
 
-class LinkDefaults(_Part):
+class LinkDefaults(Part):
     """What the device needs from a client; a site's controller may tighten it."""
 
     unit_id: int = Field(default=1, strict=True, ge=0, le=255)
     timeout_s: Seconds = 0.5
     min_gap_s: float = Field(default=0.0, ge=0, le=10)
+    min_poll_s: float = Field(default=0.0, ge=0, le=10)
+    """Polls come no faster than this."""
     reconnect_min_s: Seconds = 0.2
+    max_connections: int | None = Field(default=None, strict=True, ge=1, le=64)
+    """How many clients the device serves at once, where its source says so; we use one."""
     max_registers_per_read: int = Field(default=125, strict=True, ge=1, le=125)
     max_bits_per_read: int = Field(default=2000, strict=True, ge=1, le=2000)
+    max_registers_per_write: int = Field(default=123, strict=True, ge=1, le=123)
+    max_bits_per_write: int = Field(default=1968, strict=True, ge=1, le=1968)
     tid_echo: bool = True
     max_age_s: Seconds = 1.0
 
 
-class Signal(_Part):
-    """One thing the lift says: at one point, as one bit per floor, or as the two limits of a door."""
-
-    at: Address | None = None
-    one_of: tuple[Address, ...] | None = Field(default=None, min_length=2)
-    """One bit per floor, lowest code (0) first; none set means no floor known."""
-    open_limit: Address | None = None
-    closed_limit: Address | None = None
-    type: Literal["uint16", "int16", "counter"] = "uint16"
-    bits: tuple[Annotated[int, Field(ge=0, le=15)], Annotated[int, Field(ge=0, le=15)]] | None = None
-    """First and last bit (0 = least significant) of a field inside a register."""
-    active: Literal["high", "low"] = "high"
-    """Which level of a bit means yes."""
-    values: dict[Annotated[int, Field(ge=-32768, le=65535)], str] | None = None
-    as_: Literal["floor"] | None = Field(default=None, alias="as")
-    unknown: tuple[Word, ...] = ()
-    """Codes that mean "not known"."""
-    none: tuple[Word, ...] = ()
-    """Codes that mean "no floor", such as no destination."""
-    must_change_within_s: Seconds | None = None
-    note: str = ""
-
-    @model_validator(mode="after")
-    def _one_place(self) -> Self:
-        limits = self.open_limit is not None or self.closed_limit is not None
-        given = [self.at is not None, self.one_of is not None, limits]
-        if sum(given) != 1:
-            raise ValueError("say where it is exactly once: `at`, `one_of`, or `open_limit` with `closed_limit`")
-        if limits and (self.open_limit is None or self.closed_limit is None):
-            raise ValueError("a door with limits needs both `open_limit` and `closed_limit`")
-        if self.bits is not None and self.bits[0] > self.bits[1]:
-            raise ValueError("`bits` are written lowest first, such as [4, 5]")
-        return self
-
-    @property
-    def addresses(self) -> tuple[str, ...]:
-        """Every address this signal is read from."""
-        given = (self.at, *(self.one_of or ()), self.open_limit, self.closed_limit)
-        return tuple(address for address in given if address is not None)
-
-
-class Confirm(_Part):
-    """What shows that a command took effect; an echo of the write alone confirms nothing."""
-
-    any_of: tuple[str, ...] = Field(min_length=1)
-    """Signal names, or `effect` (the lift does it), or `readback` (the point still holds what was written)."""
-    within_s: Seconds
-
-
-class Command(_Part):
-    """One thing the lift can be told."""
-
-    at: Address | None = None
-    one_of: tuple[Address, ...] | None = Field(default=None, min_length=2)
-    type: NumberType = "uint16"
-    as_: Literal["floor"] | None = Field(default=None, alias="as")
-    action: Literal["pulse", "hold"]
-    on: Word = Field(default=1, alias="press")
-    """Raw value of a held or pulsed point that carries no floor."""
-    rest: Word = 0
-    """Raw value that lets go."""
-    width_s: Seconds | None = None
-    """How long a pulse stays on."""
-    until: Literal["arrived"] | None = None
-    """A held call is let go when the car stands at the floor."""
-    max_hold_s: Seconds | None = None
-    refresh_s: Seconds | None = None
-    on_link_loss: Literal["device_watchdog", "timed_by_device", "latches"] | None = None
-    bounded_by: Literal["session"] | None = None
-    requires: tuple[str, ...] = ()
-    """Flags that must read yes immediately before a press."""
-    granted_by: Literal["robot_mode_on"] | None = None
-    """The flag by which the controller grants what was asked for."""
-    granted_within_s: Seconds = 600.0
-    """Ten minutes: the longest mode change documented (elevator-interfaces 1.10, Fujitec cargo lift)."""
-    excludes: tuple[str, ...] = ()
-    gap_s: float = Field(default=0.0, ge=0, le=60)
-    arrive_within_s: Seconds = 120.0
-    """Two minutes: the travel time-out of the same cargo lift."""
-    confirm: Confirm | None = None
-    note: str = ""
-
-    @model_validator(mode="after")
-    def _whole(self) -> Self:
-        if (self.at is None) == (self.one_of is None):
-            raise ValueError("say where it is exactly once: `at` or `one_of`")
-        if self.action == "pulse" and self.width_s is None:
-            raise ValueError("a pulse needs `width_s`")
-        if self.action == "hold" and (self.max_hold_s is None or self.on_link_loss is None):
-            raise ValueError("a hold needs `max_hold_s` and `on_link_loss`")
-        if self.on == self.rest and self.as_ is None and self.one_of is None:
-            raise ValueError("`press` and `rest` are the same value: the command would do nothing")
-        return self
-
-    @property
-    def addresses(self) -> tuple[str, ...]:
-        """Every address this command writes to."""
-        return (self.at,) if self.at is not None else (self.one_of or ())
-
-
-class WriteBlock(_Part):
+class WriteBlock(Part):
     """Adjacent command points that are always written together, in one FC15 or FC16."""
 
     at: Address
     count: int = Field(strict=True, ge=1, le=1968)
     function: Literal[15, 16]
+    every_s: Seconds | None = None
+    """Written this often, needed or not: a lost write heals itself."""
+    gaps: Literal[0] | None = None
+    """What is written to addresses in between that are no command of ours; without it there may be none."""
 
 
-class Evidence(_Part):
+class Evidence(Part):
     """How this lift shows that the car stands at the floor it reports."""
 
-    kind: Literal["level", "motion_stopped", "position_stable"]
+    kind: Literal["level", "motion_stopped", "position_stable", "door_limit"]
+    """`door_limit`: the floor is told by the door's open limit at that floor, which is made at no other place."""
     for_s: Seconds | None = None
 
     @model_validator(mode="after")
@@ -274,29 +106,116 @@ class Evidence(_Part):
 
 
 Range = tuple[Annotated[int, Field(strict=True, ge=0)], Annotated[int, Field(strict=True, ge=0)]]
+Served = dict[Table, tuple[Range, ...]]
 
 
-class RegisterMap(_Part):
+class Endpoint(Part):
+    """A second device that says or does a part of this lift; the site says where it is."""
+
+    unit_id: int = Field(default=1, strict=True, ge=0, le=255)
+    addressing: Addressing | None = None
+    """How its source numbers its points; as the rest of the map does, if not said."""
+    served: Served
+    note: str = ""
+
+
+class Parameter(Part):
+    """One thing that differs from site to site; written `{name}` or `{name+1}` where it is used."""
+
+    default: int | float | str | None = None
+    """Without one, the site must set it."""
+    example: int | float | str | None = None
+    """Stands in for a missing default wherever the map is looked at by itself."""
+    range: tuple[float, float] | None = None
+    choices: tuple[str, ...] | None = None
+    help: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.default is None) == (self.example is None):
+            raise ValueError("give a `default`, or an `example` if every site has to set it")
+        if self.range is not None and self.choices is not None:
+            raise ValueError("`range` is for numbers and `choices` for words; give one of them")
+        if (problem := self.objection(self.value)) is not None:
+            raise ValueError(problem)
+        return self
+
+    @property
+    def value(self) -> int | float | str:
+        """What it is where no site has set it."""
+        value = self.default if self.default is not None else self.example
+        if value is None:
+            raise ValueError("a parameter has a default or an example")
+        return value
+
+    def objection(self, value: float | str) -> str | None:
+        """Say why a value is not allowed; None when it is."""
+        if self.choices is not None:
+            return None if value in self.choices else f"must be one of {', '.join(self.choices)}, not {value!r}"
+        if isinstance(value, str):
+            return None if isinstance(self.default or self.example, str) else f"must be a number, not {value!r}"
+        if isinstance(self.default or self.example, str):
+            return f"must be text, not {value}"
+        if self.range is not None and not self.range[0] <= value <= self.range[1]:
+            return f"must be {self.range[0]:g} to {self.range[1]:g}, not {value:g}"
+        return None
+
+
+class RegisterMap(Part):
     """One lift model: what sits where in its registers."""
 
     schema_: Literal[1] = Field(alias="schema")
     name: Name
     title: str = Field(min_length=1)
     provenance: Provenance
+    parameters: dict[ParameterName, Parameter] = Field(default_factory=dict)
     addressing: Addressing
     link: LinkDefaults = LinkDefaults()
-    served: dict[Table, tuple[Range, ...]]
+    served: Served
     """First and last printed address the device answers for, per table; a read never crosses an edge."""
-    signals: dict[str, Signal] = Field(min_length=1)
+    endpoints: dict[Name, Endpoint] = Field(default_factory=dict)
+    """Further devices; their addresses are written `name/table:number`."""
+    signals: dict[str, Signal] = Field(default_factory=dict)
     commands: dict[str, Command] = Field(default_factory=dict)
     write_blocks: tuple[WriteBlock, ...] = ()
+    needs: dict[str, str] = Field(default_factory=dict)
+    """Signals that a site must add because this interface does not have them, each with the reason."""
+    needs_occupancy: bool = False
+    """The car goes on only after `robot_in_place`, and is free only after `robot_left`."""
     at_floor_evidence: Evidence
     at_same_floor: Literal["call", "open_button"] = "open_button"
     """How the door is opened where the car already stands: by the call itself, or by the door hold."""
+    door_opens_within_s: Seconds = 10.0
+    """How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
     not_visible: dict[Literal["fire"], str] = Field(default_factory=dict)
     """Safety signals this interface does not show, with the reason; shown on every face."""
 
-    def wire_address(self, text: str) -> tuple[Table, int, int | None]:
-        """Table, address on the wire (0-based) and bit of an address of this map. May be out of range."""
-        table, number, bit = parse_address(text)
-        return table, number - self.addressing.base, bit
+    def place(self, text: str) -> address.Place:
+        """Where an address of this map is. Raises ValueError for text that its notation cannot read."""
+        return address.parse(text, self.addressing, self._elsewhere)
+
+    @property
+    def _elsewhere(self) -> dict[str, Addressing]:
+        return {name: part.addressing for name, part in self.endpoints.items() if part.addressing is not None}
+
+    def unit_of(self, endpoint: str) -> int:
+        """Unit id of an endpoint by its name; of the controller itself for the empty name."""
+        return self.endpoints[endpoint].unit_id if endpoint else self.link.unit_id
+
+    @property
+    def served_wire(self) -> dict[str, tuple[range, ...]]:
+        """Addresses on the wire that each device answers for, by space (`coil`, or `endpoint/coil`)."""
+        named = [
+            ("", self.served, self.addressing),
+            *((name, part.served, part.addressing or self.addressing) for name, part in self.endpoints.items()),
+        ]
+        return {
+            address.space(name, table): tuple(_wire_range(table, ends, addressing) for ends in ranges)
+            for name, served, addressing in named
+            for table, ranges in served.items()
+        }
+
+
+def _wire_range(table: Table, ends: tuple[int, int], addressing: Addressing) -> range:
+    low, high = (address.served_number(table, number, addressing) for number in ends)
+    return range(low, high + 1)

@@ -5,83 +5,7 @@ from pathlib import Path
 import pytest
 
 from register_maps.check import Problem, check
-from register_maps.errors import Finding, MapFileError
-from register_maps.load import LoadedMap, load
-
-GOOD = """\
-schema: 1
-name: good
-title: A map without mistakes
-provenance: {trust: template, sources: [this test]}
-addressing: {base: 1}
-served:
-  holding: [[1, 20], [30, 40]]
-  coil: [[1, 16]]
-  discrete: [[1, 16]]
-  input: [[1, 9]]
-signals:
-  car_floor: {at: "holding:1", type: int16, as: floor, unknown: [0]}
-  motion: {at: "holding:2", values: {1: stopped, 2: up, 3: down}}
-  door.front: {at: "holding:3", bits: [4, 5], values: {0: closed, 1: opening, 2: open, 3: closing}}
-  door.rear: {open_limit: "discrete:1", closed_limit: "discrete:2"}
-  mode: {at: "holding:4", values: {1: normal, 2: independent}}
-  fire: {at: "discrete:3", active: low}
-  level: {at: "discrete:4"}
-  robot_mode_on: {at: "holding:5.1"}
-  alive: {at: "holding:6", type: counter, must_change_within_s: 3}
-  load: {at: "input:1"}
-  call_accepted: {one_of: ["coil:11", "coil:12"]}
-commands:
-  go_to:
-    at: "holding:30"
-    as: floor
-    action: pulse
-    width_s: 0.5
-    requires: [robot_mode_on]
-    confirm: {any_of: [call_accepted, effect], within_s: 2}
-  hold_door.front:
-    at: "coil:1"
-    action: hold
-    max_hold_s: 30
-    refresh_s: 2
-    on_link_loss: latches
-    excludes: [close_door.front]
-    confirm: {any_of: [readback], within_s: 2}
-  close_door.front:
-    at: "coil:2"
-    action: pulse
-    width_s: 1
-    confirm: {any_of: [effect], within_s: 5}
-  robot_mode:
-    at: "coil:3"
-    action: hold
-    max_hold_s: 60
-    on_link_loss: latches
-    granted_by: robot_mode_on
-    confirm: {any_of: [effect], within_s: 60}
-write_blocks:
-  - {at: "coil:1", count: 3, function: 15}
-at_floor_evidence: {kind: level}
-"""
-
-
-def loaded(folder: Path, text: str) -> LoadedMap:
-    path = folder / "good.yaml"
-    path.write_text(text)
-    return load(path)
-
-
-def changed(old: str, new: str) -> tuple[str, int]:
-    """The good map with one change, and the line it begins in."""
-    assert GOOD.count(old) == 1, old
-    return GOOD.replace(old, new), GOOD[: GOOD.index(old)].count("\n") + 1
-
-
-def findings_of(folder: Path, text: str) -> tuple[Finding, ...]:
-    with pytest.raises(MapFileError) as caught:
-        loaded(folder, text)
-    return caught.value.findings
-
+from tests.support.good_map import GOOD, changed, findings_of, loaded
 
 FLOOR = 'car_floor: {at: "holding:1", type: int16, as: floor, unknown: [0]}'
 MOTION = 'motion: {at: "holding:2", values: {1: stopped, 2: up, 3: down}}'
@@ -100,7 +24,7 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
     ("a signal with a typo", LEVEL, 'levle: {at: "discrete:4"}', 0, "signals.levle", "did you mean `level`?"),
     ("a signal nobody knows", LOAD, 'qqq: {at: "input:1"}', 0, "signals.qqq", "signals are car_floor, destination"),
     ("a command with a typo", "  robot_mode:\n", "  robot_mod:\n", 0, "commands.robot_mod", "did you mean `robot_mode`?"),
-    ("a command nobody knows", "  robot_mode:\n", "  reset:\n", 0, "commands.reset", "commands are go_to, robot_mode"),
+    ("a command nobody knows", "  robot_mode:\n", "  reset:\n", 0, "commands.reset", "commands are go_to, go_to.front"),
     ("words on a flag", LEVEL, 'level: {at: "discrete:4", values: {0: up}}', 0, "signals.level.values", "say `active: low`"),
     ("words on a floor", FLOOR, FLOOR[:-1] + ", values: {1: up}}", 0, "signals.car_floor.values", "the site file names the floor codes"),
     ("codes on a number", LOAD, LOAD[:-1] + ", unknown: [3]}", 0, "signals.load.unknown", "remove `unknown`"),
@@ -145,7 +69,7 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
     ("one lamp for two floors", LAMPS, LAMPS.replace("coil:12", "coil:11"), 0, "signals.call_accepted.one_of[1]", "twice in this one"),
     ("two commands at one coil", '    at: "coil:2"', '    at: "coil:1"', 0, "commands.close_door.front.at", "in hold_door.front already"),
     ("a command on inputs", 'at: "coil:2"', 'at: "discrete:9"', 0, "commands.close_door.front.at", "a discrete cannot be written"),
-    ("a command in a bit", 'at: "holding:30"', 'at: "holding:30.2"', 0, "commands.go_to.at", "read-modify-write, which is not supported yet"),
+    ("a command in a bit", 'at: "holding:30"', 'at: "holding:30.2"', 0, "commands.go_to.at", "a bit cannot carry a floor number"),
     ("a floor number in a coil", 'at: "holding:30"', 'at: "coil:9"', 0, "commands.go_to.at", "a coil cannot carry a floor number"),
     ("a number in a coil", 'at: "coil:2"', 'at: "coil:2"\n    press: 5', 1, "commands.close_door.front.press", "a coil holds 0 to 1"),
     ("a negative rest without a sign", 'at: "holding:30"', 'at: "holding:30"\n    rest: -1', 1, "commands.go_to.rest", "uint16 holds 0 to 65535"),
@@ -153,9 +77,9 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
     ("a call without floors", "    as: floor\n", "", -2, "commands.go_to", "say `as: floor`"),
     ("a call said twice", 'at: "holding:30"', 'one_of: ["coil:8", "coil:9"]', 1, "commands.go_to.as", "remove `as`"),
     ("outputs that rest on", 'at: "holding:30"\n    as: floor', 'one_of: ["coil:8", "coil:9"]\n    rest: 1', 1, "commands.go_to.rest", "rest at 0"),
-    ("a door with a floor", 'at: "coil:1"\n', 'at: "coil:1"\n    as: floor\n', 1, "commands.hold_door.front.as", "belongs to go_to"),
-    ("a door that arrives", 'at: "coil:1"\n', 'at: "coil:1"\n    until: arrived\n', 1, "commands.hold_door.front.until", "belongs to go_to"),
-    ("a door of several outputs", 'at: "coil:1"\n', 'one_of: ["coil:1", "coil:4"]\n', 0, "commands.hold_door.front.one_of", "belongs to go_to"),
+    ("a door with a floor", 'at: "coil:1"\n', 'at: "coil:1"\n    as: floor\n', 1, "commands.hold_door.front.as", "belongs to a call"),
+    ("a door that arrives", 'at: "coil:1"\n', 'at: "coil:1"\n    until: arrived\n', 1, "commands.hold_door.front.until", "belongs to a call"),
+    ("a door of several outputs", 'at: "coil:1"\n', 'one_of: ["coil:1", "coil:4"]\n', 0, "commands.hold_door.front.one_of", "belongs to a call"),
     ("a pulse that is held", "    width_s: 1\n", "    width_s: 1\n    max_hold_s: 3\n", 1, "commands.close_door.front.max_hold_s", "belongs to `action: hold`"),
     ("a hold with a width", "max_hold_s: 30\n", "max_hold_s: 30\n    width_s: 1\n", 1, "commands.hold_door.front.width_s", "belongs to `action: pulse`"),
     ("a refresh that comes too late", "refresh_s: 2", "refresh_s: 30", 0, "commands.hold_door.front.refresh_s", "30 s is not before max_hold_s, 30 s"),
@@ -168,7 +92,7 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
     ("a proof that is not there", "[call_accepted, effect]", "[destination]", 0, "commands.go_to.confirm.any_of[0]", "no signal destination"),
     ("a proof with a typo", "[call_accepted, effect]", "[efect]", 0, "commands.go_to.confirm.any_of[0]", "did you mean `effect`?"),
     ("a proof of the wrong kind", "[call_accepted, effect]", "[motion]", 0, "commands.go_to.confirm.any_of[0]", "only a flag or a floor confirms"),
-    ("a floor as proof of a door", "[readback]", "[car_floor]", 0, "commands.hold_door.front.confirm.any_of[0]", "only go_to has one to compare with"),
+    ("a floor as proof of a door", "[readback]", "[car_floor]", 0, "commands.hold_door.front.confirm.any_of[0]", "only a call has a floor to compare with"),
     ("an effect nobody can see", f"  {FRONT}\n", "", 28, "commands.close_door.front.confirm.any_of[0]", "cannot be seen without door.front"),
     ("a block of too many coils", BLOCK, BLOCK.replace("3,", "1968,"), 0, "write_blocks[0]", "belong to no command"),
     ("a block with the wrong function", BLOCK, BLOCK.replace("15", "16"), 0, "write_blocks[0].function", "function 16 does not write a coil; use 15"),
@@ -177,7 +101,7 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
     ("a block that starts in a bit", BLOCK, '{at: "holding:30.1", count: 1, function: 16}', 0, "write_blocks[0].at", "cannot start a block"),
     ("a block with a stranger in it", BLOCK, BLOCK.replace("3,", "5,"), 0, "write_blocks[0]", "coil 4, 5 in it belong to no command"),
     ("blocks that overlap", BLOCK, BLOCK + '\n  - {at: "coil:2", count: 1, function: 15}', 1, "write_blocks[1]", "overlaps write block 1"),
-    ("a block below the base", BLOCK, BLOCK.replace("coil:1", "coil:0"), 0, "write_blocks[0]", "0 is below the first address"),
+    ("a block below the base", BLOCK, BLOCK.replace("coil:1", "coil:0"), 0, "write_blocks[0].at", "0 is below the first address"),
     ("evidence without its signal", f"  {LEVEL}\n", "", 34, "at_floor_evidence", "the map has no signal level"),
     ("a visible fire that is not", "at_floor_evidence", "not_visible: {fire: because}\nat_floor_evidence", 0, "not_visible.fire", "has a fire signal; remove"),
     ("a fire nobody sees", f"  {FIRE}\n", "", -16, "not_visible", "give the reason"),
@@ -190,7 +114,7 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
 def test_a_mistake_is_named_with_its_line_its_key_and_the_way_to_mend_it(
     tmp_path: Path, old: str, new: str, offset: int, key: str, words: str
 ) -> None:
-    text, line = changed(old, new)
+    text, line = changed(GOOD, old, new)
     found = findings_of(tmp_path, text)
     assert [f.line for f in found if f.key == key and words in f.message] == [line + offset], "\n".join(map(str, found))
 
@@ -236,7 +160,7 @@ def test_a_call_may_open_the_door_where_no_button_does(tmp_path: Path) -> None:
     ],
 )
 def test_what_may_be_right_is_a_warning(tmp_path: Path, old: str, new: str, words: str) -> None:
-    assert any(words in str(finding) for finding in loaded(tmp_path, changed(old, new)[0]).warnings)
+    assert any(words in str(finding) for finding in loaded(tmp_path, changed(GOOD, old, new)[0]).warnings)
 
 
 def test_a_map_without_doors_is_warned_about(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from register_maps.errors import BadRequest, ExceptionAnswer, FrameError, Mismat
 from register_maps.frames import Request
 from register_maps.words import Table
 
-# Modbus Application Protocol V1.1b3, sections 6.1 to 6.6, 6.11 and 6.12: request PDU and answer PDU as printed there.
+# Modbus Application Protocol V1.1b3, sections 6.1 to 6.6, 6.11, 6.12 and 6.16: request PDU and answer PDU as printed there.
 EXAMPLES = {
     "read coils 20 to 38": (
         frames.read(Table.COIL, 19, 19, unit=17),
@@ -50,6 +50,11 @@ EXAMPLES = {
         frames.write_registers(1, [0x000A, 0x0102], unit=17),
         "10 00 01 00 02 04 00 0A 01 02",
         "10 00 01 00 02",
+    ),
+    "mask write register 5": (
+        frames.mask_write(4, 0x00F2, 0x0025, unit=17),
+        "16 00 04 00 F2 00 25",
+        "16 00 04 00 F2 00 25",
     ),
 }
 examples = pytest.mark.parametrize(("request_", "asked", "answered"), EXAMPLES.values(), ids=EXAMPLES.keys())
@@ -310,3 +315,39 @@ def test_an_answer_is_put_into_plain_words(pdu: str, words: str) -> None:
 def test_putting_bytes_into_words_never_fails(data: bytes) -> None:
     assert frames.describe(data)
     assert frames.describe_answer(data)
+
+
+# The relay module's own example: relay 1 on for 700 ms, in counts of 100 ms (elevator-interfaces 2, Waveshare).
+TIMED = "05 02 00 00 07"
+
+
+def test_a_coil_is_set_for_a_time_that_the_module_keeps() -> None:
+    request = frames.pulse_coil(0x200, 7, unit=17)
+    assert frames.frame(request, 0x1501) == adu(TIMED)
+    assert frames.check(request, adu(TIMED)) == b""
+    assert frames.parse_request(adu(TIMED), timed_coils=True) == request
+    assert str(request) == "write coil 512 := on for 7 counts, unit 17"
+
+
+def test_a_device_that_times_no_coils_refuses_a_duration() -> None:
+    with pytest.raises(BadRequest, match="coil value 0007") as caught:
+        frames.parse_request(adu(TIMED))
+    assert caught.value.code == 3
+
+
+@pytest.mark.parametrize("duration", [0, 0x8000, -1])
+def test_a_duration_that_a_module_would_take_for_something_else_is_refused(duration: int) -> None:
+    with pytest.raises(BadRequest, match="duration"):
+        frames.pulse_coil(0, duration)
+
+
+def test_on_and_off_are_no_durations() -> None:
+    for word, value in (("FF 00", 1), ("00 00", 0)):
+        request = frames.parse_request(adu(f"05 00 01 {word}"), timed_coils=True)
+        assert (request.values, request.duration) == ((value,), None)
+
+
+def test_a_mask_write_says_which_bits_it_keeps_and_sets() -> None:
+    assert str(frames.mask_write(4, 0xFFFE, 1)) == "write holding register 4 := itself AND FFFE OR 0001, unit 1"
+    with pytest.raises(BadRequest, match="5 bytes of data"):
+        frames.parse_request(adu("16 00 04 00 F2 00"))

@@ -5,29 +5,66 @@ The simulated lift is asked through pymodbus's server over a real socket, with a
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
+from itertools import pairwise
 
 import pytest
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
+from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
-from drivers.model import Result
+from drivers.model import Command, CommandKind, Outcome, Result
 from register_maps.codec import Codec, compile_map
-from register_maps.load import load, shipped
+from register_maps.load import Changes, load, shipped
 from simulator import shaft
 from simulator.controller import Parameters
 from simulator.modes import Key
 from simulator.registers import RegisterFace
 from simulator.server import SimulatedController
+from tests.register_maps.golden.adam_io import ADAM_IO
+from tests.register_maps.golden.adam_pushbutton import ADAM_PUSHBUTTON
+from tests.register_maps.golden.generic_coils import GENERIC_COILS
 from tests.register_maps.golden.generic_registers import GENERIC_REGISTERS
-from tests.register_maps.golden.two_stop_agv import TWO_STOP_AGV
-from tests.register_maps.golden.vectors import Does, Golden, Says
+from tests.register_maps.golden.moxa_e1211 import MOXA_E1211
+from tests.register_maps.golden.moxa_e1212 import MOXA_E1212
+from tests.register_maps.golden.moxa_e1214 import MOXA_E1214
+from tests.register_maps.golden.robotnik_il_eth import ROBOTNIK_IL_ETH, ROBOTNIK_IL_ETH_OUTPUT_4
+from tests.register_maps.golden.seer_generic import SEER_GENERIC
+from tests.register_maps.golden.seer_lps3_two_stop import SEER_LPS3_TWO_STOP
+from tests.register_maps.golden.seer_siemens_chengdu import SEER_SIEMENS_CHENGDU, SEER_SIEMENS_CHENGDU_FROM_1
+from tests.register_maps.golden.seer_siemens_chengdu_block import SEER_SIEMENS_CHENGDU_BLOCK
+from tests.register_maps.golden.thingweb_elevator import THINGWEB_ELEVATOR
+from tests.register_maps.golden.two_stop_agv import TWO_STOP_AGV, TWO_STOP_AGV_MOVED
+from tests.register_maps.golden.vectors import Does, Frames, Golden, Says, frames_of
+from tests.register_maps.golden.wago_750 import WAGO_750
+from tests.register_maps.golden.waveshare_relay import WAVESHARE_RELAY
 from tests.support.virtual_time import elapse, run_virtual
 
-GOLDEN = (GENERIC_REGISTERS, TWO_STOP_AGV)
+GOLDEN = (
+    ADAM_IO,
+    ADAM_PUSHBUTTON,
+    GENERIC_COILS,
+    GENERIC_REGISTERS,
+    MOXA_E1211,
+    MOXA_E1212,
+    MOXA_E1214,
+    ROBOTNIK_IL_ETH,
+    ROBOTNIK_IL_ETH_OUTPUT_4,
+    SEER_GENERIC,
+    SEER_LPS3_TWO_STOP,
+    SEER_SIEMENS_CHENGDU,
+    SEER_SIEMENS_CHENGDU_FROM_1,
+    SEER_SIEMENS_CHENGDU_BLOCK,
+    THINGWEB_ELEVATOR,
+    TWO_STOP_AGV,
+    TWO_STOP_AGV_MOVED,
+    WAGO_750,
+    WAVESHARE_RELAY,
+)
 POLL_S = 0.1
 
 
@@ -36,7 +73,8 @@ def allowed() -> None:
 
 
 def compiled(golden: Golden) -> Codec:
-    return compile_map(load(golden.map_name).map)
+    changes = Changes(parameters=golden.parameters, override=golden.override)
+    return compile_map(load(golden.map_name, changes=changes).map)
 
 
 def plain(frame: bytes) -> str:
@@ -45,41 +83,73 @@ def plain(frame: bytes) -> str:
 
 
 class Bench:
-    """A controller that knows nothing but typed bytes: the poll, and the one request that must come next."""
+    """A lift that knows nothing but typed bytes: the poll, the request that must come next, and a block written all the time."""
 
-    def __init__(self, poll: str, says: str, script: Iterable[tuple[str, str]]) -> None:
+    def __init__(self, golden: Golden, says: Frames, script: Iterable[tuple[str, str]]) -> None:
         self.says = says
-        self.after: str | None = None
-        """What the poll says from the answer to the next scripted request on."""
-        self.polls = 0
+        self.after: Frames | None = None
+        """What the poll says once `wait` more of the scripted requests were answered, and the one after them."""
+        self.wait = 0
+        self.polled = 0
+        """Requests of polls."""
+        self.cycles: list[float] = []
         self.heard: list[tuple[float, str]] = []
-        self._poll = poll
+        self._poll = frames_of(golden.poll)
+        self._cycle = golden.cycle
         self._script = deque(script)
 
-    def extend(self, script: Iterable[tuple[str, str]], *, after: str) -> None:
-        self._script.extend(script)
-        self.after = after
+    @property
+    def polls(self) -> float:
+        """Whole polls."""
+        return self.polled / len(self._poll)
 
-    def answer(self, frame: bytes) -> list[Reply]:
-        request, tid = plain(frame), frame[:2]
-        if request == self._poll:
-            self.polls += 1
-            return [(0.0, tid + bytes.fromhex(self.says))]
-        self.heard.append((asyncio.get_running_loop().time(), request))
-        if not self._script or self._script[0][0] != request:
-            return []
-        if self.after is not None:
+    def extend(self, script: Iterable[tuple[str, str]], *, after: Frames, wait: int = 0) -> None:
+        self._script.extend(script)
+        self.after, self.wait = after, wait
+
+    def answers(self, device: str = "") -> Callable[[bytes], list[Reply]]:
+        """What the lift's controller, or a second device of this name, answers."""
+        name = f"{device}: " if device else ""
+
+        def answer(frame: bytes) -> list[Reply]:
+            said = self._answer(name + plain(frame))
+            return [] if said is None else [(0.0, frame[:2] + bytes.fromhex(said.removeprefix(name)))]
+
+        return answer
+
+    def _answer(self, request: str) -> str | None:
+        now = asyncio.get_running_loop().time()
+        expected = self._script[0][0] if self._script else None
+        if request in self._poll and request != expected:
+            self.polled += 1
+            return frames_of(self.says)[self._poll.index(request)]
+        if request != expected and self._cycle is not None and request == self._cycle[0]:
+            self.cycles.append(now)
+            return self._cycle[1]
+        self.heard.append((now, request))
+        if request != expected:
+            return None
+        if self.after is not None and self.wait == 0:
             self.says, self.after = self.after, None
-        return [(0.0, tid + bytes.fromhex(self._script.popleft()[1]))]
+        self.wait -= 1
+        return self._script.popleft()[1]
 
 
 @asynccontextmanager
 async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterator[ModbusLift]:
     """The real driver on this bench."""
-    link = Link(lambda: MemoryWire(bench.answer), LinkSettings(), name="plc")
-    lift = ModbusLift(compiled(golden), link, LiftSettings(name="lift", floors=golden.floors, control=control))
-    tasks = [asyncio.ensure_future(link.run()), asyncio.ensure_future(lift.run())]
-    await link.wait_up()
+    codec = compiled(golden)
+    links = {
+        device: Link(partial(MemoryWire, bench.answers(device)), LinkSettings(), name=device or "plc")
+        for device in ("", *codec.map.endpoints)
+    }
+    settings = LiftSettings(name="lift", floors=golden.floors, control=control, unit_id=codec.map.unit_of(""))
+    endpoints = {device: Line(links[device], codec.map.unit_of(device)) for device in codec.map.endpoints}
+    lift = ModbusLift(codec, links[""], settings, endpoints)
+    running: list[Link | ModbusLift] = [*links.values(), lift]
+    tasks = [asyncio.ensure_future(part.run()) for part in running]
+    for link in links.values():
+        await link.wait_up()
     try:
         yield lift
     finally:
@@ -88,24 +158,32 @@ async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterato
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
+def give(lift: ModbusLift, command: Command, *, press: bool | None = None) -> asyncio.Future[Outcome] | None:
+    """Press or hold; of a command that comes before, its kind tells which."""
+    if press or (press is None and command.kind not in (CommandKind.HOLD_DOOR, CommandKind.ROBOT_MODE)):
+        return lift.press(command, allowed)
+    lift.hold(command, allowed)
+    return None
+
+
 def each(attribute: str) -> Sequence[object]:
     return [
-        pytest.param(golden, vector, id=f"{golden.map_name}: {vector.words}")
+        pytest.param(golden, vector, id=f"{golden.title}: {vector.words}")
         for golden in GOLDEN
         for vector in getattr(golden, attribute)
     ]
 
 
-each_map = pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.map_name)
+each_map = pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.title)
 
 
 def test_every_shipped_map_has_golden_vectors() -> None:
-    assert shipped() == tuple(sorted(golden.map_name for golden in GOLDEN))
+    assert shipped() == tuple(sorted({golden.map_name for golden in GOLDEN}))
 
 
 @each_map
-def test_a_poll_is_this_one_request(golden: Golden) -> None:
-    bench = Bench(golden.poll, golden.says[0].answer, ())
+def test_a_poll_is_these_requests(golden: Golden) -> None:
+    bench = Bench(golden, golden.says[0].answer, ())
 
     async def main() -> None:
         async with driven(golden, bench, control=False) as lift:
@@ -119,7 +197,7 @@ def test_a_poll_is_this_one_request(golden: Golden) -> None:
 
 @each_map
 def test_a_new_connection_is_first_polled_and_then_asked_for_our_own_outputs(golden: Golden) -> None:
-    bench = Bench(golden.poll, golden.says[0].answer, golden.takes_over)
+    bench = Bench(golden, golden.says[0].answer, golden.takes_over)
 
     async def main() -> None:
         async with driven(golden, bench, control=True) as lift:
@@ -132,9 +210,25 @@ def test_a_new_connection_is_first_polled_and_then_asked_for_our_own_outputs(gol
     assert bench.polls == 20
 
 
+@pytest.mark.parametrize("golden", [golden for golden in GOLDEN if golden.cycle], ids=lambda golden: golden.title)
+def test_a_block_that_is_written_all_the_time_is_written_at_rest_too(golden: Golden) -> None:
+    bench = Bench(golden, golden.says[0].answer, golden.takes_over)
+
+    async def main() -> None:
+        async with driven(golden, bench, control=True) as lift:
+            for _ in range(50):
+                await lift.read()
+                await elapse(POLL_S)
+
+    run_virtual(main)
+    gaps = [later - earlier for earlier, later in pairwise(bench.cycles)]
+    assert len(gaps) >= 4
+    assert gaps == pytest.approx([golden.cycle_s] * len(gaps), abs=0.01)
+
+
 @pytest.mark.parametrize(("golden", "vector"), each("says"))
 def test_an_answer_means_what_its_source_says(golden: Golden, vector: Says) -> None:
-    bench = Bench(golden.poll, vector.answer, ())
+    bench = Bench(golden, vector.answer, ())
 
     async def main() -> None:
         async with driven(golden, bench, control=False) as lift:
@@ -145,7 +239,7 @@ def test_an_answer_means_what_its_source_says(golden: Golden, vector: Says) -> N
 
 @each_map
 def test_answers_mean_the_same_whatever_came_before_them(golden: Golden) -> None:
-    bench = Bench(golden.poll, golden.says[0].answer, ())
+    bench = Bench(golden, golden.says[0].answer, ())
 
     async def main() -> None:
         async with driven(golden, bench, control=False) as lift:
@@ -158,7 +252,7 @@ def test_answers_mean_the_same_whatever_came_before_them(golden: Golden) -> None
 
 @pytest.mark.parametrize(("golden", "vector"), each("does"))
 def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden, vector: Does) -> None:
-    bench = Bench(golden.poll, vector.poll_before, golden.takes_over)
+    bench = Bench(golden, vector.poll_before, golden.takes_over)
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
@@ -170,14 +264,15 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
                     await elapse(POLL_S)
 
             await poll(loop.time() + 1.0)
+            if vector.before is not None:
+                bench.extend(vector.before_by, after=vector.poll_before)
+                give(lift, vector.before)
+                await poll(loop.time() + vector.before_s)
             given, taken_over = loop.time(), len(bench.heard)
-            end = given + vector.exchanges[-1].at_s + 1.0
-            bench.extend([(step.request, step.answer) for step in vector.exchanges], after=vector.poll_after)
-            outcome = None
-            if vector.proof is None:
-                lift.hold(vector.command, allowed)
-            else:
-                outcome = lift.press(vector.command, allowed)
+            end = given + vector.exchanges[-1].at_s + vector.lasts_s + 1.0
+            script = [(step.request, step.answer) for step in vector.exchanges]
+            bench.extend(script, after=vector.poll_after, wait=vector.shows_after)
+            outcome = give(lift, vector.command, press=vector.proof is not None)
             if vector.let_go_s is not None:
                 await poll(given + vector.let_go_s)
                 assert vector.proof is not None or lift.held(vector.command)
@@ -189,16 +284,18 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
             times = [at - given for at, _ in heard]
             assert times == pytest.approx([step.at_s for step in vector.exchanges], abs=0.01)
             assert not lift.held(vector.command)
+            assert vector.before is None or lift.held(vector.before) is not vector.gives_way
             if outcome is not None:
                 done = await outcome
                 assert (done.result, done.proof) == (Result.CONFIRMED, vector.proof)
                 # the outcome keeps the press as it left: from the unit id on
-                assert done.frames == (bytes.fromhex(vector.exchanges[0].request)[4:].hex(),)
+                press = vector.press or (vector.exchanges[0].request,)
+                assert done.frames == tuple(bytes.fromhex(request)[4:].hex() for request in press)
 
     run_virtual(main)
 
 
-@each_map
+@pytest.mark.parametrize("golden", [golden for golden in GOLDEN if golden.face], ids=lambda golden: golden.title)
 def test_the_simulated_lift_meets_the_same_bytes_as_a_lift_of_this_map_would(golden: Golden) -> None:
     building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(len(golden.floors))))
     face = RegisterFace(compiled(golden), tuple(golden.floors.values()), building, key=Key(golden.key))

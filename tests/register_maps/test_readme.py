@@ -13,9 +13,8 @@ import yaml
 
 import register_maps
 from drivers.modbus.reading import lift_mode
-from register_maps.codec import compile_map
-from register_maps.errors import MapFileError
-from register_maps.load import json_schema, load
+from register_maps.codec import Point, compile_map
+from register_maps.load import Changes, json_schema, load
 from register_maps.schema import COMMANDS, SIGNALS
 from register_maps.words import Door, Mode, Motion, Table
 
@@ -43,27 +42,30 @@ at_same_floor: call
 """
 
 
-def snippets(mark: str) -> list[Any]:
-    sections = re.split(r"^### ", README, flags=re.MULTILINE)
-    found = []
-    for section in sections:
-        title = section.partition("\n")[0]
-        blocks = re.findall(r"^```yaml\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
-        found += [pytest.param(block, id=title) for block in blocks if block.startswith(f"# {mark}\n")]
-    return found
+def snippets() -> list[Any]:
+    sections = re.split(r"^### ", README.partition("## How each interface feature is said")[2], flags=re.MULTILINE)
+    return [
+        pytest.param(block, id=section.partition("\n")[0])
+        for section in sections
+        for block in re.findall(r"^```yaml\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
+        if not block.startswith("# of a site file")
+    ]
 
 
 def completed(block: str) -> str:
     whole = copy.deepcopy(yaml.safe_load(BASE))
-    for key, value in yaml.safe_load(block).items():
-        merges = isinstance(value, dict) and key in ("signals", "link")
+    said = yaml.safe_load(block)
+    own = "notation" in said.get("addressing", {})
+    for key, value in said.items():
+        merges = isinstance(value, dict) and key in ("signals", "link") and not own
         whole[key] = {**whole.get(key, {}), **value} if merges else value
     return yaml.safe_dump(whole)
 
 
-def test_every_block_is_marked_and_so_is_tested() -> None:
-    marks = [block.partition("\n")[0] for block in BLOCKS]
-    assert set(marks) == {"# acme-lc3.yaml", "# works now", "# not yet"}
+def test_every_block_is_a_map_a_snippet_or_of_a_site_file() -> None:
+    others = [block for block in BLOCKS if block.startswith(("# acme-lc3.yaml", "# of a site file"))]
+    assert len(BLOCKS) == len(snippets()) + len(others)
+    assert len(snippets()) > 40
 
 
 def test_all_features_of_the_survey_are_there() -> None:
@@ -71,19 +73,23 @@ def test_all_features_of_the_survey_are_there() -> None:
     assert numbers == list(range(1, 27))
 
 
-@pytest.mark.parametrize("block", snippets("works now"))
-def test_what_works_now_is_accepted(tmp_path: Path, block: str) -> None:
+@pytest.mark.parametrize("block", snippets())
+def test_every_snippet_is_accepted(tmp_path: Path, block: str) -> None:
     path = tmp_path / "snippet.yaml"
     path.write_text(completed(block))
     assert compile_map(load(path).map).signals
 
 
-@pytest.mark.parametrize("block", snippets("not yet"))
-def test_what_does_not_work_yet_is_refused(tmp_path: Path, block: str) -> None:
-    path = tmp_path / "snippet.yaml"
-    path.write_text(completed(block))
-    with pytest.raises(MapFileError):
-        load(path)
+def test_the_changes_of_a_site_can_be_laid_over_the_map_they_are_meant_for(tmp_path: Path) -> None:
+    (block,) = (block for block in BLOCKS if block.startswith("# of a site file"))
+    lift = yaml.safe_load(block)["lifts"]["goods"]
+    (template,) = (param.values[0] for param in snippets() if param.id.startswith("Across all"))
+    path = tmp_path / "template.yaml"
+    path.write_text(completed(template) + 'commands: {close_door.front: {at: "coil:5", action: pulse, width_s: 1}}\n')
+    loaded = load(path, changes=Changes(lift["parameters"], lift["override"]))
+    assert loaded.map.signals["door.front"].addresses == ("discrete:100", "discrete:101")
+    assert loaded.map.signals["overload"].at == "discrete:7"
+    assert loaded.map.commands == {}
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.startswith("# acme-lc3.yaml")])
@@ -92,7 +98,12 @@ def test_the_first_own_map_is_checked_and_reads_as_its_table_says(tmp_path: Path
     loaded = load("./acme-lc3.yaml", near=tmp_path)
     assert loaded.warnings == ()
     codec = compile_map(loaded.map)
-    image = {Table.DISCRETE: [1, 0, 1, 0], Table.INPUT: [2, 1], Table.COIL: [0, 0], Table.HOLDING: [0]}
+    image: dict[str, list[int]] = {
+        Table.DISCRETE: [1, 0, 1, 0],
+        Table.INPUT: [2, 1],
+        Table.COIL: [0, 0],
+        Table.HOLDING: [0],
+    }
     assert {name: signal.decode(signal.extract(image)) for name, signal in codec.signals.items()} == {
         "door.front": Door.OPEN,
         "fire": False,
@@ -100,7 +111,7 @@ def test_the_first_own_map_is_checked_and_reads_as_its_table_says(tmp_path: Path
         "car_floor": 2,
         "motion": Motion.STOPPED,
     }
-    assert codec.commands["go_to"].encode(3) == {(Table.HOLDING, 0): 3}
+    assert codec.commands["go_to"].encode(3) == {Point(Table.HOLDING, 0, 0, 16): 3}
 
 
 def test_every_name_of_the_vocabulary_is_in_its_tables() -> None:

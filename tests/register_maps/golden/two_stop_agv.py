@@ -164,7 +164,65 @@ DOES = (
         ),
         let_go_s=1.0,
     ),
-    # Coil 3, so 8.
+    Does(
+        "go to 5F, which ends holding the door",
+        Command(CommandKind.GO_TO, "5F"),
+        CLOSED_AT_4F,
+        BETWEEN,
+        Proof.EFFECT,
+        (
+            Exchange(0.0, LET_GO, WRITTEN),
+            Exchange(0.0, READ_BACK, AT_REST),
+            Exchange(0.0, GO_5F, WRITTEN),
+            Exchange(1.0, LET_GO, WRITTEN),
+            Exchange(1.0, READ_BACK, AT_REST),
+        ),
+        let_go_s=1.0,
+        shows_after=2,
+        press=(GO_5F,),
+        before=Command(CommandKind.HOLD_DOOR, side=Side.FRONT),
+        before_by=((HOLD_OPEN, WRITTEN), (READ_BACK, "00 00 00 04 01 01 01 04")),
+        gives_way=True,
+    ),
+    Does(
+        "hold the door open, which ends a call",
+        Command(CommandKind.HOLD_DOOR, side=Side.FRONT),
+        CLOSED_AT_4F,
+        OPEN_AT_4F,
+        None,
+        (
+            Exchange(0.0, LET_GO, WRITTEN),
+            Exchange(0.0, READ_BACK, AT_REST),
+            Exchange(0.0, HOLD_OPEN, WRITTEN),
+            Exchange(0.0, READ_BACK, "00 00 00 04 01 01 01 04"),
+            Exchange(1.0, LET_GO, WRITTEN),
+            Exchange(1.0, READ_BACK, AT_REST),
+        ),
+        let_go_s=1.0,
+        before=Command(CommandKind.GO_TO, "5F"),
+        before_by=((GO_5F, WRITTEN),),
+        gives_way=True,
+    ),
+    Does(
+        "hold the door closed, which ends holding it open",
+        Command(CommandKind.CLOSE_DOOR, side=Side.FRONT),
+        OPEN_AT_4F,
+        CLOSED_AT_4F,
+        Proof.EFFECT,
+        (
+            Exchange(0.0, LET_GO, WRITTEN),
+            Exchange(0.0, READ_BACK, AT_REST),
+            Exchange(0.0, HOLD_CLOSED, WRITTEN),
+            Exchange(0.1, LET_GO, WRITTEN),
+            Exchange(0.1, READ_BACK, AT_REST),
+        ),
+        shows_after=2,
+        press=(HOLD_CLOSED,),
+        before=Command(CommandKind.HOLD_DOOR, side=Side.FRONT),
+        before_by=((HOLD_OPEN, WRITTEN), (READ_BACK, "00 00 00 04 01 01 01 04")),
+        gives_way=True,
+    ),
+    # Coil 3, so 8. It is let go with the first reading of a closed door.
     Does(
         "hold the door closed: it closes",
         Command(CommandKind.CLOSE_DOOR, side=Side.FRONT),
@@ -173,10 +231,9 @@ DOES = (
         Proof.EFFECT,
         (
             Exchange(0.0, HOLD_CLOSED, WRITTEN),
-            Exchange(3.0, LET_GO, WRITTEN),
-            Exchange(3.0, READ_BACK, AT_REST),
+            Exchange(0.1, LET_GO, WRITTEN),
+            Exchange(0.1, READ_BACK, AT_REST),
         ),
-        let_go_s=3.0,
     ),
 )
 
@@ -234,4 +291,29 @@ TWO_STOP_AGV = Golden(
     does=DOES,
     key="robot",
     face=FACE,
+)
+
+TWO_STOP_AGV_MOVED = Golden(
+    map_name="two-stop-agv",
+    site="inputs from 100, outputs from 200",
+    parameters={"first_input": 100, "first_output": 200},
+    floors={"4F": 0, "5F": 1},
+    poll="00 00 00 06 01 02 00 64 00 06",
+    takes_over=(("00 00 00 06 01 01 00 C8 00 04", AT_REST),),
+    says=SAYS[:4],
+    does=(
+        Does(
+            "from 5F to 4F: the car is there",
+            Command(CommandKind.GO_TO, "4F"),
+            CLOSED_AT_5F,
+            CLOSED_AT_4F,
+            Proof.EFFECT,
+            (
+                Exchange(0.0, "00 00 00 08 01 0F 00 C8 00 04 01 01", "00 00 00 06 01 0F 00 C8 00 04"),
+                Exchange(1.0, "00 00 00 08 01 0F 00 C8 00 04 01 00", "00 00 00 06 01 0F 00 C8 00 04"),
+                Exchange(1.0, "00 00 00 06 01 01 00 C8 00 04", AT_REST),
+            ),
+            let_go_s=1.0,
+        ),
+    ),
 )

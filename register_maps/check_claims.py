@@ -1,0 +1,168 @@
+"""Whether every point belongs to one signal, or to one command: what else shares it shares it by design."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from register_maps.check_places import KeyPath
+from register_maps.errors import Problem
+from register_maps.schema import CALLS, SIGNALS, Command, Kind, RegisterMap, Signal
+from register_maps.words import BIT_TABLES
+
+Bit = tuple[str, int, int]
+"""Space, address on the wire, bit."""
+
+LAMPS = ("calls_registered", "call_accepted")
+"""Signals that may lie where a call is written: the lamp in the button shows what the controller registered."""
+
+
+class Claims:
+    """Who uses which bits; an owner is a name and the key of one of its addresses."""
+
+    def __init__(self) -> None:
+        self._owners: dict[Bit, list[tuple[str, KeyPath]]] = {}
+
+    def at(self, bits: list[Bit]) -> list[tuple[str, KeyPath]]:
+        """Owners of any of these bits, each once."""
+        return list(dict.fromkeys(owner for bit in bits for owner in self._owners.get(bit, ())))
+
+    def take(self, bits: list[Bit], name: str, key: KeyPath) -> None:
+        """Add an owner."""
+        for bit in bits:
+            self._owners.setdefault(bit, []).append((name, key))
+
+
+def check_claims(source: RegisterMap) -> Iterator[Problem]:
+    """Yield points that two signals, or two commands, or a signal and a command claim."""
+    yield from _signals(source)
+    yield from _levels(source)
+    yield from _commands(source)
+    yield from _read_backs(source)
+    yield from _echoes(source)
+
+
+def bits_at(source: RegisterMap, text: str, low: int = 0, width: int = 16) -> list[Bit]:
+    """Every bit of a place; the field only matters where a register is named without a bit."""
+    place = source.place(text)
+    if place.table in BIT_TABLES or place.bit is not None:
+        return [(place.space, place.number, place.bit or 0)]
+    return [(place.space, place.number, position) for position in range(low, low + width)]
+
+
+def signal_bits(source: RegisterMap, signal: Signal, text: str) -> list[Bit]:
+    """Every bit that one address of a signal stands for."""
+    low, high = (0, 0) if signal.at is None else signal.bits or (0, 15)
+    bits = bits_at(source, text, low, high - low + 1)
+    return bits + [(space, number + 1, bit) for space, number, bit in bits] if signal.wide else bits
+
+
+def _signals(source: RegisterMap) -> Iterator[Problem]:
+    claims = Claims()
+    for name, signal in source.signals.items():
+        for key, text in signal.keyed_addresses:
+            bits = signal_bits(source, signal, text)
+            for other, other_key in claims.at(bits):
+                if (message := _conflict((name, key), (other, other_key), text)) is not None:
+                    yield Problem(("signals", name, *key), message)
+                    break
+            claims.take(bits, name, key)
+
+
+def _conflict(one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -> str | None:
+    """Say why two signals may not share a point; None where a floor's door limit is also the switch of that floor."""
+    if one[0] == other[0]:
+        return f"{text} is twice in this one; give each signal a place of its own"
+    by_name = dict((one, other))
+    doors = [name for name, key in by_name.items() if key[0] == "open_limits"]
+    if by_name.get("car_floor", ("",))[0] != "one_of" or len(doors) != 1:
+        return f"{text} is in {other[0]} already; give each signal a place of its own"
+    floor, limit = by_name["car_floor"][1], by_name[doors[0]][1]
+    if floor != limit:
+        return f"{text} is floor {floor} of car_floor and floor {limit} of {doors[0]}; list both in the same order"
+    return None
+
+
+def _levels(source: RegisterMap) -> Iterator[Problem]:
+    """Yield doors whose limits are floor switches, and are said to be on at another level than these."""
+    floor = source.signals.get("car_floor")
+    if floor is None or floor.one_of is None:
+        return
+    switches = {bit for text in floor.one_of for bit in signal_bits(source, floor, text)}
+    for name, signal in source.signals.items():
+        limits = {bit for text in signal.open_limits or () for bit in signal_bits(source, signal, text)}
+        if switches & limits and signal.active != floor.active:
+            message = "its limits are switches of car_floor as well, which has another `active`; say the same in both"
+            yield Problem(("signals", name), message)
+
+
+def _commands(source: RegisterMap) -> Iterator[Problem]:
+    claims = Claims()
+    for name, command in source.commands.items():
+        for key, text in command.keyed_addresses:
+            bits = bits_at(source, text)
+            owners = claims.at(bits)
+            if owners:
+                same = "twice in this one" if owners[0][0] == name else f"in {owners[0][0]} already"
+                message = f"{text} is {same}; give each command a place of its own"
+                if not _same_shape(source, text, owners[0]):
+                    message += "; a register is written either whole or bit by bit"
+                yield Problem(("commands", name, *key), message)
+            claims.take(bits, name, key)
+
+
+def _same_shape(source: RegisterMap, text: str, owner: tuple[str, KeyPath]) -> bool:
+    other = dict(source.commands[owner[0]].keyed_addresses)[owner[1]]
+    return (source.place(text).bit is None) == (source.place(other).bit is None)
+
+
+def _read_backs(source: RegisterMap) -> Iterator[Problem]:
+    """Yield places of two read-backs: each would show the other's output."""
+    claims = Claims()
+    for name, command in source.commands.items():
+        if not command.keyed_read_addresses and not command.ends_itself and not command.is_heartbeat:
+            for key, text in command.keyed_addresses:
+                claims.take(bits_at(source, text), name, key)
+    for name, command in source.commands.items():
+        for key, text in command.keyed_read_addresses:
+            bits = bits_at(source, text)
+            if owners := claims.at(bits):
+                same = "twice in this one" if owners[0][0] == name else f"where {owners[0][0]} is read back"
+                yield Problem(("commands", name, *key), f"{text} is {same}; give the place where this output is read")
+            claims.take(bits, name, key)
+
+
+def _echoes(source: RegisterMap) -> Iterator[Problem]:
+    """Yield signals at points that show our own writes."""
+    claims = Claims()
+    for name, command in source.commands.items():
+        for key, text in shown_at(command):
+            claims.take(bits_at(source, text), name, key)
+    for name, signal in source.signals.items():
+        echoes = (
+            _echo(name, key, text, *owner)
+            for key, text in signal.keyed_addresses
+            for owner in claims.at(signal_bits(source, signal, text))
+        )
+        if (problem := next(filter(None, echoes), None)) is not None:
+            yield problem
+
+
+def shown_at(command: Command) -> tuple[tuple[KeyPath, str], ...]:
+    """Where what a command wrote can be read, with the key."""
+    return command.keyed_read_addresses or command.keyed_addresses
+
+
+def _echo(name: str, key: KeyPath, text: str, command: str, command_key: KeyPath) -> Problem | None:
+    path = ("signals", name, *key)
+    if command not in CALLS or name not in LAMPS:
+        lamps = f"; a lamp in a call button is {LAMPS[0]} or {LAMPS[1]}" if command in CALLS else ""
+        cure = f"give the place where the controller says it{lamps}"
+        # a register that stays at the floor last asked for is a bad witness, and on some lifts the only one
+        only_one = command in CALLS and SIGNALS.get(name) is Kind.FLOOR
+        return Problem(
+            path, f"{text} shows what {command} writes, and not what the lift does; {cure}", warning=only_one
+        )
+    if len(key) == len(command_key) == 2 and key[1] != command_key[1]:
+        message = f"{text} is floor {key[1]} here and floor {command_key[1]} of {command}; list both in the same order"
+        return Problem(path, message)
+    return None

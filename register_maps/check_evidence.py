@@ -1,0 +1,88 @@
+"""Whether a map shows what a robot's safety needs: the car at its floor, the door, fire, and devices that let go by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from register_maps.check_blocks import blocked_cells, cells_of
+from register_maps.check_confirm import known
+from register_maps.errors import Problem
+from register_maps.plain import closest
+from register_maps.schema import SIGNALS, RegisterMap, Signal
+
+
+def check_evidence(source: RegisterMap) -> Iterator[Problem]:
+    """Yield what the map claims and cannot show."""
+    yield from _needs(source)
+    yield from _at_floor(source)
+    yield from _fire(source)
+    yield from _watchdogs(source)
+
+
+def _needs(source: RegisterMap) -> Iterator[Problem]:
+    for name, reason in source.needs.items():
+        path = ("needs", name)
+        if name not in SIGNALS:
+            hint = closest(name, SIGNALS) or f"; signals are {', '.join(SIGNALS)}"
+            yield Problem(path, f"there is no signal of this name{hint}")
+        elif name in source.signals:
+            yield Problem(path, "the map declares this signal itself; remove this line")
+        elif not reason.strip():
+            yield Problem(path, "give the reason why a site has to add it; it is shown to whoever writes the site file")
+
+
+def _at_floor(source: RegisterMap) -> Iterator[Problem]:
+    evidence = source.at_floor_evidence
+    path = ("at_floor_evidence",)
+    needed = {"level": "level", "motion_stopped": "motion"}.get(evidence.kind)
+    if needed is not None and not known(source, needed):
+        cure = f"declare `{needed}`, or use {{kind: position_stable, for_s: 1.0}}"
+        yield Problem(path, f"the map has no signal {needed} to show that the car stands; {cure}")
+    if evidence.kind == "door_limit" and not _limits_tell_the_floor(source):
+        message = (
+            "door_limit means that the open limit of each floor is also its floor switch: give a door `open_limits` and "
+            "car_floor `one_of` with the same addresses in the same order, or use {kind: position_stable, for_s: 1.0}"
+        )
+        yield Problem(path, message)
+
+
+def _limits_tell_the_floor(source: RegisterMap) -> bool:
+    if any(name == "car_floor" or name.startswith("door.") for name in source.needs):
+        return True  # that is for the site to say, and is looked at with its additions
+    floor = source.signals.get("car_floor")
+    doors = [signal for name, signal in source.signals.items() if name.startswith("door.")]
+    return floor is not None and any(_same_bits(source, floor, door) for door in doors)
+
+
+def _same_bits(source: RegisterMap, floor: Signal, door: Signal) -> bool:
+    if floor.one_of is None or door.open_limits is None or len(floor.one_of) != len(door.open_limits):
+        return False
+    pairs = zip(map(source.place, floor.one_of), map(source.place, door.open_limits), strict=True)
+    return all((a.space, a.number, a.bit) == (b.space, b.number, b.bit) for a, b in pairs)
+
+
+def _fire(source: RegisterMap) -> Iterator[Problem]:
+    mode = source.signals.get("mode")
+    visible = known(source, "fire") or (mode is not None and "fire" in (mode.values or {}).values())
+    if visible and "fire" in source.not_visible:
+        yield Problem(("not_visible", "fire"), "the map has a fire signal; remove this line")
+    if not visible and not source.not_visible.get("fire", "").strip():
+        cure = "declare `fire`, or give the reason: `not_visible: {fire: ...}`; every face shows it"
+        yield Problem(("not_visible",), f"the map has no fire signal, and no mode that says fire; {cure}")
+
+
+def _watchdogs(source: RegisterMap) -> Iterator[Problem]:
+    """Yield holds that rely on a watchdog of the device which nothing keeps from tripping."""
+    if "heartbeat" in source.commands:
+        return
+    cyclic = blocked_cells(source, cyclic=True)
+    for name, command in source.commands.items():
+        if command.on_link_loss != "device_watchdog" or command.action != "hold":
+            continue
+        rewritten = command.refresh_s is not None or command.repeat_pulse_s is not None
+        if not rewritten and not cells_of(source, command) <= cyclic:
+            message = (
+                "a device that lets go when nobody writes also lets go while we hold: say `refresh_s`, shorter than its "
+                "watchdog, or declare a heartbeat, or a write block with `every_s`"
+            )
+            yield Problem(("commands", name, "on_link_loss"), message)

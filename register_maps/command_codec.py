@@ -1,0 +1,131 @@
+"""Commands: which bits on the wire give and take back each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from register_maps.points import Block, Image, Point
+from register_maps.schema import CALLS, Command
+from register_maps.signal_codec import Locate
+from register_maps.words import BIT_TABLES, Table
+
+Written = tuple[Block, int, float | None]
+"""A block that is always written as a whole: where, with which function, and how often by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandCodec:
+    """One command: the points it owns and what is written to them."""
+
+    name: str
+    spec: Command
+    points: tuple[Point, ...]
+    read_points: tuple[Point, ...]
+    """Where each point is read back; none for a command that the device ends by itself."""
+    blocks: tuple[Block, ...]
+    """What one write of this command covers: its own cells, or the whole block they are always written with."""
+    functions: tuple[int, ...]
+    """Write function per block: 5, 6, 15, 16, or 22 for some bits of a register."""
+    shared: bool = False
+    """It lies in some bits of a register in which others write as well."""
+    lamp: bool = False
+    """The controller shows its answer at the same points: read back, they say what is registered, not what we write."""
+
+    @property
+    def is_call(self) -> bool:
+        """Whether it carries a floor."""
+        return self.name in CALLS
+
+    @property
+    def is_timed_coil(self) -> bool:
+        """Whether it writes a number to a coil: the duration of a pulse that the device times."""
+        return self.points[0].table is Table.COIL and self.spec.payload is not None
+
+    def encode(self, code: int | None) -> dict[Point, int]:
+        """Contents of its points that give the command; None lets go.
+
+        `code` is the floor code of a call and the count of a heartbeat; other commands ignore it. Raises ValueError for a
+        floor code that this coding cannot express.
+        """
+        spec = self.spec
+        if spec.one_of is not None:
+            if code is not None and not 0 <= code < len(self.points):
+                raise ValueError(
+                    f"{self.name} has {len(self.points)} floors, with codes 0 to {len(self.points) - 1}; {code} is none of them"
+                )
+            return {point: int(index == code) for index, point in enumerate(self.points)}
+        point = self.points[0]
+        if code is None:
+            return {point: spec.rest & point.mask}
+        if spec.is_heartbeat:
+            return {point: code & point.mask}
+        if spec.payload is not None:
+            return {point: payload_counts(spec)}
+        value = spec.on if spec.as_ is None else _checked_code(self.name, code, spec)
+        return {point: value & point.mask}
+
+    def decode(self, image: Image) -> int | None:
+        """What a register image asks for: a floor code, a count, 1 for on, None for rest or nonsense."""
+        spec = self.spec
+        raw = [point.within(image[point.space][point.address]) for point in self.points]
+        if spec.one_of is not None:
+            return raw.index(1) if raw.count(1) == 1 and sum(raw) == 1 else None
+        value = raw[0] - 0x10000 if spec.type == "int16" and raw[0] & 0x8000 else raw[0]
+        if spec.is_heartbeat:
+            return value
+        if value == spec.rest:
+            return None
+        if spec.as_ is not None:
+            return value
+        return 1 if spec.payload is not None or value == spec.on else None
+
+
+def payload_counts(spec: Command) -> int:
+    """Return the time that a command writes, in the counts of its register."""
+    if spec.payload is None:
+        raise ValueError("the command writes no time")
+    seconds = spec.width_s if spec.payload.time == "width_s" else spec.max_hold_s
+    return round((seconds or 0.0) / spec.payload.unit_s)
+
+
+def command_codec(
+    name: str, spec: Command, locate: Locate, written: Sequence[Written], lamps: frozenset[Point]
+) -> CommandCodec:
+    """Compile one command; `written` are the blocks of the map, `lamps` the points that show registered calls."""
+    points = tuple(locate(address) for address in spec.addresses)
+    read_points = tuple(locate(address) for _, address in spec.keyed_read_addresses) or points
+    if spec.ends_itself or spec.is_heartbeat:
+        read_points = ()
+    blocks: dict[Block, int] = {}
+    for point in points:
+        block, function = next(
+            ((block, function) for block, function, _ in written if block.holds(point)),
+            (Block(point.table, point.address, 1, point.endpoint), _function(point, spec)),
+        )
+        blocks[block] = function
+    return CommandCodec(
+        name,
+        spec,
+        points,
+        read_points,
+        tuple(blocks),
+        tuple(blocks.values()),
+        shared=spec.shared_word in ("accepted", "mask_write"),
+        lamp=bool(lamps & set(read_points)),
+    )
+
+
+def _function(point: Point, spec: Command) -> int:
+    if point.table in BIT_TABLES:
+        return 5
+    return 22 if spec.shared_word == "mask_write" else 6
+
+
+def _checked_code(name: str, code: int, spec: Command) -> int:
+    low, high = (-32768, 32767) if spec.type == "int16" else (0, 65535)
+    if not low <= code <= high:
+        raise ValueError(f"{name} writes {spec.type}, {low} to {high}; floor code {code} does not fit")
+    if code == spec.rest and not spec.ends_itself:
+        raise ValueError(f"{name} rests at {spec.rest}, so a floor with that code would be called by letting go")
+    return code

@@ -1,0 +1,107 @@
+"""What a map may say about one signal."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from register_maps.fields import Address, Part, Seconds, Word
+
+PLACE_KEYS: tuple[tuple[str, ...], ...] = (
+    ("at",),
+    ("one_of",),
+    ("each_of",),
+    ("code_of",),
+    ("open_limit", "closed_limit"),
+    ("open_limits",),
+    ("up", "down"),
+)
+"""The ways to say where a signal is; keys of one way belong together."""
+
+_Bit = Annotated[int, Field(ge=0, le=15)]
+_Addresses = Annotated[tuple[Address, ...], Field(min_length=2)]
+
+
+class Signal(Part):
+    """One thing the lift says: at one point, or spread over several bits."""
+
+    at: Address | None = None
+    one_of: _Addresses | None = None
+    """One bit per floor, lowest code (0) first, at most one of them set; none set means no floor known."""
+    each_of: _Addresses | None = None
+    """One bit per floor, lowest code (0) first, any number of them set: the lamps of the call buttons."""
+    code_of: _Addresses | None = None
+    """The bits of a position code, lowest first, from anywhere."""
+    open_limit: Address | None = None
+    closed_limit: Address | None = None
+    open_limits: _Addresses | None = None
+    """One fully-open limit per floor, of the same door; none set reads as closed."""
+    up: Address | None = None
+    down: Address | None = None
+    """Two bits of a motion; neither is stopped, both contradict each other."""
+    type: Literal["uint16", "int16", "uint32", "int32", "counter"] = "uint16"
+    word_order: Literal["high_first", "low_first"] | None = None
+    """Which half of a 32-bit number has the lower address."""
+    bits: tuple[_Bit, _Bit] | None = None
+    """First and last bit (0 = least significant) of a field inside a register."""
+    code: Literal["binary", "gray"] = "binary"
+    """How a position code counts (reflected binary code for `gray`)."""
+    active: Literal["high", "low"] = "high"
+    """Which level of a bit means yes; with a position code, of each of its bits."""
+    values: dict[Annotated[int, Field(ge=-32768, le=65535)], str] | None = None
+    means_yes: Word = 1
+    """The code for yes of a flag that fills a whole register or field; 0 is no, and everything else is unknown."""
+    as_: Literal["floor"] | None = Field(default=None, alias="as")
+    unknown: tuple[Word, ...] = ()
+    """Codes that mean "not known"."""
+    none: tuple[Word, ...] = ()
+    """Codes that mean "no floor", such as no destination."""
+    known_while: Literal["stopped"] | None = None
+    """Of a car floor that shows the destination under way: it counts only while `motion` says stopped."""
+    must_change_within_s: Seconds | None = None
+    unit: str = ""
+    """Unit of a number, such as kg."""
+    unit_s: Seconds | None = None
+    """Seconds in one count of `watchdog_time`."""
+    note: str = ""
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        ways = [keys for keys in PLACE_KEYS if any(getattr(self, key) is not None for key in keys)]
+        if len(ways) != 1:
+            every = ", ".join(" with ".join(f"`{key}`" for key in keys) for keys in PLACE_KEYS)
+            raise ValueError(f"say where it is exactly once: {every}")
+        missing = [key for key in ways[0] if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"{' and '.join(f'`{key}`' for key in ways[0])} belong together; {missing[0]} is missing")
+        if self.bits is not None and self.bits[0] > self.bits[1]:
+            raise ValueError("`bits` are written lowest first, such as [4, 5]")
+        return self
+
+    @property
+    def keyed_addresses(self) -> tuple[tuple[tuple[str | int, ...], str], ...]:
+        """Every address this signal is read from, with its key."""
+        return keyed(self, PLACE_KEYS)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Every address this signal is read from."""
+        return tuple(address for _, address in self.keyed_addresses)
+
+    @property
+    def wide(self) -> bool:
+        """Whether it is a 32-bit number, which takes the register after its address as well."""
+        return self.type in ("uint32", "int32")
+
+
+def keyed(part: Part, ways: tuple[tuple[str, ...], ...]) -> tuple[tuple[tuple[str | int, ...], str], ...]:
+    """List the addresses under these keys, each with its own key path."""
+    found: list[tuple[tuple[str | int, ...], str]] = []
+    for key in (key for keys in ways for key in keys):
+        given = getattr(part, key)
+        if isinstance(given, str):
+            found.append(((key,), given))
+        elif given is not None:
+            found += [((key, index), address) for index, address in enumerate(given)]
+    return tuple(found)
