@@ -8,6 +8,7 @@ DriverError
     AnswerMismatch           the answer does not fit its request: the stream is out of step
     ControllerException      the controller answered with an exception code
         UnitOffline          a gateway answered for a unit that it cannot reach (0A, 0B)
+        PointsRefused        the answer to a poll, with the signals that it is about
     PressRefused             the permit said no immediately before the bytes left
     HeartbeatStopped         the controller answers, but its program stands still
     ControllerTaken          another process on this machine drives this controller
@@ -100,12 +101,16 @@ class ControllerException(DriverError):
     Code 5 (acknowledge) means accepted and still at work; code 6 (busy) means not carried out, so `sent` is no.
     """
 
-    def __init__(self, link: str, request: str, code: int, sent: Sent | None = None) -> None:
+    def __init__(self, link: str, request: str, code: int, sent: Sent | None = None, about: str = "") -> None:
+        """`about` names what the request was for: signals or a command, with addresses as printed."""
+        self.link = link
+        self.request = request
         self.code = code
         self.name = EXCEPTION_NAMES.get(code, "not in the specification")
         if sent is None:
             sent = Sent.NO if code == BUSY else Sent.YES
-        super().__init__(f"{link}: {request}: exception {code:02X} ({self.name})", sent)
+        told = f": {about}" if about else ""
+        super().__init__(f"{link}: {request}: exception {code:02X} ({self.name}){told}", sent)
 
 
 class UnitOffline(ControllerException):
@@ -116,6 +121,13 @@ class UnitOffline(ControllerException):
 
     def __init__(self, link: str, request: str, code: int) -> None:
         super().__init__(link, request, code, Sent.NO if code == PATH_UNAVAILABLE else Sent.UNKNOWN)
+
+
+class PointsRefused(ControllerException):
+    """The controller answered a poll with an exception; the text names the signals and their printed addresses."""
+
+    def __init__(self, error: ControllerException, about: str) -> None:
+        super().__init__(error.link, error.request, error.code, error.sent, about)
 
 
 class PressRefused(DriverError):

@@ -15,9 +15,15 @@ FloorName = str
 
 @unique
 class CommandKind(StrEnum):
-    """The commands the manager knows; only what a passenger can do, and the controller's own robot mode."""
+    """The commands the manager knows; only what a passenger can do, and the controller's own robot signals."""
 
     GO_TO = "go_to"
+    CALL = "call"
+    """Moves the empty car, on a lift that tells it from the occupied one."""
+    GO = "go"
+    """Moves the occupied car."""
+    ROBOT_IN_PLACE = "robot_in_place"
+    ROBOT_LEFT = "robot_left"
     HOLD_DOOR = "hold_door"
     CLOSE_DOOR = "close_door"
     ROBOT_MODE = "robot_mode"
@@ -29,13 +35,13 @@ class Command:
 
     kind: CommandKind
     floor: FloorName | None = None
-    """Only with `go_to`."""
+    """Only with `go_to`, `call` and `go`."""
     side: Side | None = None
-    """Only with door commands."""
+    """With door commands, and with `go_to` where the door is part of the call."""
 
     @property
     def name(self) -> str:
-        """The name the map uses: `go_to`, `hold_door.front`."""
+        """The name the map uses: `go_to`, `go_to.rear`, `hold_door.front`."""
         return self.kind if self.side is None else f"{self.kind}.{self.side}"
 
     def __str__(self) -> str:
@@ -88,11 +94,15 @@ class LiftValues:
     """The floor the car reports; None between floors, unlisted or contradictory."""
     destination: FloorName | None = None
     call_accepted: FloorName | None = None
+    calls: frozenset[FloorName] = frozenset()
+    """Floors whose call is registered: the lamps behind the buttons."""
     motion: Motion | None = None
     mode: Mode = Mode.UNKNOWN
     doors: Mapping[Side, Door] = field(default_factory=dict)
     flags: Mapping[str, bool] = field(default_factory=dict)
     """Flag signals by name; a flag that cannot be read is absent."""
+    watchdog_s: float | None = None
+    """How long the controller's I/O module waits for us before it lets go, 0 for never; None where it is not told."""
     unknown: Mapping[str, int] = field(default_factory=dict)
     """Signals whose raw value is outside their table, with that value."""
 
@@ -126,8 +136,18 @@ class Capabilities:
     """Flags that a call waits for, such as `robot_mode_on`."""
     granted_within_s: float
     arrive_within_s: float
-    call_is_held: bool
-    """A call is kept on until the car is there."""
+    call_until: str
+    """What ends `call` or `go_to` where it is a level: `arrived`, `robot_in_place` or `robot_left`; empty for a pulse."""
+    go_until: str
+    """The same of `go`."""
+    levels: frozenset[str]
+    """Commands that stay on until they are let go."""
+    needs_occupancy: bool
+    """The car goes on only after `robot_in_place`, and is free only after `robot_left`."""
+    door_opens_within_s: float
+    """How long a lift that opens its door for a call may take over it."""
+    watched: bool
+    """Some hold relies on the watchdog of the I/O module, and the map reads its time."""
     same_floor_call: bool
     """A call, not the door hold, opens the door where the car already stands."""
     not_visible: Mapping[str, str]

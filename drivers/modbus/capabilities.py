@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from drivers.model import Capabilities, FloorName
 from register_maps.codec import Block, Codec, Point
+from register_maps.schema import CALLS, Command
 from register_maps.words import Side
 
 
@@ -27,27 +28,38 @@ class LiftSettings:
 
 def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings) -> Capabilities:
     """Return what this lift can say and be told, polled in these blocks."""
-    evidence = codec.map.at_floor_evidence
+    source = codec.map
     deciding: set[Point] = set()
     for name, signal in codec.signals.items():
         if name in ("car_floor", "motion", "level") or name.startswith("door."):
             deciding.update(signal.points)
-    call = codec.map.commands.get("go_to")
-    mode = codec.map.commands.get("robot_mode")
+    calls = [source.commands[name] for name in CALLS if name in source.commands]
+    mode = source.commands.get("robot_mode")
+    watching = any(command.on_link_loss == "device_watchdog" for command in source.commands.values())
     return Capabilities(
         commands=frozenset(codec.commands) if settings.control else frozenset(),
         signals=frozenset(codec.signals),
         doors=tuple(side for side in Side if f"door.{side}" in codec.signals),
         one_block=any(all(block.holds(point) for point in deciding) for block in blocks),
-        evidence=evidence.kind,
-        evidence_for_s=evidence.for_s or 0.0,
+        evidence=source.at_floor_evidence.kind,
+        evidence_for_s=source.at_floor_evidence.for_s or 0.0,
         max_age_s=settings.max_age_s,
-        call_requires=frozenset(call.requires) if call is not None else frozenset(),
+        call_requires=frozenset(flag for call in calls for flag in call.requires),
         granted_within_s=mode.granted_within_s if mode is not None else 600.0,
-        arrive_within_s=call.arrive_within_s if call is not None else 120.0,
-        call_is_held=call is not None and call.action == "hold",
-        same_floor_call=codec.map.at_same_floor == "call",
-        not_visible={str(signal): reason for signal, reason in codec.map.not_visible.items()},
-        map_name=codec.map.name,
-        trust=codec.map.provenance.trust,
+        arrive_within_s=max((call.arrive_within_s for call in calls), default=120.0),
+        call_until=_until([source.commands[name] for name in CALLS if name != "go" and name in source.commands]),
+        go_until=_until([source.commands["go"]] if "go" in source.commands else []),
+        levels=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
+        needs_occupancy=source.needs_occupancy,
+        door_opens_within_s=source.door_opens_within_s,
+        watched=watching and "watchdog_time" in source.signals,
+        same_floor_call=source.at_same_floor == "call",
+        not_visible={str(signal): reason for signal, reason in source.not_visible.items()},
+        map_name=source.name,
+        trust=source.provenance.trust,
     )
+
+
+def _until(calls: list[Command]) -> str:
+    """Return what ends these calls; front and rear calls of one map end in the same way."""
+    return next((call.until or "arrived" for call in calls if call.action == "hold"), "")

@@ -42,6 +42,8 @@ def _shows(signal: str, command: Command, now: LiftValues) -> bool:
             shown = now.destination
         case "call_accepted":
             shown = now.call_accepted
+        case "calls_registered":
+            return command.floor in now.calls
         case _:
             return now.flags.get(signal, False)
     return shown is not None and shown == command.floor
@@ -50,7 +52,7 @@ def _shows(signal: str, command: Command, now: LiftValues) -> bool:
 def _takes_effect(expected: Expectation, now: LiftValues) -> bool:
     command = expected.command
     match command.kind:
-        case CommandKind.GO_TO:
+        case CommandKind.GO_TO | CommandKind.CALL | CommandKind.GO:
             return _goes(expected, now)
         case CommandKind.HOLD_DOOR:
             return command.side is not None and now.doors.get(command.side) in (Door.OPEN, Door.OPENING)
@@ -58,6 +60,8 @@ def _takes_effect(expected: Expectation, now: LiftValues) -> bool:
             return command.side is not None and now.doors.get(command.side) in (Door.CLOSED, Door.CLOSING)
         case CommandKind.ROBOT_MODE:
             return now.flags.get("robot_mode_on", False)
+        case CommandKind.ROBOT_IN_PLACE | CommandKind.ROBOT_LEFT:
+            return False
 
 
 def _goes(expected: Expectation, now: LiftValues) -> bool:

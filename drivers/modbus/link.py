@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum, unique
 
-from drivers.errors import ConnectFailed, LinkDown
+from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
 from drivers.modbus.exchange import Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
@@ -46,6 +46,8 @@ class Link:
         self.stats = LinkStats()
         self.epoch = 0
         """Rises by one with every connection made; 0 before the first. What an earlier epoch told counts no more."""
+        self.shared_words = asyncio.Lock()
+        """Held by whoever reads a word and writes it back changed, so that two lifts on one controller cannot undo each other."""
         self._make_wire = make_wire
         self._wire: Wire | None = None
         self._exchange: Exchange | None = None
@@ -162,7 +164,7 @@ class Link:
             self.stats.failed_connects += 1
             # No wire: it was ended meanwhile, and for a better reason.
             if self._wire is not None:
-                self._fault(str(error))
+                self._fault(f"{error}{self._slots(error)}")
             return False
         self._exchange = exchange
         self.epoch += 1
@@ -172,6 +174,13 @@ class Link:
         self._up.set()
         await self._down.wait()
         return exchange.proved
+
+    def _slots(self, error: ConnectFailed) -> str:
+        """Say what may stand behind a connection that was not made, where a device serves few clients."""
+        most = self.settings.max_connections
+        if most is None or error.problem not in (ConnectProblem.TIMED_OUT, ConnectProblem.REFUSED):
+            return ""
+        return f"; it serves {most} client{'' if most == 1 else 's'} at once, and another one may hold the slot"
 
     def _on_lost(self, reason: str) -> None:
         self.stats.losses += 1

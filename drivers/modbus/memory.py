@@ -164,7 +164,7 @@ class Heard:
 
 
 class MemoryDevice:
-    """A controller in memory: FC 1 to 6, 15 and 16, exceptions 1, 2 and 3, and 0B for a foreign unit.
+    """A controller in memory: FC 1 to 6, 15, 16 and 22, exceptions 1, 2 and 3, and 0B for a foreign unit.
 
     What was never set reads 0. `served` lists the first and last address of each range, and what it does not list
     answers with exception 2; without it everything is served.
@@ -177,6 +177,7 @@ class MemoryDevice:
         served: Mapping[Table, Sequence[tuple[int, int]]] | None = None,
         delay_s: float = 0.0,
         peer: str = "memory",
+        timed_coils: bool = False,
     ) -> None:
         self.values: dict[Table, dict[int, int]] = {table: {} for table in Table}
         """The register image; tests read and set it."""
@@ -191,6 +192,7 @@ class MemoryDevice:
         self._unit = unit
         self._served = served
         self._peer = peer
+        self._timed_coils = timed_coils
         self._wires: list[MemoryWire] = []
         self._faults: list[tuple[Fault, Callable[[Request], bool]]] = []
 
@@ -232,7 +234,7 @@ class MemoryDevice:
     def answer(self, frame: bytes) -> list[Reply]:
         """Carry out one request and say what comes back."""
         try:
-            request = frames.parse_request(frame)
+            request = frames.parse_request(frame, timed_coils=self._timed_coils)
         except BadRequest as error:
             return [(self.delay_s, frames.exception_answer(frame, error.code))]
         fault = self._take_fault(request)
@@ -270,7 +272,12 @@ class MemoryDevice:
         return _ILLEGAL_ADDRESS
 
     def _write(self, request: Request) -> None:
-        self.values[request.table].update(enumerate(request.values, start=request.address))
+        cells = self.values[request.table]
+        if request.function == frames.MASK_WRITE:
+            keep, put = request.values
+            cells[request.address] = cells.get(request.address, 0) & keep | put & ~keep & 0xFFFF
+            return
+        cells.update(enumerate(request.values, start=request.address))
 
     def _read(self, request: Request) -> bytes:
         if request.is_write:

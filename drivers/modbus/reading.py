@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from drivers.model import FloorName, LiftValues
 from register_maps.codec import Value
+from register_maps.schema import SAFETY_FLAGS
 from register_maps.words import Door, Mode, Motion, Side
 
 _FLAG_MODES: tuple[tuple[Mode, tuple[str, ...]], ...] = (
@@ -24,12 +25,20 @@ _FLOORS = ("car_floor", "destination", "call_accepted")
 
 
 def lift_values(
-    signals: Mapping[str, Value], unlisted: Mapping[str, int], floors: Mapping[int, FloorName]
+    signals: Mapping[str, Value],
+    unlisted: Mapping[str, int],
+    floors: Mapping[int, FloorName],
+    *,
+    watchdog_unit_s: float = 1.0,
+    floor_under_way: bool = True,
 ) -> LiftValues:
     """Put the decoded signals of one poll into the words of the manager.
 
-    `floors` names the site's floor codes; a code it does not list is unknown, and kept with its raw value.
+    `floors` names the site's floor codes; a code it does not list is unknown, and kept with its raw value. `watchdog_unit_s` is
+    one count of the module's watchdog. Without `floor_under_way` the floor counts only while the car is told to be stopped.
     """
+    calls = signals.get("calls_registered")
+    counts = signals.get("watchdog_time")
     unknown = dict(unlisted)
     named: dict[str, FloorName | None] = {}
     for signal in _FLOORS:
@@ -38,6 +47,8 @@ def lift_values(
         if isinstance(code, int) and code not in floors:
             unknown[signal] = code
     motion = signals.get("motion")
+    if not floor_under_way and motion is not Motion.STOPPED:
+        named["car_floor"] = None
     return LiftValues(
         floor=named["car_floor"],
         destination=named["destination"],
@@ -47,12 +58,21 @@ def lift_values(
         doors={side: _door(signals[f"door.{side}"]) for side in Side if f"door.{side}" in signals},
         flags={name: value for name, value in signals.items() if isinstance(value, bool)},
         unknown=unknown,
+        calls=frozenset(floors[code] for code in calls if code in floors)
+        if isinstance(calls, frozenset)
+        else frozenset(),
+        watchdog_s=counts * watchdog_unit_s if isinstance(counts, int) else None,
     )
 
 
 def lift_mode(signals: Mapping[str, Value]) -> Mode:
-    """Return the highest mode that the mode word or any flag tells; an unreadable mode word is UNKNOWN unless a flag outranks it."""
+    """Return the highest mode that the mode word or any flag tells.
+
+    A mode word or safety flag that cannot be read makes it UNKNOWN, unless a flag tells a mode without robots.
+    """
     told = [mode for mode, flags in _FLAG_MODES if any(signals.get(flag) is True for flag in flags)]
+    if any(flag in signals and signals[flag] is None for flag in SAFETY_FLAGS):
+        told.append(Mode.UNKNOWN)
     if "mode" in signals:
         word = signals["mode"]
         told.append(word if isinstance(word, Mode) else Mode.UNKNOWN)

@@ -8,13 +8,13 @@ command, not another one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum, unique
 
-from register_maps.codec import CommandCodec
+from drivers.modbus.steps import NEED_PERMIT, Phase, Step, StepKind
+from register_maps.codec import Block, Cell, CommandCodec, Point
+from register_maps.command_codec import Written
 from register_maps.schema import Command
-from register_maps.words import Table
 
 RETRY_S = 0.2
 """Pause before a release, or the refresh of a hold that did not stick, is written again. Chosen: five tries a second do not
@@ -24,49 +24,27 @@ REJECTED_PAUSE_S = 2.0
 """Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
 failed call; a controller that says no is not to be asked at the pace of the polls."""
 
-Cells = Mapping[tuple[Table, int], int]
+COUNTS = 0x10000
+"""After so many beats a counting heartbeat begins anew, at 1: 0 is what a controller shows that nobody has written to."""
 
-
-@unique
-class Phase(StrEnum):
-    """Where one output is."""
-
-    REST = "rest"
-    DUE = "due"
-    """Wanted, not written yet."""
-    LEAVING = "leaving"
-    """Its press is on its way: whoever wants rest now must let it go."""
-    ON = "on"
-    LETTING_GO = "letting go"
-
-
-@unique
-class StepKind(StrEnum):
-    """What a write is for; only a release needs no permit."""
-
-    PRESS = "press"
-    REFRESH = "refresh"
-    RELEASE = "release"
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One write to carry out now."""
-
-    kind: StepKind
-    name: str
-    code: int | None
+Cells = Mapping[Cell, int]
+__all__ = ["NEED_PERMIT", "Outputs", "Phase", "Step", "StepKind"]
 
 
 @dataclass(slots=True)
 class _Output:
     codec: CommandCodec
+    every_s: float
+    """How often it is written while it is on."""
     phase: Phase = Phase.REST
     code: int | None = None
     next_code: int | None = None
     """A press that waits for this output to come to rest."""
     again: bool = False
+    armed_at: float | None = None
+    """When the press that was prepared by its rest value may leave."""
     fall_at: float = math.inf
+    pause_at: float = math.inf
     refresh_at: float = math.inf
     try_at: float = -math.inf
     not_before: float = -math.inf
@@ -78,16 +56,50 @@ class _Output:
         return self.codec.spec
 
 
+@dataclass(slots=True)
+class _Beat:
+    codec: CommandCodec
+    count: int = 0
+    at: float = -math.inf
+
+    @property
+    def next_count(self) -> int:
+        if self.codec.spec.action == "toggle":
+            return 1 - self.count
+        return (self.count + 1) % COUNTS or 1
+
+
+@dataclass(slots=True)
+class _Cycle:
+    block: Block
+    every_s: float
+    at: float = -math.inf
+
+
 class Outputs:
     """All outputs of one lift and what is to be done about them."""
 
-    def __init__(self, commands: Mapping[str, CommandCodec]) -> None:
+    def __init__(self, commands: Mapping[str, CommandCodec], written: Sequence[Written] = ()) -> None:
         """Every output is taken to be at rest until `reconnected` says what the controller holds."""
-        self._outputs = {name: _Output(codec) for name, codec in commands.items()}
-        self.image: dict[tuple[Table, int], int] = {}
+        self._outputs = {
+            name: _Output(codec, _every_s(codec, written))
+            for name, codec in commands.items()
+            if not codec.spec.is_heartbeat
+        }
+        self._beats = {name: _Beat(codec) for name, codec in commands.items() if codec.spec.is_heartbeat}
+        own = {point.cell for output in self._outputs.values() for point in output.codec.points}
+        self._cycles = [
+            _Cycle(block, every_s)
+            for block, _, every_s in written
+            if every_s is not None and not own.isdisjoint(block.cells)
+        ]
+        self.image: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
         """What every cell of ours was last told to hold; a block write takes its neighbours from here."""
         for codec in commands.values():
-            self.image.update(codec.encode(None))
+            self._put(codec.encode(None))
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._outputs
 
     def press(self, name: str, code: int | None, now: float) -> None:
         """Want a press. A press of the same output that is still on is let go first."""
@@ -98,7 +110,8 @@ class Outputs:
         else:
             output.again, output.next_code = True, code
             self._drop(output)
-        output.fall_at = now + (output.spec.max_hold_s or math.inf)
+        if output.phase is not Phase.ON:  # a pulse that the device ends still lasts as long as it lasts
+            output.fall_at = now + (output.spec.max_hold_s or math.inf)
 
     def hold(self, name: str, now: float) -> None:
         """Want a hold, or renew it until `max_hold_s` from now."""
@@ -142,51 +155,87 @@ class Outputs:
         """
         for output in self._outputs.values():
             if output.phase is Phase.ON and now >= output.fall_at:
-                self._drop(output)
-        due: Step | None = None
-        for name, output in self._outputs.items():
-            if output.phase is Phase.LETTING_GO and now >= output.try_at:
-                return Step(StepKind.RELEASE, name, None)
-            if due is None and output.phase is Phase.DUE and now >= self._free_at(output):
-                due = Step(StepKind.PRESS, name, output.code)
-            if due is None and output.phase is Phase.ON and now >= output.refresh_at:
-                due = Step(StepKind.REFRESH, name, output.code)
+                if output.spec.ends_itself:
+                    self._rest(output, now)
+                else:
+                    self._drop(output)
+        due = next(self._releases(now), None) or next(self._others(now), None)
         if due is not None and due.kind is StepKind.PRESS:
             self._outputs[due.name].phase = Phase.LEAVING
         return due
 
+    def _releases(self, now: float) -> Iterator[Step]:
+        for name, output in self._outputs.items():
+            if output.phase is Phase.LETTING_GO and now >= output.try_at:
+                yield Step(StepKind.RELEASE, name, None)
+            if output.phase is Phase.ON and now >= output.pause_at:
+                yield Step(StepKind.PAUSE, name, None)
+
+    def _others(self, now: float) -> Iterator[Step]:
+        for name, beat in self._beats.items():
+            if now >= beat.at:
+                yield Step(StepKind.BEAT, name, beat.next_count)
+        for name, output in self._outputs.items():
+            if output.phase is Phase.DUE and now >= self._free_at(output):
+                armed = output.armed_at is not None or not output.spec.reset_first_s
+                yield Step(StepKind.PRESS, name, output.code) if armed else Step(StepKind.RESET, name, None)
+            if output.phase is Phase.ON and now >= output.refresh_at:
+                yield Step(StepKind.REFRESH, name, output.code)
+        for cycle in self._cycles:
+            if now >= cycle.at and self._idle(cycle.block):
+                yield Step(StepKind.CYCLE, "", None, cycle.block)
+
     def wake_at(self) -> float:
         """Earliest time at which `next` may have something; infinity when only an event can change that."""
-        times = [math.inf]
+        times = [math.inf, *(beat.at for beat in self._beats.values())]
+        times += [cycle.at for cycle in self._cycles if self._idle(cycle.block)]
         for output in self._outputs.values():
             if output.phase is Phase.LETTING_GO:
                 times.append(output.try_at)
             elif output.phase is Phase.DUE:
                 times.append(self._free_at(output))
             elif output.phase is Phase.ON:
-                times.append(min(output.fall_at, output.refresh_at))
+                times.append(min(output.fall_at, output.refresh_at, output.pause_at))
         return min(times)
 
     def cells(self, step: Step) -> Cells:
         """Image of our cells with this step applied."""
-        return self.image | self._outputs[step.name].codec.encode(step.code)
+        return self.image if step.block is not None else self._applied(self._codec(step).encode(step.code))
 
     def written(self, step: Step, now: float) -> None:
         """The controller echoed the write. That proves nothing yet."""
+        if step.block is not None:
+            self._restart_cycles(step.block.cells, now)
+            return
+        codec = self._codec(step)
+        self._put(codec.encode(step.code))
+        self._restart_cycles([cell for block in codec.blocks for cell in block.cells], now)
+        if step.kind is StepKind.BEAT:
+            beat = self._beats[step.name]
+            beat.count, beat.at = step.code or 0, now + (beat.codec.spec.every_s or math.inf)
+            return
         output = self._outputs[step.name]
-        self.image.update(output.codec.encode(step.code))
-        if step.kind is StepKind.PRESS and output.phase is Phase.LEAVING:
-            output.phase = Phase.ON
-            output.verified = False
-            if output.spec.width_s is not None:
-                output.fall_at = now + output.spec.width_s
-        if output.phase is Phase.ON and output.spec.action == "hold":
-            output.refresh_at = now + (output.spec.refresh_s or math.inf)
+        match step.kind:
+            case StepKind.RESET:
+                output.armed_at = now + output.spec.reset_first_s
+            case StepKind.PAUSE:
+                output.pause_at = math.inf
+            case StepKind.PRESS if output.phase is Phase.LEAVING:
+                output.phase, output.verified, output.armed_at = Phase.ON, False, None
+                output.not_before = max(output.not_before, now + output.spec.min_repeat_s)
+                if output.spec.width_s is not None and output.spec.repeat_pulse_s is None:
+                    output.fall_at = now + output.spec.width_s
+            case _:
+                pass
+        if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
+            output.refresh_at = now + output.every_s
+            if output.spec.repeat_pulse_s is not None:
+                output.pause_at = now + (output.spec.width_s or math.inf)
 
     def looked(self, step: Step, *, holds: bool, now: float) -> None:
-        """The cells were read back; `holds` says whether they hold what the step wrote."""
+        """The cells were read back, or cannot be; `holds` says whether they hold what the step wrote."""
         output = self._outputs[step.name]
-        if output.phase is Phase.ON and step.kind is not StepKind.RELEASE:
+        if output.phase is Phase.ON and step.kind in NEED_PERMIT:
             output.verified = holds
             if not holds and output.spec.action == "hold":
                 output.refresh_at = min(output.refresh_at, now + RETRY_S)
@@ -198,32 +247,51 @@ class Outputs:
 
     def failed(self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False) -> None:
         """The write or its read-back failed. What may have been pressed is let go; a release is tried again."""
+        if step.block is not None:
+            self._restart_cycles(step.block.cells, now)
+            return
+        if step.kind is StepKind.BEAT:
+            beat = self._beats[step.name]
+            beat.at = now + min(RETRY_S, beat.codec.spec.every_s or RETRY_S)
+            return
         output = self._outputs[step.name]
         if rejected:
-            output.not_before = now + REJECTED_PAUSE_S
-        if step.kind is StepKind.RELEASE:
-            output.try_at = now + RETRY_S
-        elif step.kind is StepKind.REFRESH:
-            output.verified = False
-            output.refresh_at = now + RETRY_S
-        elif not maybe_sent and output.phase in (Phase.LEAVING, Phase.LETTING_GO):
+            output.not_before = max(output.not_before, now + REJECTED_PAUSE_S)
+        match step.kind:
+            case StepKind.RELEASE | StepKind.RESET:
+                output.try_at = now + RETRY_S
+            case StepKind.PAUSE:
+                output.pause_at = now + RETRY_S
+            case StepKind.REFRESH:
+                output.verified = False
+                output.refresh_at = now + RETRY_S
+            case _:
+                self._press_failed(output, maybe_sent=maybe_sent, now=now)
+
+    def _press_failed(self, output: _Output, *, maybe_sent: bool, now: float) -> None:
+        output.armed_at = None
+        if not maybe_sent and output.phase in (Phase.LEAVING, Phase.LETTING_GO):
             self._rest(output, output.rested_at)
             output.try_at = now + RETRY_S
+        elif output.phase is Phase.LEAVING and output.spec.ends_itself:
+            output.phase, output.fall_at = Phase.ON, now + (output.spec.width_s or 0.0)
         elif output.phase is Phase.LEAVING:
             output.phase, output.try_at = Phase.LETTING_GO, now
 
     def reconnected(self, cells: Cells, now: float) -> None:
-        """Compare with what the controller holds after a new connection.
+        """Compare with what the controller holds after a new connection; `cells` are those of `read_points`.
 
         A hold that is still wanted and still there is adopted; one that is gone is written again as the level it is. A
         call is never repeated. Everything else of ours that is not at rest is let go.
         """
         for output in self._outputs.values():
-            rest = output.codec.encode(None)
-            self.image.update({cell: value for cell, value in cells.items() if cell in rest})
+            if output.spec.ends_itself:
+                continue
+            self._put({point: value for point, value in _seen(output.codec, cells) if not output.codec.lamp})
+            at_rest = not output.codec.lamp and _match(output.codec, cells, None)
             if output.phase is Phase.ON and output.spec.action == "hold" and self._adopted(output, cells, now):
                 continue
-            if output.phase in (Phase.REST, Phase.DUE) and _match(cells, rest):
+            if output.phase in (Phase.REST, Phase.DUE) and at_rest:
                 continue
             if output.phase is Phase.DUE:
                 output.again, output.next_code = True, output.code
@@ -232,16 +300,40 @@ class Outputs:
 
     def _adopted(self, output: _Output, cells: Cells, now: float) -> bool:
         """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
-        output.verified = _match(cells, output.codec.encode(output.code))
+        output.verified = _match(output.codec, cells, output.code)
         output.refresh_at = min(now, output.refresh_at)
         return output.verified or not output.codec.is_call
 
+    def _codec(self, step: Step) -> CommandCodec:
+        return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec
+
+    def _put(self, values: Mapping[Point, int]) -> None:
+        self.image = self._applied(values)
+
+    def _applied(self, values: Mapping[Point, int]) -> dict[Cell, int]:
+        image = dict(self.image)
+        for point, value in values.items():
+            image[point.cell] = point.into(image.get(point.cell, 0), value)
+        return image
+
+    def _idle(self, block: Block) -> bool:
+        """Whether nothing in this block is on: what is, is refreshed instead, with permission."""
+        busy = (Phase.ON, Phase.LEAVING)
+        return not any(output.phase in busy and block in output.codec.blocks for output in self._outputs.values())
+
+    def _restart_cycles(self, cells: Sequence[Cell], now: float) -> None:
+        for cycle in self._cycles:
+            if not set(cells).isdisjoint(cycle.block.cells):
+                cycle.at = now + cycle.every_s
+
     def _drop(self, output: _Output) -> None:
+        if output.phase is Phase.ON and output.spec.ends_itself:
+            return
         if output.phase in (Phase.ON, Phase.LEAVING):
             output.phase, output.try_at = Phase.LETTING_GO, -math.inf
         elif output.phase is Phase.DUE:
             output.phase = Phase.REST
-        output.verified = False
+        output.verified, output.armed_at, output.pause_at = False, None, math.inf
 
     def _rest(self, output: _Output, now: float) -> None:
         output.phase, output.rested_at, output.verified = Phase.REST, now, False
@@ -256,7 +348,7 @@ class Outputs:
 
     def _free_at(self, output: _Output) -> float:
         """Return when the outputs that this one excludes will have rested for the gap; infinity while one is on."""
-        free = max(output.try_at, output.not_before)
+        free = max(output.try_at, output.not_before, -math.inf if output.armed_at is None else output.armed_at)
         for name in output.spec.excludes:
             other = self._outputs.get(name)
             if other is None:
@@ -267,5 +359,20 @@ class Outputs:
         return free
 
 
-def _match(cells: Cells, wanted: Cells) -> bool:
-    return all(cells.get(cell) == value for cell, value in wanted.items())
+def _every_s(codec: CommandCodec, written: Sequence[Written]) -> float:
+    """Return how often an output is written while it is on: its refresh, its next pulse, or the cycle of its block."""
+    spec = codec.spec
+    own = [spec.refresh_s, spec.repeat_pulse_s] if spec.action == "hold" else []
+    cycles = [every_s for block, _, every_s in written if block in codec.blocks]
+    return min((every_s for every_s in (*own, *cycles) if every_s is not None), default=math.inf)
+
+
+def _seen(codec: CommandCodec, cells: Cells) -> Iterator[tuple[Point, int]]:
+    """Yield what the controller holds at each point of a command that was read back."""
+    for point, read in zip(codec.points, codec.read_points, strict=bool(codec.read_points)):
+        if read.cell in cells:
+            yield point, read.within(cells[read.cell])
+
+
+def _match(codec: CommandCodec, cells: Cells, code: int | None) -> bool:
+    return dict(_seen(codec, cells)) == codec.encode(code)

@@ -19,6 +19,8 @@ class LinkSettings:
     """From the end of one connection to the next attempt. Chosen: a device with one slot needs time to free it."""
     reconnect_max_s: float = 1.0
     """Most from the start of one attempt to that of the next. Chosen: heals within 2 s of the controller's return."""
+    max_connections: int | None = None
+    """How many clients the device serves at once, where that is known: a time-out may mean that its slots are taken."""
     tid_echo: bool = True
     """Whether the device answers with the transaction id of the request, as the specification says; some do not."""
     busy_retries: int = 3
@@ -32,6 +34,8 @@ class LinkSettings:
                 raise ValueError(f"{name} must be more than 0 s")
         if self.min_gap_s < 0 or self.busy_pause_s < 0 or self.busy_retries < 0:
             raise ValueError("min_gap_s, busy_pause_s and busy_retries must not be less than 0")
+        if self.max_connections is not None and self.max_connections < 1:
+            raise ValueError("max_connections must be 1 or more")
         if self.reconnect_max_s < self.reconnect_min_s:
             raise ValueError("reconnect_max_s must not be less than reconnect_min_s")
 

@@ -283,3 +283,13 @@ async def test_bytes_that_come_before_the_first_question_are_no_connection() -> 
 def test_settings_that_cannot_work_are_refused(field: str, value: float) -> None:
     with pytest.raises(ValueError, match=field):
         LinkSettings(**{field: value})  # type: ignore[arg-type]  # one name at a time
+
+
+@virtual
+async def test_a_device_with_few_slots_that_takes_no_connection_may_have_given_them_away() -> None:
+    device = MemoryDevice(peer="127.0.0.1:5020")
+    async with linked(device, LinkSettings(max_connections=1)) as link:
+        device.turns_away = ConnectProblem.TIMED_OUT
+        device.disconnect()
+        await elapse(3)
+        assert link.reason.endswith("; it serves 1 client at once, and another one may hold the slot")

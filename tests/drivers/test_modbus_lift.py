@@ -4,10 +4,8 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
-import yaml
 
 from drivers.errors import ControllerException, DriverError, HeartbeatStopped
 from drivers.modbus.capabilities import LiftSettings
@@ -17,11 +15,10 @@ from drivers.modbus.memory import Fault, MemoryDevice, exception, hang_up, silen
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from register_maps.codec import compile_map
 from register_maps.frames import Request, exception_answer
-from register_maps.schema import RegisterMap
+from register_maps.load import load
 from register_maps.words import Door, Mode, Motion, Side, Table
 from tests.support.virtual_time import elapse, run_virtual
 
-MAPS = Path(__file__).parents[2] / "register_maps" / "maps"
 GO_L2 = Command(CommandKind.GO_TO, "L2")
 HOLD = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
 ROBOT = Command(CommandKind.ROBOT_MODE)
@@ -58,7 +55,7 @@ class Rig:
 
 @asynccontextmanager
 async def rig(map_name: str, *, control: bool, beat: bool) -> AsyncIterator[Rig]:
-    source = RegisterMap.model_validate(yaml.safe_load((MAPS / f"{map_name}.yaml").read_text("utf-8")))
+    source = load(map_name).map
     device = MemoryDevice()
     link = Link(device.wire, LinkSettings(), name="plc")
     floors = {"L1": 1, "L2": 2} if map_name == "generic-registers" else {"L1": 0, "L2": 1}

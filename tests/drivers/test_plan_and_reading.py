@@ -9,7 +9,7 @@ from drivers.modbus.reading import lift_mode, lift_values
 from register_maps.codec import Block, Point
 from register_maps.words import Door, Mode, Motion, Side, Table
 
-SERVED = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
+SERVED: dict[str, tuple[range, ...]] = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
 
 
 def points(*addresses: int, table: Table = Table.HOLDING) -> list[Point]:

@@ -106,7 +106,9 @@ def test_what_excludes_each_other_is_let_go_first() -> None:
     made.hold("hold_door.front", 1.0)
     assert carry_out(made, 1.0) == Step(StepKind.RELEASE, "go_to", None)
     assert carry_out(made, 1.0) == Step(StepKind.PRESS, "hold_door.front", 1)
-    assert made.cells(Step(StepKind.REFRESH, "hold_door.front", 1)) == {(Table.COIL, n): int(n == 2) for n in range(4)}
+    assert made.cells(Step(StepKind.REFRESH, "hold_door.front", 1)) == {
+        ("", Table.COIL, n): int(n == 2) for n in range(4)
+    }
 
 
 def test_a_hold_that_does_not_stick_is_written_again_soon_and_does_not_count_as_verified() -> None:
@@ -141,14 +143,14 @@ def test_letting_everything_go_forgets_what_was_due_and_what_was_to_follow() -> 
 
 
 def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_is_not() -> None:
-    cells = {(Table.HOLDING, address): 0 for address in range(16, 20)}
+    cells = {("", Table.HOLDING, address): 0 for address in range(16, 20)}
     for still_on in (True, False):
         made = outputs()
         made.hold("hold_door.front", 0.0)
         carry_out(made, 0.0)
         made.press("go_to", 2, 0.0)
         carry_out(made, 0.0)
-        made.reconnected(cells | {(Table.HOLDING, 17): int(still_on)}, 5.0)
+        made.reconnected(cells | {("", Table.HOLDING, 17): int(still_on)}, 5.0)
         assert made.verified("hold_door.front") is still_on
         assert carry_out(made, 5.0) == Step(StepKind.RELEASE, "go_to", None)
         assert carry_out(made, 5.0) == Step(StepKind.REFRESH, "hold_door.front", 1)
@@ -158,7 +160,13 @@ def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_
 def test_after_a_reconnect_what_nobody_wants_is_let_go() -> None:
     made = outputs()
     made.reconnected(
-        {(Table.HOLDING, 16): 3, (Table.HOLDING, 17): 0, (Table.HOLDING, 18): 1, (Table.HOLDING, 19): 0}, 5.0
+        {
+            ("", Table.HOLDING, 16): 3,
+            ("", Table.HOLDING, 17): 0,
+            ("", Table.HOLDING, 18): 1,
+            ("", Table.HOLDING, 19): 0,
+        },
+        5.0,
     )
     assert {carry_out(made, 5.0).name for _ in range(2)} == {"go_to", "robot_mode"}
     assert made.at_rest
@@ -168,9 +176,9 @@ def test_a_level_call_that_the_controller_still_holds_is_adopted() -> None:
     made = outputs("two-stop-agv")
     made.press("go_to", 1, 0.0)
     carry_out(made, 0.0)
-    made.reconnected({(Table.COIL, n): int(n == 1) for n in range(4)}, 1.0)
+    made.reconnected({("", Table.COIL, n): int(n == 1) for n in range(4)}, 1.0)
     assert made.phase("go_to") is Phase.ON
-    made.reconnected({(Table.COIL, n): 0 for n in range(4)}, 2.0)
+    made.reconnected({("", Table.COIL, n): 0 for n in range(4)}, 2.0)
     assert carry_out(made, 2.0) == Step(StepKind.RELEASE, "go_to", None)
     assert made.at_rest
 

@@ -1,0 +1,75 @@
+"""The links of one lift: to its controller and, where its map has endpoints, to further devices."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from drivers.driver import Permit
+from drivers.errors import ACCEPTED, ControllerException
+from drivers.modbus.link import Link
+from register_maps import frames
+from register_maps.codec import Block, Cell
+from register_maps.frames import Request
+from register_maps.words import BIT_TABLES
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One device: the link to it and its unit id there."""
+
+    link: Link
+    unit_id: int
+
+
+class Lines:
+    """Every device of one lift, by endpoint; the controller's name is empty."""
+
+    def __init__(self, controller: Line, endpoints: Mapping[str, Line]) -> None:
+        """`endpoints` as the map names them."""
+        self._lines = {"": controller, **endpoints}
+        self._links = tuple(dict.fromkeys(line.link for line in self._lines.values()))
+
+    @property
+    def epoch(self) -> int:
+        """Rises with every connection made to any of the devices; what an earlier epoch told counts no more."""
+        if len(self._links) == 1:
+            return self._links[0].epoch
+        return sum(link.epoch for link in self._links)
+
+    def link(self, endpoint: str) -> Link:
+        """Return the link to one device."""
+        return self._lines[endpoint].link
+
+    def unit(self, endpoint: str) -> int:
+        """Return the unit id of one device."""
+        return self._lines[endpoint].unit_id
+
+    def request(self, block: Block) -> Request:
+        """Make the request that reads a block."""
+        return frames.read(block.table, block.start, block.count, self.unit(block.endpoint))
+
+    async def cells(self, blocks: Iterable[Block]) -> dict[Cell, int]:
+        """Read what these blocks hold, each once, in the command lane."""
+        cells: dict[Cell, int] = {}
+        for block in dict.fromkeys(blocks):
+            payload = await self.link(block.endpoint).read_urgent(self.request(block))
+            if block.table in BIT_TABLES:
+                values: tuple[int, ...] = frames.unpack_bits(payload, block.count)
+            else:
+                values = tuple(int.from_bytes(payload[i : i + 2], "big") for i in range(0, len(payload), 2))
+            cells.update(zip(block.cells, values, strict=True))
+        return cells
+
+    async def send(self, endpoint: str, request: Request, permit: Permit | None) -> None:
+        """Write. An answer that the controller has accepted the command and is at work counts as its echo."""
+        try:
+            await self.link(endpoint).write(request, permit)
+        except ControllerException as error:
+            if error.code != ACCEPTED:
+                raise
+
+    def undisturbed(self, endpoint: str) -> asyncio.Lock:
+        """Keep other lifts on this link from writing between our read of a shared word and its write."""
+        return self.link(endpoint).shared_words

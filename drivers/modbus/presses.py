@@ -1,0 +1,101 @@
+"""The presses of one lift on their way to their outcomes."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from drivers.driver import Permit
+from drivers.modbus.confirm import Expectation, proof
+from drivers.model import Command, FloorName, LiftValues, Outcome, Proof, Result
+from register_maps.schema import Confirm
+
+
+@dataclass(slots=True)
+class Press:
+    """One press."""
+
+    command: Command
+    permit: Permit
+    future: asyncio.Future[Outcome]
+    frames: list[str] = field(default_factory=list)
+    expected: Expectation | None = None
+    """Set once the write was echoed."""
+    written_at: float = math.inf
+    read_back: bool = False
+    not_granted: bool = False
+
+
+class Presses:
+    """At most one press per command; a newer one ends the older."""
+
+    def __init__(self, floors: Sequence[FloorName]) -> None:
+        """`floors`, lowest first."""
+        self._floors = tuple(floors)
+        self._of: dict[str, Press] = {}
+        self._waiting: list[Press] = []
+
+    @property
+    def waiting(self) -> bool:
+        """Whether later readings are looked at for proof."""
+        return bool(self._waiting)
+
+    def begin(self, command: Command, permit: Permit) -> Press:
+        """Take a new press."""
+        press = Press(command, permit, asyncio.get_running_loop().create_future())
+        self.end(command.name, Result.UNCONFIRMED, "replaced by a newer command")
+        self._of[command.name] = press
+        return press
+
+    def of(self, name: str) -> Press | None:
+        """Return the press of a command, if it has no outcome yet."""
+        return self._of.get(name)
+
+    def refuse(self, command: Command, permit: Permit, reason: str) -> asyncio.Future[Outcome]:
+        """End a press at once."""
+        press = Press(command, permit, asyncio.get_running_loop().create_future())
+        self.finish(press, Result.REJECTED, reason)
+        return press.future
+
+    def end(self, name: str, result: Result, reason: str) -> None:
+        """End the press of a command, if there is one."""
+        press = self._of.get(name)
+        if press is not None:
+            self.finish(press, result, reason)
+
+    def end_all(self, reason: str) -> None:
+        """End every press as unconfirmed."""
+        for name in tuple(self._of):
+            self.end(name, Result.UNCONFIRMED, reason)
+
+    def await_proof(self, press: Press, confirm: Confirm, before: LiftValues | None) -> None:
+        """The write was echoed: from here on readings may prove it, until its time is over."""
+        loop = asyncio.get_running_loop()
+        press.expected = Expectation(press.command, confirm.any_of, before, self._floors)
+        press.written_at = loop.time()
+        self._waiting.append(press)
+        loop.call_later(confirm.within_s, self._too_late, press, confirm.within_s)
+
+    def look(self, values: LiftValues, at: float) -> None:
+        """Compare what is waited for with a reading that was asked for after the write."""
+        for press in tuple(self._waiting):
+            if press.expected is None or at < press.written_at:
+                continue
+            found = proof(press.expected, values, read_back=press.read_back)
+            if found is not Proof.NONE:
+                self.finish(press, Result.CONFIRMED, "", found)
+
+    def finish(self, press: Press, result: Result, reason: str, found: Proof = Proof.NONE) -> None:
+        """Give a press its outcome."""
+        if press in self._waiting:
+            self._waiting.remove(press)
+        if self._of.get(press.command.name) is press:
+            del self._of[press.command.name]
+        if not press.future.done():
+            outcome = Outcome(press.command, result, reason, found, tuple(press.frames), press.not_granted)
+            press.future.set_result(outcome)
+
+    def _too_late(self, press: Press, within_s: float) -> None:
+        self.finish(press, Result.UNCONFIRMED, f"nothing showed within {within_s:g} s that the lift took it")

@@ -1,0 +1,53 @@
+"""The words of the outputs: where one is, and what a write of it is for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum, unique
+
+from register_maps.codec import Block
+
+
+@unique
+class Phase(StrEnum):
+    """Where one output is."""
+
+    REST = "rest"
+    DUE = "due"
+    """Wanted, not written yet."""
+    LEAVING = "leaving"
+    """Its press is on its way: whoever wants rest now must let it go."""
+    ON = "on"
+    LETTING_GO = "letting go"
+
+
+@unique
+class StepKind(StrEnum):
+    """What a write is for."""
+
+    PRESS = "press"
+    REFRESH = "refresh"
+    RELEASE = "release"
+    PAUSE = "pause"
+    """The end of one pulse of a hold that is made of pulses; the hold goes on."""
+    RESET = "reset"
+    """The rest value, so that the press that follows is an edge."""
+    CYCLE = "cycle"
+    """A block that is written whether or not anything is wanted; all of it rests."""
+    BEAT = "beat"
+    """Our sign of life."""
+
+
+NEED_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})
+"""Writes that ask for something; all others let go, or say no more than that we live."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One write to carry out now."""
+
+    kind: StepKind
+    name: str
+    code: int | None
+    block: Block | None = None
+    """Of a cycle: what is written."""

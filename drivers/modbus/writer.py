@@ -1,0 +1,126 @@
+"""Carries out the steps of one lift's outputs: requests in order, words that others write too, and the look afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+
+from drivers.driver import Permit
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lines import Lines
+from drivers.modbus.plan import plan_reads
+from drivers.modbus.recipe import Cells
+from drivers.modbus.steps import Step, StepKind
+from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
+from register_maps.codec import Block, Cell, Codec, CommandCodec
+from register_maps.frames import MASK_WRITE, Request
+from register_maps.schema import Confirm
+
+_READ_BACK = Confirm(any_of=("readback",), within_s=2.0)
+"""What counts for a command whose map names no confirmation. The time is that of the shipped maps."""
+
+_NOT_LOOKED_AT = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
+
+
+class Writer:
+    """Knows how each command of a map is written and read back."""
+
+    def __init__(
+        self, codec: Codec, commands: Mapping[str, CommandCodec], lines: Lines, settings: LiftSettings
+    ) -> None:
+        """`commands` are those that this lift may use."""
+        self._codec = codec
+        self._commands = commands
+        self._lines = lines
+        self._functions = {block: function for block, function, _ in codec.written}
+        self._read_blocks = {
+            name: read_back_blocks(
+                command,
+                codec.written,
+                plan_reads(
+                    command.read_points,
+                    codec.served,
+                    max_registers=settings.max_registers_per_read,
+                    max_bits=settings.max_bits_per_read,
+                ),
+            )
+            for name, command in commands.items()
+        }
+
+    @property
+    def all_read_blocks(self) -> tuple[Block, ...]:
+        """Everything to be read to see what all outputs hold."""
+        return tuple(dict.fromkeys(block for blocks in self._read_blocks.values() for block in blocks))
+
+    def confirm(self, name: str) -> Confirm:
+        """Return what shows that this command took effect."""
+        return self._commands[name].spec.confirm or _READ_BACK
+
+    def printed(self, name: str) -> str:
+        """Name a command with its addresses as its map prints them."""
+        return f"{name} at {', '.join(self._commands[name].spec.addresses)}" if name in self._commands else name
+
+    async def write(self, step: Step, cells: Cells, permit: Permit | None) -> AsyncIterator[Request]:
+        """Send every request of a step, and yield each once it was answered. Raises DriverError."""
+        if step.block is not None:
+            yield await self._send(
+                block_write(step.block, self._functions[step.block], cells, self._unit(step.block)), step.block, permit
+            )
+            return
+        command = self._commands[step.name]
+        for block, function in self._in_order(command, step, cells):
+            yield await self._write_block(command, step, block, function, cells, permit)
+
+    async def look(self, step: Step) -> bool | None:
+        """Read back whether the points hold what the step wrote; None where nobody asks for it."""
+        if step.kind in _NOT_LOOKED_AT:
+            return None
+        command = self._commands[step.name]
+        release = step.kind is StepKind.RELEASE
+        if command.lamp or not command.read_points:
+            # what is read there is the controller's answer and not our write: a release can be no surer than its echo
+            return True if release else None
+        if not (release or command.shared or "readback" in self.confirm(step.name).any_of):
+            return None
+        cells = await self._lines.cells(self._read_blocks[step.name])
+        wanted = command.encode(step.code)
+        return all(
+            read.within(cells[read.cell]) == wanted[point]
+            for point, read in zip(command.points, command.read_points, strict=True)
+        )
+
+    async def _write_block(
+        self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells, permit: Permit | None
+    ) -> Request:
+        values = command.encode(step.code)
+        unit = self._unit(block)
+        if command.is_timed_coil:
+            return await self._send(timed_pulse(command, block, unit), block, permit)
+        if function == MASK_WRITE:
+            return await self._send(masked_write(values, block.start, unit), block, permit)
+        if not command.shared:
+            return await self._send(block_write(block, function, cells, unit), block, permit)
+        async with self._lines.undisturbed(block.endpoint):
+            fresh: dict[Cell, int] = await self._lines.cells([block])
+            for point, value in values.items():
+                if block.holds(point):
+                    fresh[point.cell] = point.into(fresh[point.cell], value)
+            return await self._send(block_write(block, function, fresh, unit), block, permit)
+
+    async def _send(self, request: Request, block: Block, permit: Permit | None) -> Request:
+        await self._lines.send(block.endpoint, request, permit)
+        return request
+
+    def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
+        """Return the blocks of a command with their functions, those that come to rest first.
+
+        Of outputs that the device lets go by itself only the pressed one is written: the others rest, and a module may
+        take a 0 there for something else.
+        """
+        pairs = list(zip(command.blocks, command.functions, strict=True))
+        if command.spec.ends_itself and command.spec.one_of is not None:
+            on = {point.cell for point, value in command.encode(step.code).items() if value}
+            pairs = [pair for pair in pairs if not on.isdisjoint(pair[0].cells)]
+        return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
+
+    def _unit(self, block: Block) -> int:
+        return self._lines.unit(block.endpoint)

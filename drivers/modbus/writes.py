@@ -1,0 +1,57 @@
+"""From a step to the requests that carry it out. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from register_maps import frames
+from register_maps.codec import Block, Cell, CommandCodec, Point
+from register_maps.command_codec import Written, payload_counts
+from register_maps.frames import Request
+
+
+def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: int) -> Request:
+    """Write a block as the image has it. `function` is 5, 6, 15 or 16."""
+    values = [cells[cell] for cell in block.cells]
+    match function:
+        case 5:
+            return frames.write_coil(block.start, bool(values[0]), unit)
+        case 6:
+            return frames.write_register(block.start, values[0], unit)
+        case 15:
+            return frames.write_coils(block.start, [bool(value) for value in values], unit)
+        case _:
+            return frames.write_registers(block.start, values, unit)
+
+
+def masked_write(values: Mapping[Point, int], address: int, unit: int) -> Request:
+    """Set these bits of one register inside the device, and no others."""
+    keep, put = 0xFFFF, 0
+    for point, value in values.items():
+        if point.address == address:
+            keep &= ~(point.mask << point.low)
+            put = point.into(put, value)
+    return frames.mask_write(address, keep & 0xFFFF, put, unit)
+
+
+def timed_pulse(codec: CommandCodec, block: Block, unit: int) -> Request:
+    """Set the coil of a block for the time that the command names; the device ends it."""
+    return frames.pulse_coil(block.start, payload_counts(codec.spec), unit)
+
+
+def read_back_blocks(codec: CommandCodec, written: Iterable[Written], planned: Iterable[Block]) -> tuple[Block, ...]:
+    """Return what has to be read to see what a command's points hold: its write blocks whole, the rest as `planned`."""
+    whole = [block for block, _, _ in written]
+    inside = [next((block for block in whole if block.holds(point)), None) for point in codec.read_points]
+    return tuple(
+        dict.fromkeys(
+            [
+                *(block for block in inside if block is not None),
+                *(block for block in planned if not any(_covers(kept, block) for kept in inside if kept is not None)),
+            ]
+        )
+    )
+
+
+def _covers(outer: Block, inner: Block) -> bool:
+    return set(inner.cells) <= set(outer.cells)
