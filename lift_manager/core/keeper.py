@@ -10,6 +10,8 @@ from dataclasses import replace
 from drivers.driver import LiftDriver, Permit
 from drivers.model import Command, CommandKind, FloorName, Outcome
 from lift_manager.core.bus import Bus
+from lift_manager.core.calling import CallButton
+from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain import call as calls
 from lift_manager.domain import session as sessions
@@ -17,13 +19,14 @@ from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.events import Alarm, CommandEnded, Event, SessionEnded, SessionOpened
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, barred, moving, robot_door
-from lift_manager.domain.state import RobotDoor
+from lift_manager.domain.sight import Sight, barred, moving
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode, Side
 
 _log = logging.getLogger(__name__)
 
 _ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
+_CALLS = frozenset({"go_to", "go_to.front", "go_to.rear", "call"})
+"""Commands that bring the empty car."""
 
 
 class SessionKeeper:
@@ -46,6 +49,8 @@ class SessionKeeper:
         self._bus = bus
         self._sight = sight
         self._changed = changed
+        self._button = CallButton(driver, options, self._press)
+        self._handshake = Handshake(driver, options, self._button, self._press, permit=self._why_no_word)
         self._call: Call | None = None
         self._pressed: asyncio.Future[Outcome] | None = None
         """The newest press of the call."""
@@ -59,12 +64,22 @@ class SessionKeeper:
     @property
     def busy(self) -> bool:
         """Whether every reading matters, changed or not."""
-        return self.session is not None or self._keep_robot_mode_until is not None
+        return self.session is not None or self._keep_robot_mode_until is not None or self._handshake.reporting
 
     @property
     def arrived(self) -> bool:
         """Whether the session's call is fulfilled."""
         return self._call is not None and self._call.phase is CallPhase.ARRIVED
+
+    @property
+    def aboard(self) -> bool | None:
+        """Whether the session's robot is in the car; None where nobody knows."""
+        return self._handshake.aboard if self.session is not None else None
+
+    @property
+    def stood_open_at(self) -> FloorName | None:
+        """The session's floor, once the door has stood open there."""
+        return self.session.floor if self.session is not None and self.session.stood_open else None
 
     @property
     def door_held(self) -> bool:
@@ -78,10 +93,13 @@ class SessionKeeper:
         """Decide on a request and act on it. `offline` says why, should the lift be offline."""
         now = _now()
         answer = self._decide(ask, now, is_release=is_release, offline=offline)
-        if isinstance(answer, Session):
-            self._take(answer, now)
-            return Accepted()
-        return answer
+        if not isinstance(answer, Session):
+            return answer
+        refused = self._handshake.hear(ask, self.session, self._sight(now), arrived=self.arrived, now=now)
+        if refused is not None:
+            return refused
+        self._take(answer, now)
+        return Accepted()
 
     def stop(self) -> None:
         """Refuse everything from now on, and end the session."""
@@ -100,7 +118,7 @@ class SessionKeeper:
             )
         mine = session is None or session.holder == ask.holder
         if mine and is_release:
-            self._end_session("released", now)
+            self._release(ask, now)
             return Accepted()
         if mine and (refused := self._refusal(now, offline)) is not None:
             return refused
@@ -113,15 +131,16 @@ class SessionKeeper:
             return Refused(
                 Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`"
             )
-        if "go_to" not in self._able.commands:
-            return Refused(Refusal.NOT_POSSIBLE, f"{name} cannot be called: its map {self._able.map_name} has no go_to")
+        if not self._able.commands.intersection(_CALLS):
+            text = f"{name} cannot be called: its map {self._able.map_name} has neither go_to nor call"
+            return Refused(Refusal.NOT_POSSIBLE, text)
         if sight is None:
             return Refused(Refusal.OFFLINE, offline)
         if self._fire_latched:
             return Refused(
                 Refusal.FIRE_LATCHED, f"{name} was in fire service; a person must check it and restart the manager"
             )
-        why_not = barred(sight.values)
+        why_not = barred(sight.values, self._able)
         return None if why_not is None else Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
 
     def _take(self, session: Session, now: float) -> None:
@@ -132,9 +151,11 @@ class SessionKeeper:
             self._permit = self._make_permit(session.number)
             _log.info("%s: %s holds the lift, to %s", self._options.name, session.holder, session.floor)
             self._bus.publish(SessionOpened(self._options.name, session.holder, session.floor))
-        if self._call is not None and self._call.floor != session.floor:
-            self._driver.let_go(Command(CommandKind.GO_TO, self._call.floor))
-        self._call = calls.want(self._call, session.floor, now)
+        moves_on = self._call is not None and self._call.floor != session.floor
+        if moves_on and self._handshake.ready:
+            self._button.let_go()
+        if moves_on or not (session.hold_spent and self._button.holds_door):
+            self._call = calls.want(self._call, session.floor, now)
         self.act(now)
         self._changed()
 
@@ -152,7 +173,11 @@ class SessionKeeper:
         sight = self._sight(_now())
         if sight is None:
             return "the last reading is too old"
-        return "there was a fire" if self._fire_latched else barred(sight.values)
+        return "there was a fire" if self._fire_latched else barred(sight.values, self._able)
+
+    def _why_no_word(self) -> str | None:
+        """Return why the lift may not be told that a robot left; that the session is over is no reason."""
+        return "the manager is stopping" if self._stopping else self._why_not_now()
 
     def act(self, now: float) -> None:
         """Bring wishes and sight together. Called after every reading, request and outcome."""
@@ -165,9 +190,12 @@ class SessionKeeper:
         if sight is None:
             return
         if self.session is None:
+            self._handshake.seen(sight, None, now)
+            self._handshake.act(None, now)
             self._settle(sight, now)
             return
         self._driver.hold(_ROBOT_MODE, self._why_not_now)
+        self._handshake.act(self._permit, now)
         self._serve(sight, now)
 
     def _obey_mode(self, sight: Sight, now: float) -> None:
@@ -176,6 +204,7 @@ class SessionKeeper:
             self._fire_latched = True
             self._keep_robot_mode_until = None
             self._driver.let_go(_ROBOT_MODE)
+            self._handshake.let_go()
             self._alarm("fire: everything is let go, robots are refused until a person has checked the lift")
         if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:
             self._end_session(f"the mode is {mode}", now)
@@ -186,30 +215,34 @@ class SessionKeeper:
         if session is None or call is None:
             return
         call = self._call = self._seen_call(call, sight, now)
+        self._handshake.seen(sight, session, now)
         if call.phase is CallPhase.WANTED and not calls.granted(sight, self._able):
             self._release_doors()
             self._await_grant(session, call, now)
             return
-        if calls.may_press(call, sight, self._able, now):
+        if call.phase is CallPhase.WANTED and not self._handshake.ready:
+            self._await_word(session, sight, now)
+        elif calls.may_press(call, sight, self._able, now):
             self._release_doors()
-            self._press(session.floor, now)
+            self._press_call(call, now)
         elif call.phase is CallPhase.ARRIVED:
-            self._end_held_call(session.floor)
+            self._button.let_go_at("arrived")
             self._stay(session, sight, now)
         else:
             self._release_doors()
-            if call.phase is CallPhase.FAILED:
-                self._end_held_call(session.floor)
+            if call.phase is CallPhase.FAILED and self._button.until:
+                self._button.let_go()
 
-    def _end_held_call(self, floor: FloorName) -> None:
-        """Let go of a call that is a level; a pulse ends by itself, after its width."""
-        if self._able.call_is_held:
-            self._driver.let_go(Command(CommandKind.GO_TO, floor))
+    def _await_word(self, session: Session, sight: Sight, now: float) -> None:
+        """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
+        if self._handshake.aboard and sight.floor is not None and sight.standing:
+            self._hold_open(session, sight, sight.floor, now)
+        else:
+            self._release_doors()
 
     def _seen_call(self, call: Call, sight: Sight, now: float) -> Call:
         after = calls.seen(call, sight, self._able, now)
-        forgotten = self._able.call_is_held and not self._driver.given(Command(CommandKind.GO_TO, call.floor))
-        if after.phase is CallPhase.CONFIRMED and forgotten:
+        if after.phase is CallPhase.CONFIRMED and self._button.forgotten:
             after = calls.failed(after, "the controller no longer holds the call", now)
         if after.phase is not call.phase:
             _log.info("%s: call to %s %s %s", self._options.name, call.floor, after.phase, after.reason)
@@ -224,12 +257,18 @@ class SessionKeeper:
                 now,
             )
 
-    def _press(self, floor: FloorName, now: float) -> None:
-        if self._call is None:
-            return
-        self._call = calls.pressed(self._call, now)
-        self._pressed = self._driver.press(Command(CommandKind.GO_TO, floor), self._permit)
-        self._pressed.add_done_callback(self._ended)
+    def _press_call(self, call: Call, now: float) -> None:
+        pressed = self._button.press(call.floor, self._permit, aboard=self._handshake.aboard is True)
+        if pressed is None:
+            # where no call moves the occupied car, the word that a robot is in place has sent it on
+            self._call = calls.unpressed(call, now)
+        else:
+            self._call, self._pressed = calls.pressed(call, now), pressed
+
+    def _press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
+        future = self._driver.press(command, permit)
+        future.add_done_callback(self._ended)
+        return future
 
     def _ended(self, future: asyncio.Future[Outcome]) -> None:
         if future.cancelled():
@@ -240,26 +279,39 @@ class SessionKeeper:
         self._bus.publish(CommandEnded(self._options.name, outcome))
         if self._call is not None and future is self._pressed:
             self._call = calls.ended(self._call, outcome, now)
+        if (text := self._handshake.ended(future, outcome, now)) is not None:
+            self._alarm(text)
         self.act(now)
         self._changed()
 
     def _stay(self, session: Session, sight: Sight, now: float) -> None:
-        """Hold the door at the session's floor, or end a session that wanted no more than to get there."""
-        if not session.hold_door:
+        """Hold the door at the session's floor, or end a session that wanted no more than to get there.
+
+        A robot aboard keeps its session: it has still to get out.
+        """
+        if not session.hold_door and self._handshake.aboard is not True:
             self._end_session("arrived", now)
             return
-        if robot_door(sight, self._options.doors_at[session.floor]) is RobotDoor.OPEN:
+        if self._handshake.door_is_open(sight, session.floor):
             session = sessions.stood_open(session, now)
+        self.session = session
+        if session.hold_door:
+            self._hold_open(session, sight, session.floor, now)
+
+    def _hold_open(self, session: Session, sight: Sight, floor: FloorName, now: float) -> None:
+        """Hold the doors that serve a floor, and the call that keeps them open, for as long as the site allows."""
         ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
         if ends_at is not None and now >= ends_at and not session.hold_spent:
             session = replace(session, hold_spent=True, holding_since=None)
             self._alarm(
                 f"the door was held for {self._options.max_session_hold_s:g} s; it is let go, {session.holder} keeps the lift"
             )
-        if session.hold_spent or barred(sight.values) is not None:
+        if session.hold_spent or barred(sight.values, self._able) is not None:
             self._release_doors()
+            self._button.let_go_of_door()
         else:
-            for side in self._options.doors_at[session.floor]:
+            self._button.keep_on(self._permit)
+            for side in self._options.doors_at[floor]:
                 self._driver.hold(self._hold_door(side), self._permit)
             session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self.session = session
@@ -267,6 +319,9 @@ class SessionKeeper:
     def _settle(self, sight: Sight, now: float) -> None:
         """Drop robot mode after a session, once the car stands still; a car that never does keeps it for a bounded time."""
         until = self._keep_robot_mode_until
+        if until is not None and now < until and self._handshake.reporting:
+            self._driver.hold(_ROBOT_MODE, self._why_not_now)
+            return
         if until is not None and moving(sight) and sight.values.flags.get("robot_mode_on", False):
             if now < until:
                 self._driver.hold(_ROBOT_MODE, self._why_not_now)
@@ -275,13 +330,23 @@ class SessionKeeper:
         self._keep_robot_mode_until = None
         self._driver.let_go(_ROBOT_MODE)
 
-    def _end_session(self, reason: str, now: float) -> None:
+    def _release(self, ask: Ask, now: float) -> None:
+        """End the session at its holder's word."""
+        if self.session is None:
+            self._handshake.end_again(ask, now)
+        self._end_session("released", now, release=ask)
+
+    def _end_session(self, reason: str, now: float, *, release: Ask | None = None) -> None:
         session = self.session
         if session is None:
             return
         self.session = self._call = None
         self._release_doors()
-        self._driver.let_go(Command(CommandKind.GO_TO, session.floor))
+        if self._handshake.end(session, release, now):
+            self._alarm(
+                f"aboard_abandoned: the session of {session.holder} is over with its robot aboard ({reason});"
+                " everything is let go, and the lift is not told that the robot left"
+            )
         keeps = not self._fire_latched and not self._stopping
         self._keep_robot_mode_until = now + self._able.arrive_within_s if keeps else None
         _log.info("%s: session of %s over: %s", self._options.name, session.holder, reason)

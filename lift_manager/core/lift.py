@@ -13,7 +13,7 @@ from lift_manager.core.bus import Bus
 from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.ticker import Ticker
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
 from lift_manager.domain.sight import Sight, see
@@ -80,6 +80,7 @@ class LiftTask:
             session=keeper.session,
             arrived=keeper.arrived,
             door_held=keeper.door_held,
+            aboard=keeper.aboard,
         )
         return lift_state(seen, _now())
 
@@ -87,7 +88,7 @@ class LiftTask:
         """Decide on a request at once. Acceptance is not arrival."""
         state = self.state()
         since = "never read yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
-        is_release = not ask.hold_door and self._is_release(ask.floor, state)
+        is_release = not ask.hold_door and self._is_release(ask, state)
         answer = self._keeper.request(
             ask, is_release=is_release, offline=f"{state.lift} is offline, {since}: {state.reason}"
         )
@@ -95,15 +96,20 @@ class LiftTask:
             self._left.clear()
         return answer
 
-    def _is_release(self, floor: FloorName, state: LiftState) -> bool:
-        """Whether `floor` is the one this lift reports, so that a request not to hold the door there lets go.
+    def _is_release(self, ask: Ask, state: LiftState) -> bool:
+        """Whether the floor asked for is the one this lift reports, so that a request not to hold the door there lets go.
 
         An idle lift that people move is not called back to a floor that a slow client still believes in. Of a lift that is
-        offline, clients know the last floor.
+        offline, clients know the last floor. Where only the open door tells the floor, the session's stop counts once the
+        door has stood open there.
         """
-        reported = state.floor
+        if ask.robot is not None:
+            return ask.robot is RobotWord.LEFT
+        floor, reported = ask.floor, state.floor
         if self._sight is not None and self._fresh_sight(_now()) is None:
             reported = self._sight.floor
+        elif reported is None and self._able.evidence == "door_limit":
+            reported = self._keeper.stood_open_at
         if floor == reported:
             return True
         return self._keeper.session is None and _now() - self._left.get(floor, -math.inf) <= RECENT_FLOOR_S

@@ -25,3 +25,8 @@ class LiftOptions:
     lease_s: float = 300.0
     """On humble, requests stop once the lift is where they want it (open-rmf 1.4): the lease outlives RMF's 300 s localise step."""
     max_session_hold_s: float = 900.0
+    infer_occupancy: bool = False
+    """A caller that has no word for it boards and leaves by what it asks: for faces without one, such as RMF."""
+    board_min_s: float = 5.0
+    """A floor asked sooner than this after the door stood open is no sign of boarding. Chosen: a robot at 0.5 m/s takes that long for
+    the 2.5 m from where it waits into the car, so a floor asked sooner is a change of plan."""

@@ -9,6 +9,16 @@ from drivers.model import FloorName
 from lift_manager.domain.state import Holder
 
 
+@unique
+class RobotWord(StrEnum):
+    """What a robot says about itself; faces that cannot say it leave it out."""
+
+    IN_PLACE = "in_place"
+    """It is in the car and may be taken along."""
+    LEFT = "left"
+    """It is out of the car and clear of the door."""
+
+
 @dataclass(frozen=True, slots=True)
 class Ask:
     """A request for one lift."""
@@ -18,6 +28,7 @@ class Ask:
     floor: FloorName
     hold_door: bool
     """Hold the door open at `floor`; otherwise the session ends on arrival."""
+    robot: RobotWord | None = None
 
 
 @unique
@@ -32,6 +43,8 @@ class Refusal(StrEnum):
     FIRE_LATCHED = "fire_latched"
     MONITOR_ONLY = "monitor_only"
     NOT_POSSIBLE = "not_possible"
+    OCCUPANCY_UNKNOWN = "occupancy_unknown"
+    """Whether a robot is aboard decides what is pressed, and nobody has said it."""
     STOPPING = "stopping"
 
 

@@ -15,9 +15,6 @@ from register_maps.words import Door, Motion
 BACKOFF_S = (2.0, 30.0)
 """First and longest pause before a failed call may be pressed again (DESIGN section 7)."""
 
-DOOR_OPENS_WITHIN_S = 10.0
-"""How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
-
 SETTLES_WITHIN_S = 3.0
 """How long a car that stops may take to show that it stands. Chosen: levelling takes a second or two."""
 
@@ -80,6 +77,11 @@ def ended(call: Call, outcome: Outcome, now: float) -> Call:
     return failed(call, f"{outcome.result}: {outcome.reason}", now)
 
 
+def unpressed(call: Call, now: float) -> Call:
+    """Note that the lift sets out for this floor without a press of its own."""
+    return replace(call, phase=CallPhase.CONFIRMED, since=now, missing=0)
+
+
 def failed(call: Call, reason: str, now: float) -> Call:
     """Give the call up until it is asked for again, with a pause that doubles."""
     first, longest = BACKOFF_S
@@ -134,7 +136,7 @@ def _must_open(call: Call, sight: Sight, able: Capabilities, now: float) -> bool
     if not able.same_floor_call or any(door is not Door.CLOSED for door in sight.values.doors.values()):
         return False
     return call.phase is CallPhase.WANTED or (
-        call.phase is CallPhase.ARRIVED and now - call.since > DOOR_OPENS_WITHIN_S
+        call.phase is CallPhase.ARRIVED and now - call.since > able.door_opens_within_s
     )
 
 
@@ -148,6 +150,6 @@ def _gone(call: Call, sight: Sight) -> bool:
 def _shown(call: Call, sight: Sight, able: Capabilities) -> bool:
     """Whether the lift still shows the call. Without a lamp for it, it counts as lost only when the lift has nothing to do."""
     values = sight.values
-    if "call_accepted" in able.signals:
-        return call.floor in (values.call_accepted, values.destination)
+    if "call_accepted" in able.signals or "calls_registered" in able.signals:
+        return call.floor in (values.call_accepted, values.destination) or call.floor in values.calls
     return "destination" not in able.signals or values.destination is not None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from drivers.model import Capabilities, FloorName
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, moving, robot_door
+from lift_manager.domain.sight import Sight, moving, permissions, robot_door
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from register_maps.words import Mode, Motion, Side
 
@@ -31,6 +31,8 @@ class Seen:
     """The session's call is fulfilled."""
     door_held: bool
     """Our hold of every door at the session's floor is on and verified, where the map has one."""
+    aboard: bool | None
+    """Whether the session's robot is in the car; None where nobody knows."""
 
 
 def lift_state(seen: Seen, now: float) -> LiftState:
@@ -92,16 +94,14 @@ def _reported_floor(seen: Seen, sight: Sight) -> FloorName | None:
 
 
 def _door_for_robots(seen: Seen, sight: Sight) -> RobotDoor:
-    """Return the door word; while a session holds the lift, OPEN means that its robot may drive."""
+    """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may."""
     here = seen.doors_at.get(sight.floor, ()) if sight.floor is not None else ()
-    door = robot_door(sight, here)
+    door = robot_door(sight, here, permissions(seen.able, aboard=seen.aboard))
     if door is not RobotDoor.OPEN or seen.session is None:
         return door
-    flags = sight.values.flags
-    granted = "robot_mode_on" not in seen.able.signals or flags.get("robot_mode_on", False)
-    permissions = [flags.get(name, False) for name in ("may_enter", "may_leave") if name in seen.able.signals]
+    granted = "robot_mode_on" not in seen.able.signals or sight.values.flags.get("robot_mode_on", False)
     held = seen.door_held and sight.floor == seen.session.floor
-    return RobotDoor.OPEN if granted and held and (any(permissions) or not permissions) else RobotDoor.MOVING
+    return RobotDoor.OPEN if granted and held else RobotDoor.MOVING
 
 
 def _motion(sight: Sight) -> Motion:

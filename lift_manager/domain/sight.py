@@ -49,17 +49,28 @@ def see(before: Sight | None, reading: LiftReading, able: Capabilities, *, gap_s
     return Sight(values, reading.epoch, floor_since, standing, agreed, settled=agreed and not waits)
 
 
-def robot_door(sight: Sight, doors_here: tuple[Side, ...]) -> RobotDoor:
-    """Return the door word for robots as far as the lift's own signals go; sessions may only weaken it."""
+def permissions(able: Capabilities, *, aboard: bool | None) -> frozenset[str]:
+    """Return the flags of this map of which one must be given before the robot drives; `aboard` is None where nobody knows."""
+    wanted = {True: {"may_leave"}, False: {"may_enter"}, None: {"may_enter", "may_leave"}}
+    return able.signals & wanted[aboard]
+
+
+def robot_door(sight: Sight, doors_here: tuple[Side, ...], needs: frozenset[str]) -> RobotDoor:
+    """Return the door word for robots as far as the lift's own signals go; sessions may only weaken it.
+
+    `needs` are the permissions of which one must be given; none where the map has none.
+    """
     doors = sight.values.doors
     if doors and all(door is Door.CLOSED for door in doors.values()):
         return RobotDoor.CLOSED
     is_open = bool(doors_here) and all(doors.get(side) is Door.OPEN for side in doors_here)
     allowed = sight.values.mode not in ROBOT_FORBIDDEN_MODES
-    return RobotDoor.OPEN if is_open and sight.standing and sight.agreed and allowed else RobotDoor.MOVING
+    permitted = not needs or any(sight.values.flags.get(flag, False) for flag in needs)
+    safe = sight.standing and sight.agreed and allowed and permitted
+    return RobotDoor.OPEN if is_open and safe else RobotDoor.MOVING
 
 
-def barred(values: LiftValues) -> str | None:
+def barred(values: LiftValues, able: Capabilities) -> str | None:
     """Say why no robot may command the lift now, by its own signals; None when one may."""
     if values.mode in ROBOT_FORBIDDEN_MODES:
         return f"its mode is {values.mode}"
@@ -67,6 +78,10 @@ def barred(values: LiftValues) -> str | None:
         return "its key switch does not allow robots"
     if not values.flags.get("ready", True):
         return "it is not ready"
+    if values.flags.get("watchdog_tripped", False):
+        return "its module watchdog has tripped, so its outputs are not ours"
+    if able.watched and values.watchdog_s == 0:
+        return "the module watchdog is switched off: nothing would let go of the door if this manager were lost"
     return None
 
 
@@ -84,6 +99,8 @@ def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:
             return values.flags.get("level", False)
         case "motion_stopped":
             return values.motion is Motion.STOPPED
+        case "door_limit":
+            return True
         case _:
             return floor_for_s >= able.evidence_for_s
 

@@ -21,7 +21,12 @@ ABLE = Capabilities(
     call_requires=frozenset(),
     granted_within_s=600.0,
     arrive_within_s=120.0,
-    call_is_held=False,
+    call_until="",
+    go_until="",
+    levels=frozenset(),
+    needs_occupancy=False,
+    door_opens_within_s=10.0,
+    watched=False,
     same_floor_call=False,
     not_visible={},
     map_name="by-hand",
@@ -78,6 +83,19 @@ def test_a_call_that_disappears_is_lost_after_a_few_readings_but_not_after_one()
     assert calls.seen(call, sight("L1"), ABLE, 2.0).phase is CallPhase.FAILED
 
 
+def test_a_lamp_behind_the_button_shows_the_call() -> None:
+    lamps = replace(ABLE, signals=frozenset({"car_floor", "calls_registered"}))
+    lit = sight("L1")
+    lit = replace(lit, values=replace(lit.values, calls=frozenset({"L2", "L3"})))
+    call = confirmed()
+    for _ in range(2 * calls.LOST_AFTER_READINGS):
+        call = calls.seen(call, lit, lamps, 2.0)
+    assert call.phase is CallPhase.CONFIRMED
+    for _ in range(calls.LOST_AFTER_READINGS):
+        call = calls.seen(call, sight("L1"), lamps, 2.0)
+    assert call.reason == "the call disappeared"
+
+
 def test_a_call_that_no_signal_shows_cannot_be_lost() -> None:
     blind = replace(ABLE, signals=frozenset({"car_floor"}))
     call = confirmed()
@@ -120,12 +138,19 @@ def test_a_lift_that_opens_for_a_call_is_called_where_it_stands_with_its_door_sh
     assert calls.seen(wanted, sight("L2", door=Door.OPEN), opens, 0.1).phase is CallPhase.ARRIVED
 
 
+def test_a_map_says_how_long_its_door_may_take_to_open() -> None:
+    slow = replace(ABLE, same_floor_call=True, door_opens_within_s=25.0)
+    arrived = Call("L2", CallPhase.ARRIVED, 0.0)
+    assert calls.seen(arrived, sight("L2"), slow, 25.0) is arrived
+    assert calls.seen(arrived, sight("L2"), slow, 25.1).phase is CallPhase.FAILED
+
+
 def test_a_lift_that_opens_for_a_call_is_called_again_only_after_its_door_shut() -> None:
     opens = replace(ABLE, same_floor_call=True)
     arrived = calls.seen(calls.pressed(calls.want(None, "L2", 0.0), 0.0), sight("L2"), opens, 1.0)
     assert arrived.phase is CallPhase.ARRIVED
-    still = calls.seen(arrived, sight("L2"), opens, 1.0 + calls.DOOR_OPENS_WITHIN_S)
+    still = calls.seen(arrived, sight("L2"), opens, 1.0 + opens.door_opens_within_s)
     assert still is arrived
-    shut = calls.seen(arrived, sight("L2"), opens, 1.1 + calls.DOOR_OPENS_WITHIN_S)
+    shut = calls.seen(arrived, sight("L2"), opens, 1.1 + opens.door_opens_within_s)
     assert shut.reason == "the door shut"
     assert calls.want(shut, "L2", shut.not_before).phase is CallPhase.WANTED

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.model import Capabilities, LiftReading, LiftValues
 from lift_manager.domain import sight as sights
-from lift_manager.domain.sight import Sight, barred, robot_door
+from lift_manager.domain.sight import Sight, barred, permissions, robot_door
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 from tests.lift_manager.domain.test_call import ABLE
@@ -27,7 +27,7 @@ def see(before: Sight | None, new: LiftReading, able: Capabilities, *, gap_s: fl
 
 
 def door(sight: Sight, here: tuple[Side, ...] = (Side.FRONT,)) -> RobotDoor:
-    return robot_door(sight, here)
+    return robot_door(sight, here, frozenset())
 
 
 def test_one_whole_reading_is_enough_when_it_came_in_one_piece() -> None:
@@ -97,7 +97,7 @@ def test_nobody_is_invited_in_where_no_floor_is_known() -> None:
 def test_nobody_is_invited_in_while_the_mode_forbids_robots(mode: Mode) -> None:
     values = replace(OPEN, mode=mode)
     assert door(see(None, reading(values, 0.0), ABLE)) is RobotDoor.MOVING
-    assert barred(values) == f"its mode is {mode}"
+    assert barred(values, ABLE) == f"its mode is {mode}"
 
 
 @pytest.mark.parametrize("state", [Door.FAULT, Door.UNKNOWN, Door.OPENING, Door.CLOSING, Door.MOVING])
@@ -116,5 +116,56 @@ def test_with_two_doors_only_those_of_this_floor_have_to_be_open_and_all_have_to
 
 @pytest.mark.parametrize(("flag", "words"), [("robots_allowed", "key switch"), ("ready", "not ready")])
 def test_a_lift_that_says_no_takes_no_robot(flag: str, words: str) -> None:
-    assert words in str(barred(replace(OPEN, flags={flag: False})))
-    assert barred(replace(OPEN, flags={flag: True})) is None
+    assert words in str(barred(replace(OPEN, flags={flag: False}), ABLE))
+    assert barred(replace(OPEN, flags={flag: True}), ABLE) is None
+
+
+def test_a_module_whose_watchdog_has_tripped_takes_no_press() -> None:
+    assert barred(replace(OPEN, flags={"watchdog_tripped": False}), ABLE) is None
+    tripped = barred(replace(OPEN, flags={"watchdog_tripped": True}), ABLE)
+    assert tripped == "its module watchdog has tripped, so its outputs are not ours"
+
+
+@pytest.mark.parametrize(("watchdog_s", "allowed"), [(0.0, False), (5.0, True), (None, True)])
+def test_a_hold_that_relies_on_a_watchdog_needs_it_switched_on(watchdog_s: float | None, *, allowed: bool) -> None:
+    values = replace(OPEN, watchdog_s=watchdog_s)
+    assert (barred(values, replace(ABLE, watched=True)) is None) is allowed
+    assert barred(values, ABLE) is None
+
+
+def test_the_open_limit_of_a_floor_is_evidence_enough_and_goes_with_the_door() -> None:
+    limit = replace(ABLE, evidence="door_limit")
+    still = replace(OPEN, motion=None)
+    assert door(see(None, reading(still, 0.0), limit)) is RobotDoor.OPEN
+    shut = replace(still, floor=None, doors={Side.FRONT: Door.CLOSED})
+    assert not see(None, reading(shut, 0.0), limit).standing
+
+
+PERMITTED = replace(ABLE, signals=ABLE.signals | {"may_enter", "may_leave"})
+ENTER, LEAVE = {"may_enter": True, "may_leave": False}, {"may_enter": False, "may_leave": True}
+NEITHER = {"may_enter": False, "may_leave": False}
+
+
+@pytest.mark.parametrize(
+    ("aboard", "flags", "word"),
+    [
+        (False, ENTER, RobotDoor.OPEN),
+        (False, LEAVE, RobotDoor.MOVING),
+        (True, ENTER, RobotDoor.MOVING),
+        (True, LEAVE, RobotDoor.OPEN),
+        (None, ENTER, RobotDoor.OPEN),
+        (None, LEAVE, RobotDoor.OPEN),
+        (None, NEITHER, RobotDoor.MOVING),
+        (None, {}, RobotDoor.MOVING),
+    ],
+)
+def test_an_open_door_needs_the_permission_for_where_the_robot_is(
+    aboard: bool | None, flags: dict[str, bool], word: RobotDoor
+) -> None:
+    sight = see(None, reading(replace(OPEN, flags=flags), 0.0), PERMITTED)
+    assert robot_door(sight, (Side.FRONT,), permissions(PERMITTED, aboard=aboard)) is word
+
+
+@pytest.mark.parametrize("aboard", [True, False, None])
+def test_a_map_without_permissions_needs_none(aboard: bool | None) -> None:
+    assert permissions(ABLE, aboard=aboard) == frozenset()

@@ -1,0 +1,90 @@
+"""The one call that a session has on: which command it is, and when it is let go."""
+
+from __future__ import annotations
+
+from asyncio import Future
+from collections.abc import Callable
+
+from drivers.driver import LiftDriver, Permit
+from drivers.model import Command, CommandKind, FloorName, Outcome
+from lift_manager.core.options import LiftOptions
+from register_maps.words import Side
+
+Press = Callable[[Command, Permit], Future[Outcome]]
+"""Gives a command and sees to it that its outcome is heard."""
+
+_ACKNOWLEDGEMENTS = frozenset({"robot_in_place", "robot_left"})
+
+
+class CallButton:
+    """Presses the call of the map that moves the car now, and never has two of them on."""
+
+    def __init__(self, driver: LiftDriver, options: LiftOptions, press: Press) -> None:
+        self._driver = driver
+        self._able = driver.capabilities
+        self._options = options
+        self._press = press
+        self._on: Command | None = None
+        """The newest call pressed; a pulse has ended by itself since."""
+        self._until = ""
+
+    def command(self, floor: FloorName, *, aboard: bool) -> Command | None:
+        """Return what brings the car to a floor; None where the map has nothing for it.
+
+        Where the door is part of the call, it is the front one if the floor has it.
+        """
+        if "go_to" in self._able.commands:
+            return Command(CommandKind.GO_TO, floor)
+        sides = [Command(CommandKind.GO_TO, floor, side) for side in Side if side in self._options.doors_at[floor]]
+        plain = Command(CommandKind.GO if aboard else CommandKind.CALL, floor)
+        return next((call for call in (*sides, plain) if call.name in self._able.commands), None)
+
+    @property
+    def until(self) -> str:
+        """What ends the call that is on; empty for a pulse, or for none."""
+        return self._until if self._on is not None else ""
+
+    @property
+    def holds_door(self) -> bool:
+        """Whether a call of this map keeps the door open, because it stays on while the robot boards or leaves."""
+        return not _ACKNOWLEDGEMENTS.isdisjoint({self._able.call_until, self._able.go_until})
+
+    @property
+    def forgotten(self) -> bool:
+        """Whether the call should be on, and the controller no longer holds it."""
+        return self._on is not None and self._until != "" and not self._driver.given(self._on)
+
+    def press(self, floor: FloorName, permit: Permit, *, aboard: bool) -> Future[Outcome] | None:
+        """Press the call that brings the car to a floor; another one that is on is let go first. None where the map has none."""
+        command = self.command(floor, aboard=aboard)
+        if command is None:
+            return None
+        if self._on is not None and self._on.name != command.name:
+            self.let_go()
+        self._on = command
+        self._until = self._able.go_until if command.kind is CommandKind.GO else self._able.call_until
+        if aboard and self._until == "robot_in_place":
+            # it is in place already
+            self._until = "arrived"
+        return self._press(command, permit)
+
+    def let_go(self) -> None:
+        """Let go of the call, if one is on."""
+        if self._on is not None:
+            self._driver.let_go(self._on)
+            self._on = None
+
+    def let_go_at(self, end: str) -> None:
+        """Let go of the call if this is what ends it."""
+        if self.until == end:
+            self.let_go()
+
+    def let_go_of_door(self) -> None:
+        """Let go of a call that keeps the door open."""
+        if self.until in _ACKNOWLEDGEMENTS:
+            self.let_go()
+
+    def keep_on(self, permit: Permit) -> None:
+        """Renew a call that keeps the door open, unless the controller forgot it."""
+        if self._on is not None and self.until in _ACKNOWLEDGEMENTS and self._driver.given(self._on):
+            self._driver.hold(self._on, permit)

@@ -1,0 +1,242 @@
+"""What the lift is told about the robot: in place, left. Nothing here waits."""
+
+from __future__ import annotations
+
+from asyncio import Future
+
+from drivers.driver import LiftDriver, Permit
+from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, Result
+from lift_manager.core.calling import CallButton, Press
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain import boarding as boardings
+from lift_manager.domain import call as calls
+from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
+from lift_manager.domain.boarding import Boarding, Rules, Stop, Who
+from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.session import Session
+from lift_manager.domain.sight import Sight, permissions, robot_door
+from lift_manager.domain.state import Holder, RobotDoor
+
+
+class Acknowledgement:
+    """One word to the lift about its passenger. It follows the rules of a call: pressed once, and again only on a repeat."""
+
+    def __init__(self, kind: CommandKind, able: Capabilities) -> None:
+        self.command = Command(kind)
+        self.known = self.command.name in able.commands
+        self.is_level = self.command.name in able.levels
+        self._call: Call | None = None
+        self._pressed: Future[Outcome] | None = None
+
+    @property
+    def failed_once(self) -> bool:
+        """Whether it failed for the first time."""
+        return self._call is not None and self._call.phase is CallPhase.FAILED and self._call.failures == 1
+
+    @property
+    def pending(self) -> bool:
+        """Whether it is to be pressed, or on its way."""
+        return self._call is not None and self._call.phase in (CallPhase.WANTED, CallPhase.PRESSED)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether it is to be pressed."""
+        return self._call is not None and self._call.phase is CallPhase.WANTED
+
+    @property
+    def taken(self) -> bool:
+        """Whether the lift has taken it; a lift that has no such command needs none."""
+        return not self.known or (self._call is not None and self._call.phase is CallPhase.CONFIRMED)
+
+    def want(self, floor: FloorName, now: float) -> None:
+        """Want it given; after a failure only once its pause is over."""
+        if self.known:
+            self._call = calls.want(self._call, self._call.floor if self._call is not None else floor, now)
+
+    def again(self, now: float) -> None:
+        """Want it given again if it failed and its pause is over."""
+        if self._call is not None:
+            self.want(self._call.floor, now)
+
+    def forget(self) -> None:
+        """Want it no longer."""
+        self._call = None
+
+    def give(self, press: Press, permit: Permit, now: float) -> None:
+        """Press it, if it is wanted."""
+        if self._call is not None and self.wanted:
+            self._call = calls.pressed(self._call, now)
+            self._pressed = press(self.command, permit)
+
+    def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> bool:
+        """Take the outcome, if it is that of the newest press."""
+        if self._call is None or future is not self._pressed:
+            return False
+        if outcome.result is Result.CONFIRMED:
+            self._call = calls.ended(self._call, outcome, now)
+        else:
+            self._call = calls.failed(self._call, outcome.reason, now)
+        return True
+
+
+class Handshake:
+    """Who is aboard, and what is pressed because of it."""
+
+    def __init__(
+        self, driver: LiftDriver, options: LiftOptions, button: CallButton, press: Press, *, permit: Permit
+    ) -> None:
+        """`permit` is that of a word which must reach the lift although the session is over."""
+        able = driver.capabilities
+        self._driver = driver
+        self._able = able
+        self._options = options
+        self._button = button
+        self._press = press
+        self._permit = permit
+        self._rules = Rules(boardings.matters(able), options.infer_occupancy, options.board_min_s)
+        self._boarding = Boarding()
+        self._in_place = Acknowledgement(CommandKind.ROBOT_IN_PLACE, able)
+        self._left = Acknowledgement(CommandKind.ROBOT_LEFT, able)
+        self._abandoned_by: Holder | None = None
+        """Whose session ended while its robot was aboard."""
+
+    @property
+    def aboard(self) -> bool | None:
+        """Whether the session's robot is in the car; None where nobody knows."""
+        return boardings.aboard(self._boarding, self._rules)
+
+    @property
+    def reporting(self) -> bool:
+        """Whether the lift has still to be told that a robot left."""
+        return self._left.pending
+
+    @property
+    def ready(self) -> bool:
+        """Whether the lift has been told what it must know before it is sent on."""
+        return not self._left.pending and (self.aboard is not True or self._in_place.taken)
+
+    def door_is_open(self, sight: Sight, floor: FloorName) -> bool:
+        """Whether the car stands open at a floor for the robot where it is now, as far as the lift's own signals go."""
+        needs = permissions(self._able, aboard=self.aboard)
+        doors = self._options.doors_at.get(floor, ())
+        return sight.floor == floor and robot_door(sight, doors, needs) is RobotDoor.OPEN
+
+    def hear(
+        self, ask: Ask, session: Session | None, sight: Sight | None, *, arrived: bool, now: float
+    ) -> Refused | None:
+        """Take a request of the holder that nothing else speaks against, or refuse it."""
+        name, before, stop = self._options.name, self._boarding, None
+        if session is not None:
+            is_open = sight is not None and self.door_is_open(sight, session.floor)
+            stop = Stop(session.floor, arrived, is_open)
+        if self._abandoned_by not in (None, ask.holder):
+            text = (
+                f"{name}: a robot of {self._abandoned_by} may still be aboard; {self._abandoned_by} must ask for the lift"
+                " again, or a person must check the car and restart the manager"
+            )
+            return Refused(Refusal.OCCUPANCY_UNKNOWN, text)
+        heard = boardings.hear(before, ask, stop, self._rules, now)
+        if isinstance(heard, str):
+            return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {heard}")
+        aboard = heard.who is Who.ABOARD
+        if self._button.command(ask.floor, aboard=aboard) is None and not (aboard and self._in_place.known):
+            car = "the occupied car" if aboard else "the car"
+            text = f"{name}: its map {self._able.map_name} has no command that brings {car} to {ask.floor}"
+            return Refused(Refusal.NOT_POSSIBLE, text)
+        self._boarding, self._abandoned_by = heard, None
+        self._heed(before, ask, session, stop, now)
+        return None
+
+    def _heed(self, before: Boarding, ask: Ask, session: Session | None, stop: Stop | None, now: float) -> None:
+        """Want the words that follow from what was heard."""
+        here = stop.floor if stop is not None else ask.floor
+        if self._boarding.who is Who.ABOARD:
+            if before.who is not Who.ABOARD and self._left.is_level:
+                self._driver.let_go(self._left.command)
+            self._in_place.want(here, now)
+        elif before.who is Who.ABOARD:
+            self._report_left(here, now)
+        elif session is None or ask.robot is RobotWord.LEFT:
+            self._left.again(now)
+
+    def seen(self, sight: Sight, session: Session | None, now: float) -> None:
+        """Take a fresh reading."""
+        floor = sight.floor
+        self._boarding = boardings.car_seen_at(self._boarding, floor)
+        if floor is None or not self.door_is_open(sight, floor):
+            return
+        self._boarding = boardings.open_to_leave(self._boarding, floor)
+        if session is not None and floor == session.floor:
+            self._boarding = boardings.open_to_enter(self._boarding, now)
+
+    def act(self, session_permit: Permit | None, now: float) -> None:
+        """Give what is wanted, as far as it is permitted. `session_permit` is None without a session."""
+        if self._left.wanted:
+            if self._permit() is None:
+                self._left.give(self._press, self._permit, now)
+            else:
+                self.let_go()
+        if session_permit is None or self.aboard is not True or self._left.pending or session_permit() is not None:
+            return
+        self._in_place.give(self._press, session_permit, now)
+        if self._in_place.taken:
+            self._button.let_go_at("robot_in_place")
+            if self._in_place.known and self._in_place.is_level:
+                self._driver.hold(self._in_place.command, session_permit)
+
+    def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> str | None:
+        """Take the outcome of a press; a text is what a person should know."""
+        self._in_place.ended(future, outcome, now)
+        if not self._left.ended(future, outcome, now):
+            return None
+        self._after_left()
+        if not self._left.failed_once:
+            return None
+        return f"robot_left was not taken, so the lift may still count a robot aboard: {outcome.reason}"
+
+    def end(self, session: Session, release: Ask | None, now: float) -> bool:
+        """Close the session's part; `release` is the holder's own word that it is over. Returns whether a robot is abandoned."""
+        boarding, self._boarding = self._boarding, Boarding()
+        if release is not None and boardings.has_left(boarding, release, session.floor, self._rules):
+            self._report_left(session.floor, now)
+            return False
+        self.let_go()
+        if boarding.who is not Who.ABOARD:
+            return False
+        if self._rules.matters:
+            self._abandoned_by, self._boarding = session.holder, boarding
+        if self._in_place.is_level or not self._in_place.taken:
+            self._in_place.forget()
+        return True
+
+    def end_again(self, release: Ask, now: float) -> None:
+        """Take a release that finds no session: what the lift should have been told by an earlier one is told again."""
+        mine = release.holder == self._abandoned_by
+        if mine and release.robot is RobotWord.LEFT and self._boarding.may_leave_at is not None:
+            self._boarding, self._abandoned_by = Boarding(), None
+            self._report_left(release.floor, now)
+        elif self._abandoned_by is None:
+            self._left.again(now)
+
+    def let_go(self) -> None:
+        """Let go of everything at once."""
+        self._button.let_go()
+        self._driver.let_go(self._in_place.command)
+
+    def _report_left(self, floor: FloorName, now: float) -> None:
+        """Tell the lift that the robot left. What stays on until then is let go once it has been told."""
+        if not self._in_place.taken:
+            self._driver.let_go(self._in_place.command)
+        self._in_place.forget()
+        self._left.forget()
+        self._left.want(floor, now)
+        if self._button.until != "robot_left":
+            self._button.let_go()
+        if not self._left.pending:
+            self._after_left()
+
+    def _after_left(self) -> None:
+        """Let go of what was on for the robot aboard."""
+        self._button.let_go_at("robot_left")
+        if self._in_place.is_level:
+            self._driver.let_go(self._in_place.command)

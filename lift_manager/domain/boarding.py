@@ -1,0 +1,146 @@
+"""Who is aboard, as far as the life of a session tells. Pure.
+
+A lift that tells the empty car from the occupied one must hear the truth about it. A robot's word settles it. A caller that
+has no such word is believed by what it does, and only where the site allows that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum, unique
+
+from drivers.model import Capabilities, FloorName
+from lift_manager.domain.asking import Ask, RobotWord
+
+_HANDSHAKE = frozenset({"call", "go", "robot_in_place", "robot_left"})
+
+
+@unique
+class Who(StrEnum):
+    """Where the session's robot is."""
+
+    EMPTY = "empty"
+    """Not aboard: the car has not stood open for it yet."""
+    MAY_BOARD = "may_board"
+    """The car stood open for it: it may be outside, inside, or in between."""
+    ABOARD = "aboard"
+    LEFT = "left"
+    """It got out; nobody else has been called for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Boarding:
+    """What is known of the session's robot."""
+
+    who: Who = Who.EMPTY
+    open_since: float | None = None
+    """When the door first stood open for it to enter."""
+    may_leave_at: FloorName | None = None
+    """Where the door last stood open for it to leave; None once the car has moved on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The session's stop, at the moment of a request."""
+
+    floor: FloorName
+    arrived: bool
+    """The session's call is fulfilled."""
+    open: bool
+    """The car stands there with its door open, and a robot may enter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How a lift and its site want to know who is aboard."""
+
+    matters: bool
+    """Something else is pressed for an occupied car than for an empty one."""
+    infer: bool
+    """The site lets boarding and leaving be inferred."""
+    board_min_s: float
+
+
+def matters(able: Capabilities) -> bool:
+    """Whether this lift is told something else for an occupied car than for an empty one."""
+    return able.needs_occupancy or bool(able.commands & _HANDSHAKE)
+
+
+def aboard(boarding: Boarding, rules: Rules) -> bool | None:
+    """Whether the robot counts as aboard; None where nobody says, and the lift does not ask."""
+    if boarding.who is Who.ABOARD:
+        return True
+    return False if rules.matters or boarding.who is Who.LEFT else None
+
+
+def open_to_enter(boarding: Boarding, now: float) -> Boarding:
+    """Note that the session's stop stands open for a robot outside."""
+    return Boarding(Who.MAY_BOARD, open_since=now) if boarding.who is Who.EMPTY else boarding
+
+
+def open_to_leave(boarding: Boarding, floor: FloorName) -> Boarding:
+    """Note that the door stands open for the robot aboard."""
+    return replace(boarding, may_leave_at=floor) if boarding.who is Who.ABOARD else boarding
+
+
+def car_seen_at(boarding: Boarding, floor: FloorName | None) -> Boarding:
+    """Forget that the robot could leave once the car is seen elsewhere; between floors it may still stand there."""
+    if floor is None or boarding.may_leave_at in (None, floor):
+        return boarding
+    return replace(boarding, may_leave_at=None)
+
+
+def hear(boarding: Boarding, ask: Ask, stop: Stop | None, rules: Rules, now: float) -> Boarding | str:
+    """Take a request of the holder, or say why it cannot be taken. `stop` is None where there is no session yet."""
+    heard: Boarding | str = boarding
+    if ask.robot is RobotWord.IN_PLACE:
+        heard = _in_place(boarding, stop)
+    elif ask.robot is RobotWord.LEFT:
+        heard = _left(boarding)
+    if isinstance(heard, str) or stop is None or ask.floor == stop.floor:
+        return heard
+    return _sent_on(heard, stop, rules, now)
+
+
+def has_left(boarding: Boarding, ask: Ask, destination: FloorName, rules: Rules) -> bool:
+    """Whether a release says that the robot got out: in words, or by being given at the destination."""
+    if boarding.who is not Who.ABOARD or boarding.may_leave_at is None:
+        return False
+    inferred = rules.infer and ask.floor == destination == boarding.may_leave_at
+    return ask.robot is RobotWord.LEFT or inferred
+
+
+def _in_place(boarding: Boarding, stop: Stop | None) -> Boarding | str:
+    if boarding.who is Who.ABOARD:
+        return boarding
+    if boarding.who is Who.EMPTY and stop is not None and not stop.arrived:
+        return f"no robot can be in place, because the car has not arrived at {stop.floor}; say it once the robot is inside"
+    return Boarding(Who.ABOARD)
+
+
+def _left(boarding: Boarding) -> Boarding | str:
+    if boarding.who is Who.ABOARD and boarding.may_leave_at is None:
+        return "no robot can have left, because the door has not stood open for it; say it once the robot is outside"
+    return boarding if boarding.who is Who.EMPTY else Boarding(Who.LEFT)
+
+
+def _sent_on(boarding: Boarding, stop: Stop, rules: Rules, now: float) -> Boarding | str:
+    """Take another floor than the session's stop."""
+    if boarding.who is Who.ABOARD:
+        return replace(boarding, may_leave_at=None)
+    if boarding.who is not Who.MAY_BOARD or not rules.matters:
+        return Boarding()
+    unknown = f"a robot may have entered the car at {stop.floor}"
+    if not rules.infer:
+        return f"{unknown}; say that the robot is in place, or set `infer_occupancy: true` in the site file"
+    if not stop.open:
+        return (
+            f"{unknown}, but the car does not stand open for it there now; say that the robot is in place, or ask again"
+        )
+    open_for_s = now - (boarding.open_since if boarding.open_since is not None else now)
+    if open_for_s < rules.board_min_s:
+        return (
+            f"{unknown}: its door has stood open for {open_for_s:.1f} s, and a robot counts as aboard after"
+            f" {rules.board_min_s:g} s; say that the robot is in place, or ask again"
+        )
+    return Boarding(Who.ABOARD)

@@ -1,0 +1,271 @@
+"""A lift that does only what the test says: readings by hand, presses written down, virtual time."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field, replace
+
+from drivers.driver import Permit
+from drivers.errors import DriverError, Sent
+from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Result
+from lift_manager.core.bus import Bus, Subscription
+from lift_manager.core.lift import LiftTask
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.events import Alarm, Event
+from lift_manager.domain.state import Holder, LiftState, RobotDoor
+from register_maps.words import Door, Mode, Side
+from tests.lift_manager.domain.test_call import ABLE
+from tests.support.virtual_time import elapse, run_virtual
+
+ROBOT = Holder("rmf", "fleet/robot1")
+OTHER = Holder("rmf", "fleet/robot2")
+FRONT = Side.FRONT
+
+PERMITTING = replace(
+    ABLE,
+    commands=frozenset({"call", "go", "robot_in_place", "robot_left"}),
+    signals=frozenset({"car_floor", "door.front", "may_enter", "may_leave"}),
+    evidence="position_stable",
+    call_until="robot_in_place",
+    go_until="robot_left",
+    levels=frozenset({"call", "go"}),
+    needs_occupancy=True,
+)
+"""Calls that stay on until the robot is in place or has left, pulses for both, and permissions (elevator-interfaces 1.1)."""
+TWO_STOP = replace(
+    ABLE,
+    commands=frozenset({"call", "robot_in_place"}),
+    signals=frozenset({"car_floor", "door.front"}),
+    evidence="door_limit",
+    call_until="robot_in_place",
+    levels=frozenset({"call", "robot_in_place"}),
+    needs_occupancy=True,
+)
+"""Only a call and a level for a robot in place, which sends the car on; the open door is the floor (1.3)."""
+PLAIN = replace(
+    ABLE,
+    commands=frozenset({"go_to", "hold_door.front"}),
+    signals=frozenset({"car_floor", "door.front", "may_enter", "may_leave"}),
+    evidence="position_stable",
+    levels=frozenset({"hold_door.front"}),
+)
+"""One call for the empty and the occupied car, a door hold, and permissions."""
+
+
+class Silent(DriverError):
+    """The scripted lift does not answer."""
+
+
+@dataclass
+class ScriptedDriver:
+    """Writes down what reaches the lift; answers each press as told, and confirms where nothing is told."""
+
+    capabilities: Capabilities
+    values: LiftValues
+    source: str = "by hand"
+    silent: bool = False
+    answers: dict[str, Result] = field(default_factory=dict)
+    grants: bool = True
+    """Whether the lift grants what its presses require."""
+    delay_s: float = 0.05
+    """From the wish to the write, and again from there to the outcome."""
+    log: list[str] = field(default_factory=list)
+    """What reached the lift, in order: `press call L1`, `hold robot_in_place`, `let go call`."""
+    on: set[str] = field(default_factory=set)
+    renewed: dict[str, float] = field(default_factory=dict)
+    """When each hold was last renewed."""
+    _flying: dict[str, asyncio.Future[Outcome]] = field(default_factory=dict)
+
+    async def read(self) -> LiftReading:
+        if self.silent:
+            raise Silent("no answer", Sent.NO)
+        return LiftReading(asyncio.get_running_loop().time(), 1, self.values)
+
+    async def run(self) -> None:
+        await asyncio.Event().wait()
+
+    def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
+        loop = asyncio.get_running_loop()
+        future: asyncio.Future[Outcome] = loop.create_future()
+        self._end(command, Result.UNCONFIRMED, "replaced by a newer command")
+        self._flying[command.name] = future
+        self.on.add(command.name)
+        loop.call_later(self.delay_s, self._write, command, permit, future)
+        return future
+
+    def hold(self, command: Command, permit: Permit) -> None:
+        if command.name not in self.capabilities.commands:
+            return
+        if command.name not in self.on and permit() is None:
+            self.log.append(f"hold {command}")
+            self.on.add(command.name)
+        self.renewed[command.name] = asyncio.get_running_loop().time()
+
+    def let_go(self, command: Command) -> None:
+        if command.name in self.on:
+            self.log.append(f"let go {command.name}")
+            self.on.discard(command.name)
+        self._end(command, Result.UNCONFIRMED, "let go before it was confirmed")
+
+    def given(self, command: Command) -> bool:
+        return command.name in self.on
+
+    def held(self, command: Command) -> bool:
+        return command.name in self.on
+
+    async def release_all(self) -> None:
+        for name in tuple(self.on):
+            self.log.append(f"let go {name}")
+            self.on.discard(name)
+
+    def _write(self, command: Command, permit: Permit, future: asyncio.Future[Outcome]) -> None:
+        if future.done():
+            return
+        if (reason := permit()) is not None:
+            self.on.discard(command.name)
+            self._end(command, Result.REJECTED, reason)
+            return
+        if not self.grants:
+            self.on.discard(command.name)
+            self._end(command, Result.REJECTED, "not granted", not_granted=True)
+            return
+        self.log.append(f"press {command}")
+        asyncio.get_running_loop().call_later(self.delay_s, self._answer, command, future)
+
+    def _answer(self, command: Command, future: asyncio.Future[Outcome]) -> None:
+        if future.done():
+            return
+        result = self.answers.get(command.name, Result.CONFIRMED)
+        if command.name not in self.capabilities.levels or result is Result.REJECTED:
+            self.on.discard(command.name)
+        self._end(command, result, "" if result is Result.CONFIRMED else "as told")
+
+    def _end(self, command: Command, result: Result, reason: str, *, not_granted: bool = False) -> None:
+        future = self._flying.pop(command.name, None)
+        if future is not None and not future.done():
+            future.set_result(Outcome(command, result, reason, not_granted=not_granted))
+
+
+@dataclass
+class Bench:
+    """One lift task over a scripted driver."""
+
+    driver: ScriptedDriver
+    task: LiftTask
+    heard: Subscription[Event]
+
+    @property
+    def state(self) -> LiftState:
+        return self.task.state()
+
+    @property
+    def presses(self) -> list[str]:
+        return [line.removeprefix("press ") for line in self.driver.log if line.startswith("press ")]
+
+    def ask(
+        self, floor: str, robot: RobotWord | None = None, *, hold: bool = True, holder: Holder = ROBOT
+    ) -> Accepted | Refused:
+        return self.task.request(Ask("lift", holder, floor, hold, robot))
+
+    def accept(self, floor: str, robot: RobotWord | None = None, *, hold: bool = True, holder: Holder = ROBOT) -> None:
+        answer = self.ask(floor, robot, hold=hold, holder=holder)
+        assert answer == Accepted(), answer
+
+    def refuse(
+        self, floor: str, robot: RobotWord | None = None, *, hold: bool = True, holder: Holder = ROBOT
+    ) -> Refused:
+        answer = self.ask(floor, robot, hold=hold, holder=holder)
+        assert isinstance(answer, Refused), answer
+        return answer
+
+    async def car(self, floor: str | None, door: Door, *, enter: bool = False, leave: bool = False) -> None:
+        """Let the lift say this, and time pass until the manager has heard it."""
+        flags = {"may_enter": enter, "may_leave": leave}
+        self.driver.values = replace(self.driver.values, floor=floor, doors={FRONT: door}, flags=flags)
+        await elapse(0.5)
+
+    async def mode(self, mode: Mode) -> None:
+        self.driver.values = replace(self.driver.values, mode=mode)
+        await elapse(0.5)
+
+    async def called_to(self, floor: str) -> None:
+        """Call the empty car and let it arrive, open and invite."""
+        self.accept(floor)
+        await elapse(0.5)
+        await self.car(None, Door.CLOSED)
+        await self.car(floor, Door.OPEN, enter=True)
+
+    async def ridden_to(self, floor: str) -> None:
+        """Let the occupied car arrive at a floor that was asked for, open and let the robot out."""
+        await self.car(None, Door.CLOSED)
+        await self.car(floor, Door.OPEN, leave=True)
+
+    def robot_door(self) -> RobotDoor:
+        """The door word that is published."""
+        return self.task.state().robot_door
+
+    async def alarms(self) -> list[str]:
+        """Texts of the alarms so far."""
+        texts: list[str] = []
+        while True:
+            try:
+                async with asyncio.timeout(0):
+                    event = await self.heard.next()
+            except TimeoutError:
+                return texts
+            if isinstance(event, Alarm):
+                texts.append(event.text)
+
+
+async def boarded(made: Bench) -> None:
+    """The robot is aboard, and the lift knows it and goes to L3."""
+    await made.called_to("L1")
+    made.accept("L3", RobotWord.IN_PLACE)
+    await elapse(1)
+    assert made.presses[-1] == "go L3"
+
+
+async def abandoned(made: Bench) -> None:
+    """Check that the lift was let go, was not told that the robot left, and that a person hears of it."""
+    assert made.state.holder is None
+    assert made.driver.on == set()
+    assert "robot_left" not in made.presses
+    assert [text for text in await made.alarms() if "aboard_abandoned" in text]
+
+
+def on_bench(
+    check: Callable[[Bench], Awaitable[None]],
+    able: Capabilities = PERMITTING,
+    *,
+    infer: bool = False,
+    lease_s: float = 300.0,
+    max_session_hold_s: float = 900.0,
+    doors_at: dict[str, tuple[Side, ...]] | None = None,
+) -> None:
+    """Run a check on a fresh bench, on virtual time. The car stands at L2 with its door shut."""
+
+    async def main() -> None:
+        driver = ScriptedDriver(able, LiftValues(floor="L2", mode=Mode.NORMAL, doors={FRONT: Door.CLOSED}))
+        bus: Bus[Event] = Bus()
+        options = LiftOptions(
+            name="lift",
+            floors=("L1", "L2", "L3"),
+            doors_at=doors_at or dict.fromkeys(("L1", "L2", "L3"), (FRONT,)),
+            control=True,
+            poll_s=0.1,
+            lease_s=lease_s,
+            max_session_hold_s=max_session_hold_s,
+            infer_occupancy=infer,
+        )
+        task = LiftTask(driver, options, bus)
+        with bus.listen(10_000) as heard:
+            running = [asyncio.ensure_future(work) for work in (task.drive(), task.run())]
+            await elapse(0.5)
+            try:
+                await check(Bench(driver, task, heard))
+            finally:
+                for work in running:
+                    work.cancel()
+                await asyncio.gather(*running, return_exceptions=True)
+
+    run_virtual(main, limit_s=7200)
