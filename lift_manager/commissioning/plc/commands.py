@@ -1,0 +1,131 @@
+"""The half of the program that obeys: from the cells that the manager writes to the lift's buttons.
+
+A rewritten 1 looks the same as an old one, so a program sees a refresh only if it takes the value out of its cell
+first, as one takes letters out of a box. The request for robot mode is taken at once and is the manager's sign of life.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from lift_manager.commissioning.plc import cells
+from lift_manager.commissioning.plc.demands import watchdog_s
+from lift_manager.commissioning.plc.signals import Part
+from lift_manager.commissioning.plc.terminals import GUARDS
+from register_maps.codec import Codec, CommandCodec
+
+
+def obey(codec: Codec, floor_codes: Sequence[int]) -> Iterator[tuple[str, Part]]:
+    """Write down how every command of the map is carried out, each part with a heading."""
+    yield "May robots use the lift at all? A broken wire says no.", _guards()
+    yield "The request for robot mode is the manager's sign of life; each one counts for a while.", _robot_mode(codec)
+    hold = codec.commands.get("hold_door.front")
+    if hold is not None:
+        yield (
+            "Door hold: as long as it is written, and never longer than its limit without being written anew.",
+            _hold(codec),
+        )
+    close = codec.commands.get("close_door.front")
+    if close is not None:
+        yield "Close button: one press, never against a hold or an obstruction.", _close(codec, close)
+    yield "Calls: one press per call, however long the manager leaves it there.", _calls(codec, floor_codes)
+    yield "Without robot mode no command is kept.", _clear(codec)
+
+
+def _guards() -> Part:
+    return Part(("MayRun : BOOL;",), (f"MayRun := {' AND '.join(GUARDS)};",))
+
+
+def _robot_mode(codec: Codec) -> Part:
+    command = codec.commands["robot_mode"]
+    return Part(
+        ("Asked : BOOL;", "Heard : TOF;", "RobotModeOn : BOOL;"),
+        (
+            f"Asked := {_is_pressed(command)};",
+            "IF Asked THEN",
+            *_indented(cells.assign(command.encode(None))),
+            "END_IF;",
+            f"Heard(IN := Asked, PT := {cells.seconds(watchdog_s(codec))});",
+            "RobotMode := Heard.Q AND MayRun;",
+            "RobotModeOn := RobotMode AND RobotModeGranted;",
+        ),
+    )
+
+
+def _hold(codec: Codec) -> Part:
+    """Take the hold out of its cell before the limit: a manager that still wants it writes it again in time."""
+    command = codec.commands["hold_door.front"]
+    rest_s = watchdog_s(codec)
+    return Part(
+        ("HoldAsked : BOOL;", "HoldTaken : BOOL;", "HoldAge : TON;", "HoldRest : TON;"),
+        (
+            f"HoldAsked := {_allowed(command)} AND {_is_pressed(command)};",
+            "IF HoldAsked OR NOT RobotMode THEN HoldTaken := FALSE; END_IF;",
+            f"HoldAge(IN := HoldAsked, PT := {cells.seconds((command.spec.max_hold_s or 0.0) - rest_s)});",
+            "IF HoldAge.Q THEN",
+            "  HoldTaken := TRUE;",
+            *_indented(cells.assign(command.encode(None))),
+            "END_IF;",
+            f"HoldRest(IN := HoldTaken, PT := {cells.seconds(rest_s)});",
+            f"DoorOpenButton := {_allowed(command)} AND (HoldAsked OR (HoldTaken AND NOT HoldRest.Q));",
+        ),
+    )
+
+
+def _close(codec: Codec, command: CommandCodec) -> Part:
+    free = [_allowed(command)]
+    free += ["NOT DoorOpenButton"] if "hold_door.front" in codec.commands else []
+    free += ["DoorwayClear"] if "obstruction.front" in codec.signals else []
+    return Part(
+        ("CloseEdge : R_TRIG;", "ClosePress : TP;", "MayClose : BOOL;"),
+        (
+            f"MayClose := {' AND '.join(free)};",
+            f"CloseEdge(CLK := {_is_pressed(command)});",
+            f"ClosePress(IN := CloseEdge.Q AND MayClose, PT := {cells.seconds(command.spec.width_s or 0.0)});",
+            "DoorCloseButton := ClosePress.Q AND MayClose;",
+        ),
+    )
+
+
+def _calls(codec: Codec, floor_codes: Sequence[int]) -> Part:
+    command = codec.commands["go_to"]
+    width = cells.seconds(command.spec.width_s or 0.0)
+    declarations = ["MayCall : BOOL;", "CalledLast : INT;  (* the floor called last; 0 = none *)"]
+    statements = [f"MayCall := {_allowed(command)};"]
+    alone = ""
+    if len(command.points) > 1:
+        alone = " AND (CallsTogether = 1)"
+        declarations.append("CallsTogether : INT;  (* several at once are no call *)")
+        statements.append("CallsTogether := 0;")
+        for point in command.points:
+            bit = cells.cell(point)
+            statements.append(f"IF {bit} THEN CallsTogether := CallsTogether + 1; END_IF;")
+    for number, code in enumerate(floor_codes, start=1):
+        declarations += [f"Edge{number} : R_TRIG;", f"Press{number} : TP;"]
+        statements += [
+            f"Edge{number}(CLK := {_is_pressed(command, code)}{alone});",
+            f"IF Edge{number}.Q AND MayCall THEN CalledLast := {number}; END_IF;",
+            f"Press{number}(IN := Edge{number}.Q AND MayCall, PT := {width});",
+            f"CallButton{number} := Press{number}.Q AND MayCall;",
+        ]
+    return Part(tuple(declarations), tuple(statements))
+
+
+def _clear(codec: Codec) -> Part:
+    statements = [line for command in codec.commands.values() for line in cells.assign(command.encode(None))]
+    return Part((), ("IF NOT RobotMode THEN", "  CalledLast := 0;", *_indented(statements), "END_IF;"))
+
+
+def _allowed(command: CommandCodec) -> str:
+    """Write down when a command counts; what a map requires beyond robot mode is part of `MayRun` already."""
+    return "RobotModeOn" if "robot_mode_on" in command.spec.requires else "RobotMode"
+
+
+def _is_pressed(command: CommandCodec, code: int | None = 1) -> str:
+    """Write down the condition that its cell holds the press; the code matters to `go_to` only."""
+    pressed, rest = command.encode(code), command.encode(None)
+    return " AND ".join(cells.is_value(point, raw) for point, raw in pressed.items() if raw != rest[point])
+
+
+def _indented(lines: Iterator[str] | Sequence[str]) -> Iterator[str]:
+    return (f"  {line}" for line in lines)

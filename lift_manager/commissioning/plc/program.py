@@ -1,0 +1,79 @@
+"""What a lift company programs into its own PLC: Structured Text (IEC 61131-3) and the sheet for its wiring."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from lift_manager.commissioning.plc import cells, demands, notes
+from lift_manager.commissioning.plc.commands import obey
+from lift_manager.commissioning.plc.signals import Part, tell
+from lift_manager.commissioning.plc.terminals import Terminal, inputs, outputs
+from lift_manager.commissioning.plc.wiring import wiring_sheet
+from register_maps.codec import Codec, compile_map
+from register_maps.schema import RegisterMap
+
+
+@dataclass(frozen=True, slots=True)
+class PlcProgram:
+    """One program and its wiring."""
+
+    st: str
+    """Structured Text, plain ASCII."""
+    wiring: str
+    """Markdown."""
+
+
+def render(source: RegisterMap, floors: Mapping[str, int]) -> PlcProgram:
+    """Write the program for a checked map; `floors` are names with their codes, lowest floor first.
+
+    Raises NoProgram for a map that is not a generic one, or that asks for what the program cannot do.
+    """
+    demands.check_name(source)
+    codec = compile_map(source)
+    demands.check(codec, floors)
+    return PlcProgram(structured_text(codec, floors), wiring_sheet(codec, floors))
+
+
+def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
+    """Write the function block for a compiled map that `demands.check` has accepted."""
+    codes, names = tuple(floors.values()), tuple(floors)
+    sections = [*obey(codec, codes), ("What the manager reads.", _joined(tell(codec, codes)))]
+    lines = [
+        "(*",
+        *(f"  {line}".rstrip() for line in notes.header(codec, floors)),
+        "*)",
+        f"FUNCTION_BLOCK {notes.BLOCK}",
+        *_areas(codec),
+        *_variables("VAR_INPUT", map(_declared, inputs(codec, names))),
+        *_variables("VAR_OUTPUT", map(_declared, outputs(codec, names))),
+        *_variables("VAR", (line for _, part in sections for line in part.declarations)),
+    ]
+    for number, (heading, part) in enumerate(sections, start=1):
+        lines += ["", cells.comment(f"{number}. {heading}"), *part.statements]
+    return "\n".join([*lines, "END_FUNCTION_BLOCK", ""])
+
+
+def _areas(codec: Codec) -> Iterator[str]:
+    """Declare one array per table; the program writes into all of them, also where it takes commands out."""
+    yield from _variables(
+        "VAR_IN_OUT", (f"{area.declaration}  {cells.comment(notes.use(area))}" for area in cells.areas(codec))
+    )
+
+
+def _declared(terminal: Terminal) -> str:
+    return f"{terminal.name} : BOOL;  {cells.comment(f'{terminal.contact}, {terminal.wire_to}: {terminal.when_on}')}"
+
+
+def _variables(kind: str, declarations: Iterable[str]) -> Iterator[str]:
+    yield kind
+    yield from (f"  {line}" for line in declarations)
+    yield "END_VAR"
+
+
+def _joined(parts: Iterable[Part]) -> Part:
+    given: Sequence[Part] = tuple(parts)
+    return Part(
+        tuple(line for part in given for line in part.declarations),
+        tuple(line for part in given for line in part.statements),
+    )

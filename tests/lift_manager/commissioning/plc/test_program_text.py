@@ -1,0 +1,207 @@
+"""What the text and the wiring sheet say, and which maps are refused."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from lift_manager.commissioning.plc.errors import NoProgram
+from lift_manager.commissioning.plc.program import PlcProgram, render
+from register_maps.load import MAPS, load
+from register_maps.schema import RegisterMap
+from tests.lift_manager.commissioning.plc.rig import LAYOUTS, REGISTERS, Layout, program
+from tests.lift_manager.commissioning.plc.structured_text import Machine
+
+each_map = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.map_name)
+FLOORS = {"B1": -1, "L1": 1, "L2": 2}
+
+
+def changed(change: Callable[[dict[str, Any]], object], name: str = "generic-registers") -> RegisterMap:
+    given = yaml.safe_load((MAPS / f"{name}.yaml").read_text())
+    change(given)
+    return RegisterMap.model_validate(given)
+
+
+@each_map
+def test_the_text_is_plain_ascii_and_a_strict_plc_takes_it(layout: Layout) -> None:
+    text = program(layout).st
+    assert text.isascii()
+    assert "\t" not in text
+    assert Machine(text).sections.keys()
+
+
+@each_map
+@pytest.mark.external("blark")
+def test_a_parser_for_twincat_takes_it_and_refuses_it_once_it_is_broken(layout: Layout, tmp_path: Path) -> None:
+    whole, broken = tmp_path / "whole.st", tmp_path / "broken.st"
+    text = program(layout).st
+    whole.write_text(text)
+    broken.write_text(text.replace("END_IF;", "", 1))
+    assert subprocess.run(["blark", "parse", whole], check=False, capture_output=True).returncode == 0
+    assert subprocess.run(["blark", "parse", broken], check=False, capture_output=True).returncode != 0
+
+
+@each_map
+def test_only_the_standard_blocks_and_types_are_used(layout: Layout) -> None:
+    machine = Machine(program(layout).st)
+    assert set(machine.types.values()) <= {"BOOL", "INT", "UINT", "WORD", "TON", "TOF", "TP", "R_TRIG"}
+
+
+@each_map
+def test_every_name_of_the_interface_is_in_the_sheet_once_with_its_contact_and_address(layout: Layout) -> None:
+    made = program(layout)
+    rows = [line.split(" | ") for line in made.wiring.splitlines() if line.startswith("| ")]
+    contacts = {row[0].removeprefix("| "): row[2] for row in rows if len(row) == 6 and row[2] in ("NO", "NC")}
+    machine = Machine(made.st)
+    terminals = [name for name, section in machine.sections.items() if section in ("var_input", "var_output")]
+    assert list(contacts) == terminals
+    assert contacts["NoFire"] == "NC"
+    assert contacts["RobotsAllowed"] == "NO"
+
+
+@pytest.mark.parametrize(
+    ("map_name", "row"),
+    [
+        ("generic-registers", "| fire | holding:5.0 | 5 bit 0 | FC03 | 0 = fire |"),
+        (
+            "generic-registers",
+            "| go_to | holding:16 | 16 | FC06, FC03 | the code of a floor; a press of 0.5 s, then 0 |",
+        ),
+        ("generic-coils", "| fire | discrete:25 | 25 | FC02 | 0 = fire |"),
+        ("generic-coils", "| car_floor | discrete:0 to discrete:7 | 0 to 7 | FC02 | one bit per floor |"),
+        (
+            "generic-coils",
+            "| go_to | coil:0 to coil:7 | 0 to 7 | FC15, FC01 | one bit per floor; a press of 0.5 s, then 0 |",
+        ),
+    ],
+)
+def test_the_sheet_gives_printed_and_wire_addresses(map_name: str, row: str) -> None:
+    layout = next(layout for layout in LAYOUTS if layout.map_name == map_name)
+    assert row in program(layout).wiring.splitlines()
+
+
+def test_addresses_counted_from_one_are_moved_to_the_wire() -> None:
+    def from_one(given: dict[str, Any]) -> None:
+        given["addressing"] = {"base": 1}
+        given["served"] = {"holding": [[1, 7], [16, 19]]}
+        del given["signals"]["alive"]
+
+    made = render(changed(from_one), FLOORS)
+    assert "HoldingRegisters : ARRAY [0..18] OF WORD;" in made.st
+    assert "Asked := (HoldingRegisters[17] = 16#0001);" in made.st
+    assert "| robot_mode | holding:18 | 17 | FC06, FC03 |" in made.wiring
+
+
+def test_times_and_values_come_from_the_map() -> None:
+    def slower(given: dict[str, Any]) -> None:
+        given["commands"]["robot_mode"] |= {"refresh_s": 2, "press": 7, "rest": 3}
+        given["commands"]["go_to"]["width_s"] = 1.5
+        given["commands"]["hold_door.front"]["max_hold_s"] = 20
+
+    made = render(changed(slower), FLOORS)
+    assert "Heard(IN := Asked, PT := T#6s);" in made.st
+    assert "Asked := (HoldingRegisters[18] = 16#0007);" in made.st
+    assert "  HoldingRegisters[18] := 16#0003;" in made.st
+    assert "PT := T#1500ms" in made.st
+    assert "HoldAge(IN := HoldAsked, PT := T#14s);" in made.st
+
+
+def test_a_map_without_doors_commands_and_counters_gives_a_smaller_program() -> None:
+    def small(given: dict[str, Any]) -> None:
+        for name in ("alive", "door.front", "obstruction.front", "overload", "destination", "call_accepted"):
+            del given["signals"][name]
+        for name in ("hold_door.front", "close_door.front"):
+            del given["commands"][name]
+
+    machine = Machine(render(changed(small), FLOORS).st)
+    assert not {"DoorOpenButton", "DoorOpenLimit", "DoorwayClear", "CallLamp1", "Beats"} & machine.types.keys()
+    machine.scan(0.0)
+
+
+@pytest.mark.parametrize("name", ["x *) y", "(* x", "a | b", "Größe", "two\nlines"])
+def test_no_floor_name_breaks_out_of_a_comment_or_a_table(name: str) -> None:
+    made = render(load("generic-registers").map, {"B1": -1, name: 1})
+    assert made.st.isascii()
+    machine = Machine(made.st)
+    assert [n for n, section in machine.sections.items() if section == "var_output"][:2] == [
+        "CallButton1",
+        "CallButton2",
+    ]
+    tables = [line for line in made.wiring.splitlines() if line.startswith("|")]
+    assert {line.count("|") for line in tables} == {7, 6, 4}
+
+
+def test_the_same_map_and_floors_give_the_same_text() -> None:
+    assert program(REGISTERS) == program(REGISTERS)
+    assert isinstance(program(REGISTERS), PlcProgram)
+
+
+def test_a_map_of_somebody_elses_program_is_refused() -> None:
+    with pytest.raises(NoProgram, match="two-stop-agv describes what a lift company has programmed already"):
+        render(load("two-stop-agv").map, {"4F": 0, "5F": 1})
+    with pytest.raises(NoProgram, match="name starts with generic-, which leave it to the lift company"):
+        render(changed(lambda given: given.update(name="acme-lc3")), FLOORS)
+
+
+def drop(part: str, name: str) -> Callable[[dict[str, Any]], object]:
+    return lambda given: given[part].pop(name)
+
+
+def put(part: str, name: str, **keys: object) -> Callable[[dict[str, Any]], object]:
+    def change(given: dict[str, Any]) -> None:
+        given[part][name] = given[part].get(name, {}) | keys
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (drop("commands", "robot_mode"), "needs the command robot_mode"),
+        (drop("commands", "go_to"), "needs the command go_to"),
+        (
+            put("commands", "close_door.rear", at="holding:19", action="pulse", width_s=1),
+            "no output for close_door.rear",
+        ),
+        (put("signals", "door_zone", at="holding:5.6"), "no input from which it could tell door_zone"),
+        (put("commands", "go_to", action="hold", max_hold_s=60, on_link_loss="latches"), "go_to must be a pulse"),
+        (put("commands", "robot_mode", on_link_loss="latches"), "lives by the refreshes of robot_mode"),
+        (put("commands", "robot_mode", refresh_s=None), "lives by the refreshes of robot_mode"),
+        (
+            put("commands", "robot_mode", confirm={"any_of": ["readback"], "within_s": 2}),
+            "`readback` cannot confirm it",
+        ),
+        (put("commands", "hold_door.front", max_hold_s=3), "max_hold_s above the 3 s of the watchdog"),
+        (drop("signals", "fire"), "zeros must read as fire"),
+        (put("signals", "fire", active="high"), "zeros must read as fire"),
+        (put("signals", "motion", values={0: "stopped", 2: "up", 3: "down"}), "motion has no code for unknown"),
+        (put("signals", "mode", values={0: "normal", 2: "robot"}), "mode has no code for unknown"),
+    ],
+)
+def test_what_the_program_could_not_serve_is_refused_with_its_cure(
+    change: Callable[[dict[str, Any]], object], reason: str
+) -> None:
+    with pytest.raises(NoProgram, match=re.escape(reason)):
+        render(changed(change), FLOORS)
+
+
+@pytest.mark.parametrize(
+    ("map_name", "floors", "reason"),
+    [
+        ("generic-registers", {"L1": 1}, "at least two floors"),
+        ("generic-registers", {"L1": 1, "L2": 1}, "code 1 stands for several floors"),
+        ("generic-registers", {"L0": 0, "L1": 1}, "floor L0"),
+        ("generic-registers", {"L1": 1, "L2": 40000}, "floor L2"),
+        ("generic-coils", {"L1": 0, "L9": 8}, "floor L9"),
+        ("generic-coils", {"B1": -1, "L1": 0}, "floor B1"),
+    ],
+)
+def test_floors_that_the_map_cannot_say_are_refused(map_name: str, floors: dict[str, int], reason: str) -> None:
+    with pytest.raises(NoProgram, match=reason):
+        render(load(map_name).map, floors)
