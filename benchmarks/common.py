@@ -49,7 +49,7 @@ def building(ports: list[int], poll_s: float) -> Building:
         }
     )
     loaded = load(MAP)
-    return build(LoadedSite(site, dict.fromkeys(site.controllers, loaded), loaded.path))
+    return build(LoadedSite(site, dict.fromkeys(site.lifts, loaded), loaded.path))
 
 
 def make_link(port: int) -> Link:

@@ -8,7 +8,7 @@ from register_maps import address
 from register_maps.address import HIGHEST, MODICON, Place
 from register_maps.errors import Problem
 from register_maps.plain import closest
-from register_maps.schema import RegisterMap, Served
+from register_maps.schema import Addressing, RegisterMap, Served
 from register_maps.words import Table
 
 KeyPath = tuple[str | int, ...]
@@ -40,17 +40,17 @@ def unreadable(source: RegisterMap) -> list[Problem]:
             continue
         if place.endpoint and place.endpoint not in source.endpoints:
             problems.append(Problem(path, _undeclared(source, place)))
-        elif (beyond := _beyond(source, text, place.number, place.table)) is not None:
+        elif (beyond := _beyond(_counting(source, place.endpoint), text, place.number, place.table)) is not None:
             problems.append(Problem(path, beyond))
     return problems
 
 
 def check_served(source: RegisterMap) -> Iterator[Problem]:
     """Yield ranges that cannot be, addresses outside them, and endpoints that nothing uses."""
-    yield from _ranges(source, ("served",), source.served)
+    yield from _ranges(_counting(source, ""), ("served",), source.served)
     used = {source.place(text).endpoint for _, text in addresses(source)}
     for name, endpoint in source.endpoints.items():
-        yield from _ranges(source, ("endpoints", name, "served"), endpoint.served)
+        yield from _ranges(_counting(source, name), ("endpoints", name, "served"), endpoint.served)
         if name not in used:
             message = f"nothing in the map is at {name}; write {name}/ before an address, or remove the endpoint"
             yield Problem(("endpoints",), message, warning=True)
@@ -79,14 +79,14 @@ def _unserved(source: RegisterMap, text: str, *, count: int) -> str | None:
     return f"{what} not served{joined}: of {of} the map serves {ranges}; correct the address, or add it to `{where}`"
 
 
-def _ranges(source: RegisterMap, path: KeyPath, served: Served) -> Iterator[Problem]:
+def _ranges(counting: Addressing, path: KeyPath, served: Served) -> Iterator[Problem]:
     for table, ranges in served.items():
         highest = -1
         for index, (first, last) in enumerate(ranges):
             here = (*path, table.value, index)
             for number in dict.fromkeys((first, last)):
-                wire = address.served_number(table, number, source.addressing)
-                if (message := _beyond(source, str(number), wire, table)) is not None:
+                wire = address.served_number(table, number, counting)
+                if (message := _beyond(counting, str(number), wire, table)) is not None:
                     yield Problem(here, message)
             if first > last:
                 yield Problem(here, f"[{first}, {last}] is the wrong way round; write the first address first")
@@ -96,16 +96,22 @@ def _ranges(source: RegisterMap, path: KeyPath, served: Served) -> Iterator[Prob
             highest = max(highest, last)
 
 
-def _beyond(source: RegisterMap, printed: str, number: int, table: Table) -> str | None:
+def _counting(source: RegisterMap, endpoint: str) -> Addressing:
+    """Return how a device counts: as the map does, unless it says otherwise."""
+    own = source.endpoints[endpoint].addressing if endpoint in source.endpoints else None
+    return own or source.addressing
+
+
+def _beyond(counting: Addressing, printed: str, number: int, table: Table) -> str | None:
     """Say why a number cannot be on the wire; None when it can."""
     if number > HIGHEST:
         return f"{printed} is {number} on the wire, and the highest address there is {HIGHEST}"
     if number >= 0:
         return None
-    if source.addressing.notation == MODICON:
+    if counting.notation == MODICON:
         first = {Table.COIL: "00001", Table.DISCRETE: "10001", Table.INPUT: "30001", Table.HOLDING: "40001"}[table]
         return f"{printed} is below the first address; Modicon numbers of a {table} start at {first}"
-    base = source.addressing.base
+    base = counting.base
     return f"{printed} is below the first address; with `base: {base}` numbers start at {base}"
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from register_maps import command_schema, signal_schema
+from register_maps import signal_schema
 from register_maps.errors import Problem
 from register_maps.plain import closest
 
@@ -18,9 +18,11 @@ KeyPath = tuple[str | int, ...]
 ParameterValue = int | float | str
 
 _USE = re.compile(r"\{(?P<name>[a-z][a-z0-9_]*)(?P<plus>[+-][0-9]+)?\}")
-_PLACES = {
-    "signals": frozenset(key for keys in signal_schema.PLACE_KEYS for key in keys),
-    "commands": frozenset(key for keys in command_schema.PLACE_KEYS + command_schema.READ_KEYS for key in keys),
+Ways = tuple[tuple[str, ...], ...]
+_PLACES: Mapping[str, Ways] = {
+    "signals": signal_schema.PLACE_KEYS,
+    # what a call writes to and where it is read back change together
+    "commands": (("at", "read_at"), ("one_of", "read_one_of")),
 }
 CHANGEABLE = (
     *("signals", "commands", "served", "endpoints", "write_blocks"),
@@ -37,14 +39,14 @@ class Filled:
     values: Mapping[str, ParameterValue]
     """What every parameter is."""
     unset: tuple[str, ...]
-    """Parameters without a default that nobody has set: their example stands in."""
+    """Parameters in use, without a default, that nobody has set: their example stands in."""
     problems: tuple[Problem, ...]
 
 
 def overlay(data: Any, changes: Mapping[str, Any]) -> Any:
     """Lay a site's changes over a map, key by key; null takes an entry away.
 
-    A signal or command that gets a new place loses its old one. A signal that is added is no longer missing: it leaves
+    A signal or command that gets a place of another sort loses its old one, and a signal its coding too. A signal that is added is no longer missing: it leaves
     `needs`, and `not_visible`.
     """
     if not isinstance(data, dict):
@@ -85,12 +87,20 @@ def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> Filled
     filled = data
     if isinstance(data, dict):
         filled = {key: item if key == "parameters" else run.walk((key,), item) for key, item in data.items()}
-    run.problems += [
+    return Filled(filled, values, tuple(name for name in unset if name in run.used), tuple(run.problems))
+
+
+def unused(data: Any) -> list[Problem]:
+    """Return the parameters that a map declares and does not use; asked of the map before a site changes it."""
+    declared = data.get("parameters") if isinstance(data, dict) else None
+    names = list(declared) if isinstance(declared, dict) else []
+    run = _Run(dict.fromkeys(names, 0))
+    run.walk((), {key: item for key, item in data.items() if key != "parameters"} if isinstance(data, dict) else data)
+    return [
         Problem(("parameters", name), f"nothing in the map uses {{{name}}}; use it, or remove it")
-        for name in table
+        for name in names
         if name not in run.used
     ]
-    return Filled(filled, values, tuple(unset), tuple(run.problems))
 
 
 @dataclass(slots=True)
@@ -110,7 +120,14 @@ class _Run:
         alone = _USE.fullmatch(text)
         if alone is not None:
             return self._value(path, alone)
-        return _USE.sub(lambda use: str(self._value(path, use)), text)
+        return _USE.sub(lambda use: self._within(path, use), text)
+
+    def _within(self, path: KeyPath, use: re.Match[str]) -> str:
+        """Write a value into a text, where a fraction would be read as a bit: `holding:1.5`."""
+        value = self._value(path, use)
+        if isinstance(value, float) and not value.is_integer():
+            self.problems.append(Problem(path, f"{use['name']} is {value:g}, and only a whole number fits in here"))
+        return str(int(value)) if isinstance(value, float) else str(value)
 
     def _value(self, path: KeyPath, use: re.Match[str]) -> ParameterValue:
         name, plus = use["name"], use["plus"]
@@ -131,8 +148,12 @@ def _present(entries: Mapping[Any, Any]) -> dict[Any, Any]:
     return {name: entry for name, entry in entries.items() if entry is not None}
 
 
-def _moved(before: Any, change: Any, places: frozenset[str]) -> Any:
+def _moved(before: Any, change: Any, ways: Ways) -> Any:
+    """Lay a change over one entry. An entry that is found in another way is another entry: nothing of how it was coded holds."""
     if not isinstance(before, dict) or not isinstance(change, dict):
         return change
-    kept = {key: item for key, item in before.items() if not (change.keys() & places and key in places)}
-    return kept | change
+    way = next((keys for keys in ways if any(change.get(key) is not None for key in keys)), ())
+    if way and not any(key in before for key in way) and ways is signal_schema.PLACE_KEYS:
+        return _present(change)
+    old = {key for keys in ways if keys != way for key in keys} if way else set()
+    return _present({key: item for key, item in before.items() if key not in old} | change)

@@ -13,7 +13,7 @@ from typing import Any
 from register_maps.check import check
 from register_maps.check_places import unreadable
 from register_maps.errors import Finding, MapFileError, Problem
-from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay
+from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay, unused
 from register_maps.plain import closest
 from register_maps.schema import COMMANDS, SIGNALS, RegisterMap
 from register_maps.source import KeyPath, Source, read, try_validate
@@ -79,6 +79,7 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: Changes
     wrong = [
         source.finding(("override", key), _not_changeable(key)) for key in changes.override if key not in CHANGEABLE
     ]
+    wrong += [source.finding(problem.path, problem.message) for problem in unused(source.data)]
     filled = fill(overlay(source.data, changes.override), changes.parameters)
     source = replace(source, data=filled.data)
     wrong += [source.finding(problem.path, problem.message) for problem in filled.problems]

@@ -153,8 +153,8 @@ class Parameter(Part):
         if self.choices is not None:
             return None if value in self.choices else f"must be one of {', '.join(self.choices)}, not {value!r}"
         if isinstance(value, str):
-            return None if isinstance(self.default or self.example, str) else f"must be a number, not {value!r}"
-        if isinstance(self.default or self.example, str):
+            return None if isinstance(self.value, str) else f"must be a number, not {value!r}"
+        if isinstance(self.value, str):
             return f"must be text, not {value}"
         if self.range is not None and not self.range[0] <= value <= self.range[1]:
             return f"must be {self.range[0]:g} to {self.range[1]:g}, not {value:g}"
