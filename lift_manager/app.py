@@ -5,20 +5,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import signal
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from socket import socket
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
+from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.wire import PymodbusWire
 from lift_manager.config.check import canonical_host
+from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
-from lift_manager.config.site import Controller, Lift
+from lift_manager.config.site import Controller
 from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
@@ -29,7 +31,7 @@ from lift_manager.domain.state import Quality
 from lift_manager.web.app import make_app
 from lift_manager.web.server import serve
 from register_maps.codec import compile_map
-from register_maps.schema import RegisterMap
+from register_maps.schema import LinkDefaults
 from register_maps.words import Side
 
 _log = logging.getLogger(__name__)
@@ -51,17 +53,34 @@ class Building:
 
 
 def build(loaded: LoadedSite) -> Building:
-    """Make one link per controller and hand it to that controller's lifts."""
+    """Make one link per controller and hand it to the lifts on it."""
     bus: Bus[Event] = Bus()
     ticker = Ticker()
-    links = {name: _link(name, spec, loaded.maps[name].map) for name, spec in loaded.controllers.items()}
+    links = {name: _link(name, spec, loaded.links[name]) for name, spec in loaded.controllers.items()}
     lifts = []
-    for index, (name, spec) in enumerate(loaded.site.lifts.items()):
-        controller, source = loaded.site.controllers[spec.controller], loaded.maps[spec.controller].map
-        first_poll_s = spec.poll_s * index / len(loaded.site.lifts)
-        driver = _driver(name, spec, controller, source, links[spec.controller])
-        lifts.append(LiftTask(driver, _options(name, spec, driver, first_poll_s), bus, ticker))
+    for index, name in enumerate(loaded.site.lifts):
+        driver = _driver(name, loaded, links)
+        first_poll_s = loaded.poll_s(name) * index / len(loaded.site.lifts)
+        options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
+        lifts.append(LiftTask(driver, options, bus, ticker))
     return Building(LiftManager(lifts, bus), tuple(links.values()))
+
+
+def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_poll_s: float) -> LiftOptions:
+    """Return what the site says about one lift; `doors` are those that its map has."""
+    spec = loaded.site.lifts[name]
+    return LiftOptions(
+        name=name,
+        floors=tuple(spec.floors),
+        doors_at={floor: doors if entry.doors is None else entry.doors for floor, entry in spec.floors.items()},
+        control=spec.access == "control",
+        poll_s=loaded.poll_s(name),
+        first_poll_s=first_poll_s,
+        lease_s=spec.lease_s,
+        max_session_hold_s=spec.max_session_hold_s,
+        infer_occupancy=spec.infer_occupancy,
+        board_min_s=spec.board_min_s,
+    )
 
 
 async def run(loaded: LoadedSite, sock: socket, *, stop: asyncio.Event, ready: Callable[[], None]) -> bool:
@@ -122,47 +141,33 @@ async def _let_go(manager: LiftManager) -> bool:
     return True
 
 
-def _link(name: str, spec: Controller, source: RegisterMap) -> Link:
-    defaults = source.link
-    least_s = spec.reconnect_min_s or defaults.reconnect_min_s
+def _link(name: str, spec: Controller, needs: LinkDefaults) -> Link:
     settings = LinkSettings(
-        timeout_s=spec.timeout_s or defaults.timeout_s,
+        timeout_s=needs.timeout_s,
         connect_timeout_s=spec.connect_timeout_s,
-        min_gap_s=defaults.min_gap_s if spec.min_gap_s is None else spec.min_gap_s,
-        reconnect_min_s=least_s,
-        reconnect_max_s=max(least_s, LinkSettings().reconnect_max_s),
-        tid_echo=defaults.tid_echo if spec.tid_echo is None else spec.tid_echo,
+        min_gap_s=needs.min_gap_s,
+        reconnect_min_s=needs.reconnect_min_s,
+        reconnect_max_s=max(needs.reconnect_min_s, LinkSettings().reconnect_max_s),
+        max_connections=needs.max_connections,
+        tid_echo=needs.tid_echo,
     )
     return Link(lambda: PymodbusWire(spec.host, spec.port), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
-def _driver(name: str, spec: Lift, controller: Controller, source: RegisterMap, link: Link) -> ModbusLift:
-    defaults = source.link
-    unit = next(unit for unit in (spec.unit_id, controller.unit_id, defaults.unit_id) if unit is not None)
+def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
+    spec, source = loaded.site.lifts[name], loaded.maps[name].map
+    placed = devices(loaded.site, spec, source)
+    lines = {endpoint: Line(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
+    own = lines.pop("")
+    # one limit for every device of a lift: the smallest
+    needs = [loaded.links[device.controller] for device in placed.values()]
     settings = LiftSettings(
         name=name,
         floors={floor: entry.code for floor, entry in spec.floors.items()},
-        unit_id=unit,
+        unit_id=own.unit_id,
         control=spec.access == "control",
-        max_age_s=spec.max_age_s or defaults.max_age_s,
-        max_registers_per_read=controller.max_registers_per_read or defaults.max_registers_per_read,
-        max_bits_per_read=controller.max_bits_per_read or defaults.max_bits_per_read,
+        max_age_s=spec.max_age_s or source.link.max_age_s,
+        max_registers_per_read=min(need.max_registers_per_read for need in needs),
+        max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(compile_map(source, offset=spec.offset), link, settings)
-
-
-def _options(name: str, spec: Lift, driver: ModbusLift, first_poll_s: float) -> LiftOptions:
-    return LiftOptions(
-        name=name,
-        floors=tuple(spec.floors),
-        doors_at={floor: _doors(entry.doors, driver.capabilities.doors) for floor, entry in spec.floors.items()},
-        control=spec.access == "control",
-        poll_s=spec.poll_s,
-        first_poll_s=first_poll_s,
-        lease_s=spec.lease_s,
-        max_session_hold_s=spec.max_session_hold_s,
-    )
-
-
-def _doors(listed: tuple[Side, ...] | None, all_doors: tuple[Side, ...]) -> tuple[Side, ...]:
-    return all_doors if listed is None else listed
+    return ModbusLift(compile_map(source, offset=spec.offset), own.link, settings, endpoints=lines)

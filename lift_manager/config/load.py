@@ -2,34 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from ipaddress import ip_address
 from pathlib import Path
 
-from lift_manager.config.check import check_site, no_controller
-from lift_manager.config.site import Controller, Site
+from lift_manager.config.check import check_site
+from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, links
+from lift_manager.config.maps import is_value_table, load_maps, tables
+from lift_manager.config.site import Controller, Lift, Site
 from register_maps.errors import Finding, MapFileError
-from register_maps.load import LoadedMap, load
-from register_maps.schema import RegisterMap
-from register_maps.source import Source, read, try_validate
+from register_maps.load import Changes, LoadedMap, load
+from register_maps.schema import CALLS, LinkDefaults, RegisterMap
+from register_maps.source import KeyPath, Source, read, try_validate
 
 _MAP_KEYS = {"provenance", "addressing", "served", "signals", "commands"}
+_NOT_A_LIFT = {
+    "template": "is a template and was taken from no lift",
+    "simulation": "is that of a simulation",
+}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LoadedSite:
-    """A checked site with the map of each of its controllers, by controller name."""
+    """A checked site with the map of each of its lifts, by lift name."""
 
     site: Site
     maps: Mapping[str, LoadedMap]
+    """With the parameters and overrides of each lift."""
     path: Path
+    spare_maps: Mapping[str, LoadedMap] = field(default_factory=dict)
+    """By controller, for those that no lift is on: what such a device needs of its link."""
 
-    @property
+    @cached_property
     def controllers(self) -> dict[str, Controller]:
-        """The controllers that some lift is on."""
-        used = {lift.controller for lift in self.site.lifts.values()}
+        """The controllers that some lift, or an endpoint of one, is on."""
+        used = {device.controller for name in self.site.lifts for device in self._devices(name)}
         return {name: controller for name, controller in self.site.controllers.items() if name in used}
+
+    @cached_property
+    def links(self) -> dict[str, LinkDefaults]:
+        """What each controller's link has to respect, the site's own words included."""
+        maps = {name: loaded.map for name, loaded in self.maps.items()}
+        return links(self.site, maps, {name: loaded.map for name, loaded in self.spare_maps.items()})
+
+    def poll_s(self, lift: str) -> float:
+        """From one poll of a lift to its next."""
+        said = self.site.lifts[lift].poll_s
+        return max(POLL_S, least_poll_s(self._devices(lift), self.links)) if said is None else said
 
     def cautions(self) -> Iterator[str]:
         """What a person should know at every start, a line each."""
@@ -38,40 +59,54 @@ class LoadedSite:
             yield f"the API listens on {api.host}: whoever reaches it can command the lifts; keep that network closed"
         for controller in self.site.controllers.keys() - self.controllers.keys():
             yield f"{controller}: no lift is on this controller; it is left alone"
-        for controller, loaded in self.maps.items():
-            for warning in loaded.warnings:
-                yield f"{controller}: {warning}"
+        warned = dict.fromkeys(warning for loaded in self.maps.values() for warning in loaded.warnings)
+        for warning in warned:
+            lifts = ", ".join(name for name, loaded in self.maps.items() if warning in loaded.warnings)
+            yield f"{lifts}: {warning}"
         for name, lift in self.site.lifts.items():
-            source = self.maps[lift.controller].map
-            for signal, reason in source.not_visible.items():
-                yield f"{name}: {signal} is not visible on this interface: {reason}"
-            if lift.access == "control":
-                yield f"{name}: is commanded without a checkout record for map {source.name} ({source.provenance.trust})"
-                if lift.accept_latching is not None and any(
-                    c.on_link_loss == "latches" for c in source.commands.values()
-                ):
-                    yield f"{name}: outputs stay on when this manager is lost; accepted: {lift.accept_latching}"
+            yield from _about(name, lift, self.maps[name].map)
+
+    def _devices(self, lift: str) -> Iterable[Device]:
+        return devices(self.site, self.site.lifts[lift], self.maps[lift].map).values()
 
 
 def load_site(path: Path) -> LoadedSite:
     """Read and check a site file. Raises MapFileError with every finding."""
-    source = read(path)
+    source = read(path, number_keys=is_value_table)
     site, found = try_validate(source, Site)
-    maps: dict[str, LoadedMap] = {}
-    findings = list(found)
-    for name, named in _named_maps(source.data):
-        try:
-            maps[name] = load(named, near=path.parent)
-        except MapFileError as error:
-            findings += _at(source, ("controllers", name, "map"), error)
-    if site is None:
-        findings += _lost_lifts(source)
+    maps = load_maps(source, path.parent)
+    findings = [*found, *references(source), *maps.findings]
+    if site is not None:
+        problems = check_site(site, maps.lifts, maps.unchanged, maps.spare)
+        findings += [source.finding(problem.key, problem.message) for problem in problems]
+    if findings or site is None:
         raise MapFileError(findings)
-    plain = {name: loaded.map for name, loaded in maps.items()}
-    findings += [source.finding(problem.key, problem.message) for problem in check_site(site, plain)]
-    if findings:
-        raise MapFileError(findings)
-    return LoadedSite(site, maps, path)
+    return LoadedSite(site, maps.lifts, path, maps.spare)
+
+
+def references(source: Source) -> Iterator[Finding]:
+    """Yield lifts and endpoints on controllers that are not there, and lifts on one without a map; the file may not be a site yet."""
+    listed = source.data.get("controllers") if isinstance(source.data, dict) else None
+    known = listed if isinstance(listed, dict) else {}
+    without: dict[str, list[str]] = {}
+    for key, wanted in _named_controllers(source.data):
+        if not isinstance(wanted, str):
+            continue
+        if known and wanted not in known:
+            yield source.finding(key, f"no controller {wanted!r}; there is {', '.join(known)}")
+        own = known.get(wanted)
+        if len(key) == 3 and isinstance(own, dict) and own.get("map") is None:
+            without.setdefault(wanted, []).append(str(key[1]))
+    for controller, lifts in without.items():
+        message = f"is missing, and {', '.join(lifts)} is read by it; only a controller that serves nothing but endpoints needs no map"
+        yield source.finding(("controllers", controller, "map"), message)
+
+
+def _named_controllers(data: object) -> Iterator[tuple[KeyPath, object]]:
+    for name, lift in tables(data, "lifts"):
+        yield ("lifts", name, "controller"), lift.get("controller")
+        for endpoint, place in tables(lift, "endpoints"):
+            yield ("lifts", name, "endpoints", endpoint, "controller"), place.get("controller")
 
 
 def check_file(path: Path) -> list[str]:
@@ -86,32 +121,25 @@ def check_file(path: Path) -> list[str]:
     loaded_site = load_site(path)
     lines = [f"caution: {line}" for line in loaded_site.cautions()]
     for name, lift in loaded_site.site.lifts.items():
-        lines.append(
-            f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_line(loaded_site.maps[lift.controller].map)}"
-        )
+        lines.append(f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_line(loaded_site.maps[name].map)}")
     return [*lines, f"{path}: no mistakes"]
 
 
-def _tables(data: object, key: str) -> Iterator[tuple[str, dict[str, object]]]:
-    """Yield the named tables under a key, as far as the file has them: it may not be a site yet."""
-    table = data.get(key) if isinstance(data, dict) else None
-    for name, item in table.items() if isinstance(table, dict) else ():
-        if isinstance(item, dict):
-            yield name, item
-
-
-def _named_maps(data: object) -> Iterator[tuple[str, str]]:
-    for name, controller in _tables(data, "controllers"):
-        if isinstance(named := controller.get("map"), str) and named:
-            yield name, named
-
-
-def _lost_lifts(source: Source) -> Iterator[Finding]:
-    known = [name for name, _ in _tables(source.data, "controllers")]
-    for name, lift in _tables(source.data, "lifts"):
-        wanted = lift.get("controller")
-        if known and isinstance(wanted, str) and wanted not in known:
-            yield source.finding(("lifts", name, "controller"), no_controller(wanted, known))
+def _about(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
+    for signal, reason in source.not_visible.items():
+        yield f"{name}: {signal} is not visible on this interface: {reason}"
+    if keys := Changes(override=lift.override).keys:
+        yield f"{name}: map {source.name} is changed at this site: {', '.join(keys)}"
+    if source.provenance.trust in _NOT_A_LIFT:
+        yield f"{name}: map {source.name} {_NOT_A_LIFT[source.provenance.trust]}; compare every signal with the real lift"
+    if lift.access == "monitor":
+        yield f"{name}: is only watched, and requests for it are refused; `access: control` would command it"
+        return
+    if not source.commands.keys() & set(CALLS):
+        yield f"{name}: map {source.name} has no command that calls the car; nothing here can send for it"
+    yield f"{name}: is commanded without a checkout record for map {source.name} ({source.provenance.trust})"
+    if lift.accept_latching is not None and any(c.on_link_loss == "latches" for c in source.commands.values()):
+        yield f"{name}: outputs stay on when this manager is lost; accepted: {lift.accept_latching}"
 
 
 def _loopback(host: str) -> bool:
@@ -123,8 +151,3 @@ def _loopback(host: str) -> bool:
 
 def _map_line(source: RegisterMap) -> str:
     return f"map {source.name} ({source.provenance.trust})"
-
-
-def _at(source: Source, key: tuple[str | int, ...], error: MapFileError) -> list[Finding]:
-    """Findings of a map stay where they are in its file; a map that cannot be found is a mistake of the site file."""
-    return [source.finding(key, finding.message) if finding.line is None else finding for finding in error.findings]

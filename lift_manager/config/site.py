@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
+from pydantic_core import PydanticCustomError
 
+from register_maps.expand import ParameterValue
 from register_maps.words import Side, Table
 
 Text = Annotated[
@@ -17,6 +19,7 @@ Seconds = Annotated[float, Field(gt=0, le=86400)]
 Wait = Annotated[float, Field(gt=0, le=10)]
 """For an answer, a connection or a fresh reading: whoever waits longer than this has no news but history."""
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
+UnitId = Annotated[int, Field(strict=True, ge=0, le=255)]
 
 
 class _Part(BaseModel):
@@ -53,6 +56,24 @@ else:
     ]
 
 
+def is_parameter_value(value: object) -> bool:
+    """Whether a parameter of a map may be this: a number or text, not yes or no."""
+    return isinstance(value, int | float | str) and not isinstance(value, bool)
+
+
+def _parameter_value(value: object) -> object:
+    if not is_parameter_value(value):
+        raise PydanticCustomError("parameter_value", "must be a number or text")
+    return value
+
+
+if TYPE_CHECKING:
+    Given = ParameterValue
+else:
+    # not a union: pydantic would speak of its branches, one after the other
+    Given = Annotated[Any, AfterValidator(_parameter_value)]
+
+
 class Api(_Part):
     """Where the manager listens."""
 
@@ -66,9 +87,9 @@ class Controller(_Part):
 
     host: Text
     port: Port = 502
-    map: Text
-    """A shipped map by name, or a path relative to the site file."""
-    unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] | None = None
+    map: Text | None = None
+    """A shipped map by name, or a path relative to the site file. Only a controller that serves endpoints alone needs none."""
+    unit_id: UnitId | None = None
     timeout_s: Wait | None = None
     connect_timeout_s: Wait = 1.0
     min_gap_s: Annotated[float, Field(ge=0, le=10)] | None = None
@@ -78,18 +99,39 @@ class Controller(_Part):
     tid_echo: bool | None = None
 
 
-class Lift(_Part):
-    """One lift on a controller."""
+class Endpoint(_Part):
+    """Where one further device of a lift is."""
 
     controller: Text
+    unit_id: UnitId | None = None
+    """Its controller's when not said, else the map's."""
+
+
+class Lift(_Part):
+    """One lift on a controller, and on further devices where its map has endpoints."""
+
+    controller: Text
+    parameters: dict[Text, Given] = Field(default_factory=dict)
+    """Values for the parameters of its map."""
+    override: dict[Text, Any] = Field(default_factory=dict)
+    """Laid over its map, key by key, in the words of the map. Keys that are numbers are text here: LoadedSite.maps has the result."""
+    endpoints: dict[Text, Endpoint] = Field(default_factory=dict)
+    """The map's endpoints by name; every one of them has its place here."""
     floors: dict[Text, AnyFloor] = Field(min_length=2)
     """Lowest first."""
     access: Literal["monitor", "control"] = "monitor"
     """`monitor` writes not one byte."""
     offset: dict[Table, Annotated[int, Field(strict=True, ge=-65535, le=65535)]] = Field(default_factory=dict)
-    """Moves every address of a table, for one lift of several on a controller."""
-    unit_id: Annotated[int, Field(strict=True, ge=0, le=255)] | None = None
-    poll_s: Annotated[float, Field(ge=0.02, le=60)] = 0.2
+    """Moves every address of a table of the controller itself, for one lift of several on it."""
+    unit_id: UnitId | None = None
+    group: Text | None = None
+    """The group that answers its landing calls together with other lifts."""
+    infer_occupancy: bool = False
+    """A caller without a word for it boards and leaves by what it asks."""
+    board_min_s: Annotated[float, Field(ge=0, le=600)] = 5.0
+    """A floor asked sooner than this after the door stood open is no sign of boarding."""
+    poll_s: Annotated[float, Field(ge=0.02, le=60)] | None = None
+    """0.2, or `min_poll_s` of the map where that is more."""
     max_age_s: Wait | None = None
     lease_s: Seconds = 300.0
     max_session_hold_s: Seconds = 900.0

@@ -1,18 +1,25 @@
 """The parts of a running manager, put together over real sockets."""
 
 import asyncio
+import contextlib
 import logging
+from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
 import pytest
 
+from drivers.modbus.settings import LinkSettings
 from lift_manager import app
-from lift_manager.config.load import LoadedSite
+from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.site import Site
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain.asking import Accepted, Ask
+from lift_manager.domain.state import Holder, Quality
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.web.server import listen
 from register_maps.codec import compile_map
 from register_maps.load import load
+from register_maps.words import Door, Side
 from simulator.server import SimulatedController
 
 
@@ -24,12 +31,68 @@ def site_of(port: int, **controller: object) -> LoadedSite:
         "controllers": {"plc": {"host": "127.0.0.1", "port": port, "map": "generic-registers"} | controller},
         "lifts": {"lift": {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}, "poll_s": 0.05}},
     }
-    return LoadedSite(Site.model_validate(data), {"plc": source}, Path("test"))
+    return LoadedSite(Site.model_validate(data), {"lift": source}, Path("test"))
 
 
 def controller() -> SimulatedController:
     codec = compile_map(load("generic-registers").map)
     return SimulatedController({1: simulated_lift(codec, {"L1": 1, "L2": 2})})
+
+
+class Module:
+    """An I/O module that answers for one unit id: bits to read, and what was written. Its bytes are its own."""
+
+    def __init__(self, unit_id: int, bits: Mapping[int, int]) -> None:
+        self.unit_id = unit_id
+        self.bits = dict(bits)
+        self.written: asyncio.Queue[bytes] = asyncio.Queue()
+        self.asked: set[bytes] = set()
+
+    @contextlib.asynccontextmanager
+    async def serve(self) -> AsyncIterator[int]:
+        """Listen on a free port, and give it."""
+        server = await asyncio.start_server(self._connected, "127.0.0.1", 0)
+        try:
+            yield int(server.sockets[0].getsockname()[1])
+        finally:
+            server.close()
+            await server.wait_closed()
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                head = await reader.readexactly(6)
+                body = await reader.readexactly(int.from_bytes(head[4:6], "big"))
+                answer = self._answer(body)
+                writer.write(head[:4] + len(answer).to_bytes(2, "big") + answer)
+        writer.close()
+
+    def _answer(self, body: bytes) -> bytes:
+        unit, function, address = body[0], body[1], int.from_bytes(body[2:4], "big")
+        if unit != self.unit_id:
+            return bytes([unit, function | 0x80, 0x0B])
+        if function == 5:
+            self.bits[address] = int(body[4] == 0xFF)
+            self.written.put_nowait(body)
+            return body
+        self.asked.add(body[1:])
+        count = int.from_bytes(body[4:6], "big")
+        packed = sum(self.bits.get(address + index, 0) << index for index in range(count))
+        length = (count + 7) // 8
+        return bytes([unit, function, length]) + packed.to_bytes(length, "little")
+
+
+@contextlib.asynccontextmanager
+async def running(building: app.Building) -> AsyncIterator[None]:
+    """Everything but the faces of a manager."""
+    async with asyncio.TaskGroup() as tasks:
+        parts = [*(link.run() for link in building.links), *building.manager.drives(), building.manager.run()]
+        work = [tasks.create_task(part) for part in parts]
+        await building.manager.first_look()
+        yield
+        await building.manager.stop()
+        for task in work:
+            task.cancel()
 
 
 def test_a_bug_in_one_part_ends_the_manager_only_after_everything_is_let_go(caplog: pytest.LogCaptureFixture) -> None:
@@ -54,5 +117,110 @@ def test_a_controller_that_wants_a_long_pause_between_connections_gets_it() -> N
         building = app.build(site_of(502, reconnect_min_s=5))
         assert building.links[0].settings.reconnect_min_s == 5
         assert building.links[0].settings.reconnect_max_s == 5
+
+    asyncio.run(main())
+
+
+def test_how_many_clients_a_controller_serves_reaches_its_link(tmp_path: Path) -> None:
+    text = (Path(load("generic-registers").path)).read_text("utf-8")
+    (tmp_path / "mine.yaml").write_text(text.replace("link: {", "link: {max_connections: 2, "), "utf-8")
+    site = "schema: 1\nname: x\ncontrollers: {plc: {host: 127.0.0.1, map: ./mine.yaml}}\n"
+    (tmp_path / "site.yaml").write_text(site + "lifts: {lift: {controller: plc, floors: {L1: 1, L2: 2}}}\n", "utf-8")
+    (link,) = app.build(load_site(tmp_path / "site.yaml")).links
+    assert link.settings.max_connections == 2
+
+
+HANDSHAKE = """\
+schema: 1
+name: a lift that wants to know who is aboard
+controllers: {plc: {host: 127.0.0.1, map: seer-lps3-two-stop}}
+lifts:
+  lift:
+    controller: plc
+    floors: {L1: 0, L2: 1}
+    lease_s: 60
+    max_session_hold_s: 100
+    infer_occupancy: true
+    board_min_s: 8
+"""
+TWO_MODULES = """\
+schema: 1
+name: two modules, one lift
+controllers:
+  buttons: {host: 127.0.0.1, port: BUTTONS, map: adam-pushbutton, unit_id: 3}
+  machine-room: {host: 127.0.0.1, port: SENSORS}
+lifts:
+  vip:
+    controller: buttons
+    access: control
+    accept_latching: the modules end with the test
+    floors: {G: 0, L1: 1, L2: 2}
+    poll_s: 0.05
+    endpoints: {sensor: {controller: machine-room, unit_id: 7}}
+    override:
+      endpoints: {sensor: {served: {discrete: [[1, 5]]}}}
+      signals:
+        car_floor: {one_of: ["sensor/discrete:1", "sensor/discrete:2", "sensor/discrete:3"]}
+        door.front: {open_limit: "sensor/discrete:4", closed_limit: "sensor/discrete:5"}
+"""
+
+
+def test_a_link_to_a_controller_that_serves_nobody_makes_no_sense() -> None:
+    with pytest.raises(ValueError, match="max_connections must be 1 or more"):
+        LinkSettings(max_connections=0)
+
+
+def test_what_a_site_says_about_a_lift_reaches_the_manager(tmp_path: Path) -> None:
+    (tmp_path / "site.yaml").write_text(HANDSHAKE, "utf-8")
+    loaded = load_site(tmp_path / "site.yaml")
+    assert app.lift_options("lift", loaded, (Side.FRONT,), 0.1) == LiftOptions(
+        name="lift",
+        floors=("L1", "L2"),
+        doors_at={"L1": (Side.FRONT,), "L2": (Side.FRONT,)},
+        control=False,
+        poll_s=0.5,
+        first_poll_s=0.1,
+        lease_s=60,
+        max_session_hold_s=100,
+        infer_occupancy=True,
+        board_min_s=8,
+    )
+
+
+def test_no_device_of_a_lift_is_asked_for_more_than_one_of_them_can_answer(tmp_path: Path) -> None:
+    async def main() -> None:
+        buttons, sensors = Module(3, {}), Module(7, {1: 1, 4: 1})
+        async with buttons.serve() as pressed_at, sensors.serve() as seen_at, asyncio.timeout(10):
+            path = tmp_path / "site.yaml"
+            text = TWO_MODULES.replace("port: SENSORS", "port: SENSORS, max_bits_per_read: 2")
+            path.write_text(text.replace("BUTTONS", str(pressed_at)).replace("SENSORS", str(seen_at)), "utf-8")
+            async with running(app.build(load_site(path))):
+                pass
+            assert {asked[4] for asked in sensors.asked | buttons.asked} == {1, 2}
+
+    asyncio.run(main())
+
+
+def test_a_lift_on_two_devices_is_seen_on_one_and_called_on_the_other(tmp_path: Path) -> None:
+    async def main() -> None:
+        buttons, sensors = Module(3, {}), Module(7, {1: 1, 4: 1})
+        async with buttons.serve() as pressed_at, sensors.serve() as seen_at, asyncio.timeout(10):
+            path = tmp_path / "site.yaml"
+            path.write_text(TWO_MODULES.replace("BUTTONS", str(pressed_at)).replace("SENSORS", str(seen_at)), "utf-8")
+            building = app.build(load_site(path))
+            assert len(building.links) == 2
+            async with running(building):
+                state = building.manager.state("vip")
+                assert state is not None
+                assert (state.quality, state.floor, state.doors[Side.FRONT]) == (Quality.LIVE, "L1", Door.CLOSED)
+                ask = Ask("vip", Holder("test", "test"), "L2", hold_door=False)
+                assert isinstance(building.manager.request(ask), Accepted)
+                while (press := await buttons.written.get())[4] == 0:
+                    assert press[3] in (16, 17)  # the other two buttons are let go first
+            # unit 3, function 5, third button (19 as printed, 18 on the wire), on
+            assert press == bytes([3, 5, 0, 18, 0xFF, 0])
+            assert sensors.written.empty()
+            # function 2, the five inputs from the first
+            assert sensors.asked == {bytes([2, 0, 0, 0, 5])}
 
     asyncio.run(main())

@@ -1,100 +1,23 @@
 """Site files: what a good one gives, and what is said about every mistake in a bad one."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from lift_manager.config.load import LoadedSite, check_file, load_site
-from register_maps.errors import Finding, MapFileError
-from register_maps.load import MAPS
-from register_maps.source import MAX_BYTES
 from register_maps.words import Side
-
-ROOT = Path(__file__).resolve().parents[3]
-
-GENERIC = """\
-schema: 1
-name: A building
-controllers:
-  plc: {host: 10.0.0.5, port: 502, map: generic-registers}
-lifts:
-  main:
-    controller: plc
-    access: control
-    floors: {B1: -1, L1: 1, L2: 2}
-"""
-TWO_STOP = """\
-schema: 1
-name: A building
-controllers:
-  plc: {host: 10.0.0.5, map: two-stop-agv}
-lifts:
-  goods:
-    controller: plc
-    access: control
-    accept_latching: a person stands beside it
-    floors: {L1: 0, L2: 1}
-"""
-SECOND_LIFT = """\
-  second:
-    controller: plc
-    access: control
-    floors: {B1: -1, L1: 1, L2: 2}
-"""
-
-
-@dataclass(frozen=True)
-class Said:
-    """A finding that is expected: its place, and words that its message must hold."""
-
-    line: int | None
-    key: str
-    words: tuple[str, ...]
-
-    def fits(self, finding: Finding) -> bool:
-        place = (finding.line, finding.key) == (self.line, self.key)
-        return place and all(word in finding.message for word in self.words)
-
-
-def said(line: int | None, key: str, *words: str) -> Said:
-    return Said(line, key, words)
-
-
-def edited(text: str, *edits: tuple[str, str]) -> str:
-    for old, new in edits:
-        assert text.count(old) == 1, f"{old!r} is not in the file exactly once"
-        text = text.replace(old, new)
-    return text
-
-
-def load(folder: Path, text: str, *edits: tuple[str, str]) -> LoadedSite:
-    path = folder / "site.yaml"
-    path.write_text(edited(text, *edits), "utf-8")
-    return load_site(path)
-
-
-def findings(folder: Path, text: str, *edits: tuple[str, str]) -> tuple[Finding, ...]:
-    with pytest.raises(MapFileError) as caught:
-        load(folder, text, *edits)
-    return caught.value.findings
-
-
-def assert_says_exactly(found: tuple[Finding, ...], *expected: Said) -> None:
-    listing = "\n".join(map(str, found))
-    assert len(found) == len(expected), listing
-    for wanted in expected:
-        assert any(wanted.fits(finding) for finding in found), f"{wanted} is not in\n{listing}"
-
-
-def my_map(folder: Path, *edits: tuple[str, str]) -> Path:
-    path = folder / "mine.yaml"
-    path.write_text(edited((MAPS / "generic-registers.yaml").read_text("utf-8"), *edits), "utf-8")
-    return path
-
-
-def line_of(path: Path, start: str) -> int:
-    return next(n for n, line in enumerate(path.read_text("utf-8").splitlines(), 1) if line.strip().startswith(start))
+from tests.lift_manager.config.site_files import (
+    GENERIC,
+    SECOND_LIFT,
+    TWO_STOP,
+    Said,
+    assert_says_exactly,
+    edited,
+    findings,
+    line_of,
+    load,
+    my_map,
+    said,
+)
 
 
 def test_a_good_site_file_gives_its_lifts_floors_and_maps(tmp_path: Path) -> None:
@@ -102,7 +25,7 @@ def test_a_good_site_file_gives_its_lifts_floors_and_maps(tmp_path: Path) -> Non
     lift = loaded.site.lifts["main"]
     assert {floor: entry.code for floor, entry in lift.floors.items()} == {"B1": -1, "L1": 1, "L2": 2}
     assert list(lift.floors) == ["B1", "L1", "L2"]
-    assert loaded.maps["plc"].map.name == "generic-registers"
+    assert loaded.maps["main"].map.name == "generic-registers"
     assert (loaded.site.api.host, loaded.site.api.port) == ("127.0.0.1", 5003)
 
 
@@ -111,19 +34,13 @@ def test_a_lift_is_only_monitored_unless_the_file_says_control(tmp_path: Path) -
     assert load(tmp_path, GENERIC).site.lifts["main"].access == "control"
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.yaml")), ids=lambda path: path.name)
-def test_every_example_loads_and_is_called_free_of_mistakes(path: Path) -> None:
-    load_site(path)
-    assert check_file(path)[-1] == f"{path}: no mistakes"
-
-
 def test_a_map_is_found_beside_the_site_file_whatever_the_working_folder_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     my_map(tmp_path, ("name: generic-registers", "name: mine"))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).maps["plc"].map.name == "mine"
+    assert load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).maps["main"].map.name == "mine"
 
 
 @pytest.mark.parametrize("short", ["L2: 2", "L2: {code: 2}"])
@@ -417,16 +334,6 @@ def test_a_line_break_in_a_name_is_refused_in_one_printable_line(tmp_path: Path)
     assert str(finding).isprintable()
 
 
-def test_two_lifts_that_would_write_the_same_registers_are_refused(tmp_path: Path) -> None:
-    found = findings(tmp_path, GENERIC + SECOND_LIFT)
-    assert_says_exactly(found, said(10, "lifts.second", "same registers as main", "`offset`", "`unit_id`"))
-
-
-def test_an_offset_that_leaves_two_lifts_overlapping_is_refused(tmp_path: Path) -> None:
-    overlapping = edited(SECOND_LIFT, ("    access: control", "    access: control\n    offset: {holding: 2}"))
-    assert_says_exactly(findings(tmp_path, GENERIC + overlapping), said(10, "lifts.second", "same registers as main"))
-
-
 def test_the_mistakes_of_a_map_are_reported_in_the_maps_own_file_at_its_own_lines(tmp_path: Path) -> None:
     bad = my_map(
         tmp_path, ("  car_floor:", "  car_flor:"), ('motion: {at: "holding:2"', 'motion: {at: "holding:70000"')
@@ -480,96 +387,3 @@ def test_a_typo_in_a_needed_key_hides_none_of_the_other_mistakes(tmp_path: Path)
 def test_every_finding_begins_with_file_line_and_key(tmp_path: Path) -> None:
     (finding,) = findings(tmp_path, GENERIC, ("L2: 2", "L2: 1"))
     assert str(finding) == f"{tmp_path / 'site.yaml'}:9: lifts.main.floors.L2: code 1 is floor L1 already"
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        pytest.param(b"", said(None, "", "empty"), id="nothing"),
-        pytest.param(b"# soon\n", said(None, "", "empty"), id="a comment only"),
-        pytest.param(b"- one\n- two\n", said(1, "", "must be a table of keys", "list"), id="a list"),
-        pytest.param(b"hello\n", said(1, "", "must be a table of keys", "hello"), id="text"),
-        pytest.param(b"\x7fELF\x02\x01\xff\xfe", said(1, "", "not UTF-8"), id="a program"),
-        pytest.param(b"name: a\x00b\n", said(1, "", "U+0000 is not allowed"), id="a zero byte"),
-        pytest.param(b"a: " + b"[" * 500 + b"]" * 500, said(1, "", "nested more than"), id="a tower of brackets"),
-    ],
-)
-def test_a_file_that_is_no_site_file_is_refused_in_one_finding(tmp_path: Path, content: bytes, expected: Said) -> None:
-    path = tmp_path / "site.yaml"
-    path.write_bytes(content)
-    with pytest.raises(MapFileError) as caught:
-        load_site(path)
-    assert_says_exactly(caught.value.findings, expected)
-
-
-def test_a_file_over_the_limit_is_refused_without_being_read(tmp_path: Path) -> None:
-    path = tmp_path / "site.yaml"
-    with path.open("wb") as file:
-        file.write(b"\xff not UTF-8, which reading would find")
-        file.truncate(MAX_BYTES + 1)
-    with pytest.raises(MapFileError) as caught:
-        load_site(path)
-    assert_says_exactly(caught.value.findings, said(None, "", f"{MAX_BYTES + 1} bytes", "not read", str(MAX_BYTES)))
-
-
-def test_a_file_just_under_the_limit_is_read(tmp_path: Path) -> None:
-    padding = "#" * (MAX_BYTES - len(GENERIC) - 1) + "\n"
-    assert load(tmp_path, GENERIC + padding).site.name == "A building"
-
-
-def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
-    for path, words in [(tmp_path / "none.yaml", "no such file"), (tmp_path, "is a directory")]:
-        with pytest.raises(MapFileError) as caught:
-            load_site(path)
-        assert caught.value.findings[0].file == str(path)
-        assert_says_exactly(caught.value.findings, said(None, "", words))
-
-
-def test_a_commanded_lift_is_cautioned_about_at_every_start(tmp_path: Path) -> None:
-    (caution,) = load(tmp_path, GENERIC).cautions()
-    assert caution == "main: is commanded without a checkout record for map generic-registers (template)"
-
-
-@pytest.mark.parametrize(("host", "cautions"), [("0.0.0.0", 1), ("10.0.0.7", 1), ("127.0.0.1", 0), ("localhost", 0)])
-def test_an_api_that_others_on_the_network_can_reach_is_cautioned_about(
-    tmp_path: Path, host: str, cautions: int
-) -> None:
-    loaded = load(tmp_path, f"{GENERIC}api: {{host: {host}}}\n")
-    assert sum("the API listens on" in caution for caution in loaded.cautions()) == cautions
-
-
-def test_a_watched_lift_with_everything_visible_needs_no_caution(tmp_path: Path) -> None:
-    assert list(load(tmp_path, GENERIC, ("    access: control\n", "")).cautions()) == []
-
-
-def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp_path: Path) -> None:
-    cautions = list(load(tmp_path, TWO_STOP).cautions())
-    for words in [
-        "goods: fire is not visible",
-        "goods: is commanded without a checkout record for map two-stop-agv (integration-code)",
-        "outputs stay on when this manager is lost; accepted: a person stands beside it",
-    ]:
-        assert any(words in caution for caution in cautions), cautions
-
-
-def test_check_says_what_each_lift_is_after_its_cautions(tmp_path: Path) -> None:
-    path = tmp_path / "site.yaml"
-    path.write_text(GENERIC, "utf-8")
-    assert check_file(path) == [
-        "caution: main: is commanded without a checkout record for map generic-registers (template)",
-        "main: control, floors B1, L1, L2, map generic-registers (template)",
-        f"{path}: no mistakes",
-    ]
-
-
-@pytest.mark.parametrize("path", sorted(MAPS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_check_knows_a_map_from_a_site_file(path: Path) -> None:
-    assert check_file(path)[-1].startswith(f"{path}: map {path.stem} (")
-
-
-def test_check_takes_a_map_whose_signals_are_misspelt_for_a_map(tmp_path: Path) -> None:
-    path = my_map(tmp_path, ("\nsignals:", "\nsignal:"))
-    with pytest.raises(MapFileError) as caught:
-        check_file(path)
-    assert any("did you mean `signals`" in finding.message for finding in caught.value.findings)
-    assert not any(finding.key == "lifts" for finding in caught.value.findings)

@@ -1,0 +1,97 @@
+"""Whether robots can use a lift as its site says: what its map must show, and what it must ask for before it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from lift_manager.config.problem import Key, Problem
+from lift_manager.config.site import Lift
+from register_maps.load import LoadedMap
+from register_maps.schema import CALLS, Parameter, RegisterMap
+from register_maps.words import Side
+
+_FREED_FROM_GROUP = frozenset({"robot_mode_on", "independent"})
+"""Flags of which one shows that a car answers to us alone, and not to the landing calls of its group."""
+
+_HANDSHAKE = frozenset({"call", "go", "robot_in_place", "robot_left"})
+
+
+def unsaid(key: Key, lift: Lift, loaded: LoadedMap) -> Iterator[Problem]:
+    """Yield what this map leaves to the site, and the site has not said: parameters and signals."""
+    source = loaded.map
+    for name in loaded.unset:
+        if name not in lift.parameters:
+            about = source.parameters[name]
+            message = f"is not set, and {source.name} cannot know it: {about.help} ({_allowed(about)})"
+            yield Problem((*key, "parameters", name), message)
+    signals = lift.override.get("signals")
+    added = signals if isinstance(signals, dict) else {}
+    for name, reason in source.needs.items():
+        if added.get(name) is None:
+            yield Problem((*key, "override", "signals", name), f"{_missing(source, name)} ({reason}); {_add(name)}")
+
+
+def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
+    """Yield what keeps this lift from being watched, or from being commanded."""
+    if "car_floor" not in source.signals and "car_floor" not in source.needs:
+        yield Problem(
+            (*key, "override", "signals", "car_floor"), f"{_missing(source, 'car_floor')}; {_add('car_floor')}"
+        )
+    if lift.infer_occupancy and not source.needs_occupancy and not _HANDSHAKE & source.commands.keys():
+        message = f"{source.name} is told nothing about a robot aboard, so there is nothing to infer; remove this line"
+        yield Problem((*key, "infer_occupancy"), message)
+    if lift.access == "control":
+        yield from _door(key, source)
+        yield from _latching(key, lift, source)
+        yield from _group(key, lift, source)
+
+
+def _missing(source: RegisterMap, signal: str) -> str:
+    if signal == "car_floor":
+        return f"{source.name} tells nobody where its car is"
+    return f"{source.name} does not tell {signal}"
+
+
+def _add(signal: str) -> str:
+    return f"add {signal} under `override: signals`, on a second endpoint if need be"
+
+
+def _allowed(about: Parameter) -> str:
+    if about.choices is not None:
+        return f"one of {', '.join(about.choices)}"
+    if about.range is not None:
+        return f"{about.range[0]:g} to {about.range[1]:g}"
+    return "text" if isinstance(about.value, str) else "a number"
+
+
+def _door(key: Key, source: RegisterMap) -> Iterator[Problem]:
+    doors = [f"door.{side}" for side in Side]
+    if not any(door in source.signals or door in source.needs for door in doors):
+        message = f"{source.name} does not tell whether a door is open, and no robot may guess; {_add(doors[0])}, or use `access: monitor`"
+        yield Problem((*key, "access"), message)
+
+
+def _latching(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
+    latching = [name for name, command in source.commands.items() if command.on_link_loss == "latches"]
+    if latching and lift.accept_latching is None:
+        outputs = ", ".join(latching)
+        message = (
+            f"{outputs} of {source.name} stay on when this manager is lost, and nothing lets them go; "
+            "say why that is acceptable here with `accept_latching: ...`, or use `access: monitor`"
+        )
+        yield Problem((*key, "access"), message)
+
+
+def _group(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
+    free = [
+        name
+        for name, command in source.commands.items()
+        if name in CALLS and name != "go" and not _FREED_FROM_GROUP & set(command.requires)
+    ]
+    if lift.group is not None and free:
+        message = (
+            f"{lift.group} may send this car elsewhere while a robot waits for it or rides in it, and {', '.join(free)} of {source.name} "
+            "does not ask whether the car is taken out of the group; where the controller can do that, add "
+            f"`requires: [robot_mode_on]` (or `independent`) to {', '.join(free)} under `override: commands`, else use `access: monitor`"
+        )
+        yield Problem((*key, "access"), message)

@@ -1,0 +1,104 @@
+"""What a person is told about a good site file at every start."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.lift_manager.config.site_files import GENERIC, TWO_STOP, edited, load, my_map
+
+WATCHED = edited(GENERIC, ("    access: control\n", ""))
+DEMO = edited(
+    WATCHED, ("map: generic-registers", "map: thingweb-elevator"), ("{B1: -1, L1: 1, L2: 2}", "{L0: 0, L1: 1}")
+)
+
+
+def about(folder: Path, text: str, words: str, *edits: tuple[str, str]) -> list[str]:
+    return [caution for caution in load(folder, text, *edits).cautions() if words in caution]
+
+
+def test_a_commanded_lift_is_cautioned_about_at_every_start(tmp_path: Path) -> None:
+    assert about(tmp_path, GENERIC, "checkout") == [
+        "main: is commanded without a checkout record for map generic-registers (template)"
+    ]
+
+
+def test_a_lift_that_is_only_watched_says_that_its_requests_are_refused(tmp_path: Path) -> None:
+    assert about(tmp_path, WATCHED, "watched") == [
+        "main: is only watched, and requests for it are refused; `access: control` would command it"
+    ]
+    assert about(tmp_path, GENERIC, "watched") == []
+
+
+@pytest.mark.parametrize(("host", "cautions"), [("0.0.0.0", 1), ("10.0.0.7", 1), ("127.0.0.1", 0), ("localhost", 0)])
+def test_an_api_that_others_on_the_network_can_reach_is_cautioned_about(
+    tmp_path: Path, host: str, cautions: int
+) -> None:
+    assert len(about(tmp_path, f"{GENERIC}api: {{host: {host}}}\n", "the API listens on")) == cautions
+
+
+def test_a_commanded_lift_with_everything_visible_on_a_map_taken_from_a_lift_needs_no_other_caution(
+    tmp_path: Path,
+) -> None:
+    my_map(tmp_path, ("trust: template", "trust: vendor-manual"))
+    assert list(load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).cautions()) == [
+        "main: is commanded without a checkout record for map generic-registers (vendor-manual)"
+    ]
+
+
+def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp_path: Path) -> None:
+    cautions = list(load(tmp_path, TWO_STOP).cautions())
+    assert [caution.split(":")[1].strip() for caution in cautions] == [
+        "fire is not visible on this interface",
+        "is commanded without a checkout record for map two-stop-agv (integration-code)",
+        "outputs stay on when this manager is lost; accepted",
+    ]
+    assert cautions[-1].endswith("accepted: a person stands beside it")
+
+
+def test_a_map_that_was_taken_from_no_lift_is_cautioned_about(tmp_path: Path) -> None:
+    assert about(tmp_path, GENERIC, "template and") == [
+        "main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift"
+    ]
+    assert about(tmp_path, TWO_STOP, "compare every signal") == []
+    assert len(about(tmp_path, DEMO, "map thingweb-elevator is that of a simulation")) == 1
+
+
+def test_every_change_of_a_map_is_listed_by_its_key(tmp_path: Path) -> None:
+    changed = "access: control\n    override: {signals: {overload: {active: low}}, door_opens_within_s: 20}"
+    assert about(tmp_path, GENERIC, "changed", ("access: control", changed)) == [
+        "main: map generic-registers is changed at this site: signals.overload, door_opens_within_s"
+    ]
+
+
+def test_a_map_that_only_has_its_parameters_set_is_not_called_changed(tmp_path: Path) -> None:
+    assert about(tmp_path, TWO_STOP, "changed", ("access:", "parameters: {first_input: 100}\n    access:")) == []
+
+
+def test_a_warning_of_a_map_is_said_once_for_all_its_lifts(tmp_path: Path) -> None:
+    loaded = load(tmp_path, DEMO + DEMO[DEMO.index("  main:") :].replace("main:", "second:"))
+    warnings = {warning for lift in loaded.maps.values() for warning in lift.warnings}
+    assert warnings
+    told = [caution for caution in loaded.cautions() if "thingweb-elevator.yaml" in caution]
+    assert len(told) == len(warnings)
+    assert all(caution.startswith("main, second: ") for caution in told)
+
+
+def test_a_lift_that_may_be_commanded_and_cannot_be_called_is_cautioned_about(tmp_path: Path) -> None:
+    no_call = "access: control\n    override: {commands: {go_to: null}}"
+    assert about(tmp_path, GENERIC, "no command that calls the car", ("access: control", no_call))
+    assert not about(tmp_path, GENERIC, "no command that calls the car")
+
+
+def test_a_controller_that_nothing_is_on_is_left_alone_and_one_that_serves_an_endpoint_is_not(tmp_path: Path) -> None:
+    more = "lifts:\n", "  spare: {host: 10.0.0.9, map: two-stop-agv}\n  box: {host: 10.0.0.8}\nlifts:\n"
+    lines = """\
+    endpoints: {sensor: {controller: box}}
+    override:
+      endpoints: {sensor: {served: {discrete: [[0, 0]]}}}
+      signals: {passenger_alarm: {at: "sensor/discrete:0"}}
+"""
+    endpoint = "    floors:", f"{lines}    floors:"
+    assert about(tmp_path, GENERIC, "left alone", more, endpoint) == [
+        "spare: no lift is on this controller; it is left alone"
+    ]
+    assert list(load(tmp_path, GENERIC, more, endpoint).controllers) == ["plc", "box"]
