@@ -24,7 +24,7 @@ def stop_if_shadowed() -> None:
 
 def main() -> None:
     stop_if_shadowed()
-    from lift_manager.cli import app  # noqa: PLC0415  after the guard, for it is the guard's purpose
+    from lift_manager.cli.main import app  # noqa: PLC0415  after the guard, for it is the guard's purpose
 
     app()
 

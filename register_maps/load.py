@@ -14,8 +14,9 @@ from register_maps.check import check
 from register_maps.check_places import unreadable
 from register_maps.errors import Finding, MapFileError, Problem
 from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay, unused
+from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
 from register_maps.plain import closest
-from register_maps.schema import COMMANDS, SIGNALS, RegisterMap
+from register_maps.schema import RegisterMap
 from register_maps.source import KeyPath, Source, read, try_validate
 
 MAPS = Path(__file__).parent / "maps"
@@ -100,8 +101,8 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: Changes
 def json_schema() -> str:
     """JSON Schema of a map, draft 7, for editors; the text of register_map.schema.json."""
     schema = RegisterMap.model_json_schema()
-    _enumerate(schema["properties"]["signals"], {name: f"A {kind} signal." for name, kind in SIGNALS.items()})
-    _enumerate(schema["properties"]["commands"], dict.fromkeys(COMMANDS, "A command."))
+    _enumerate(schema["properties"]["signals"], SIGNAL_MEANINGS)
+    _enumerate(schema["properties"]["commands"], COMMAND_MEANINGS)
     for name in (
         "signals",
         "commands",

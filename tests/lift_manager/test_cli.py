@@ -76,7 +76,7 @@ BAD_SIMULATIONS: list[tuple[str, list[str]]] = [
 ]
 
 HELP = {
-    "": ["Connect robots to real lifts", "demo", "serve", "check", "simulate"],
+    "": ["Connect robots to real lifts", "demo", "serve", "check", "simulate", "maps"],
     "demo": ["three simulated lifts", "--port", "5003", "--speed"],
     "serve": ["Run the lift manager", "SITE", "--port"],
     "check": ["Find every", "FILE", "exits 2"],
@@ -126,6 +126,7 @@ def test_check_says_of_a_good_site_file_what_is_in_it_and_exits_with_0(answers: 
     done = answers("check", "good.yaml")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == [
+        "caution: main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift",
         "caution: main: is commanded without a checkout record for map generic-registers (template)",
         "main: control, floors G, First, Second, map generic-registers (template)",
         "good.yaml: no mistakes",

@@ -1,10 +1,9 @@
-"""The command line: parses words and calls lab, app or config."""
+"""The command line: parses words and calls lab, app, config or commissioning."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import re
 import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -12,17 +11,28 @@ from socket import socket
 from typing import Annotated, Any, TypeVar
 
 import typer
-from rich.console import Console
 
 from drivers.errors import ControllerTaken
 from lift_manager import app as running
-from lift_manager.config.load import LoadedSite, check_file, load_site
+from lift_manager.cli import maps
+from lift_manager.cli.common import (
+    Floors,
+    MapName,
+    SiteFile,
+    fail,
+    loaded_map,
+    loaded_site,
+    out,
+    read_floors,
+    refused,
+    say,
+)
+from lift_manager.config.load import LoadedSite, check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
-from register_maps.load import load
 
 try:
     import uvloop
@@ -37,15 +47,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Connect robots to real lifts over Modbus/TCP.",
 )
-
-_NUMBER = re.compile(r"-?[0-9]+")
-
-_out = Console()
-_err = Console(stderr=True)
+app.add_typer(maps.app, name="maps")
 
 T = TypeVar("T")
 
-SiteFile = Annotated[Path, typer.Argument(metavar="SITE", help="The site file.")]
 Speed = Annotated[
     float, typer.Option(min=0.1, max=100, help="How much faster than real the simulated car and doors move.")
 ]
@@ -61,8 +66,8 @@ def demo(
     try:
         sock = listen("127.0.0.1", port)
     except ListenError as error:
-        raise _fail(str(error)) from error
-    if not _run(run_demo(sock, speed=speed, console=_out)):
+        raise fail(str(error)) from error
+    if not _run(run_demo(sock, speed=speed, console=out)):
         raise typer.Exit(1)
 
 
@@ -75,18 +80,18 @@ def serve(
 ) -> None:
     """Run the lift manager for a site."""
     _log_to_stderr()
-    loaded = _loaded(site)
+    loaded = loaded_site(site)
     for line in loaded.cautions():
         logging.getLogger("lift_manager").warning("%s", line)
     api = loaded.site.api
     try:
         sock = listen(api.host, api.port if port is None else port)
     except ListenError as error:
-        raise _fail(str(error)) from error
+        raise fail(str(error)) from error
     try:
         released = _run(_serve(loaded, sock))
     except* ControllerTaken as group:
-        raise _fail(str(group.exceptions[0])) from group
+        raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)
 
@@ -95,37 +100,30 @@ def serve(
 def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="A site file or a register map.")]) -> None:
     """Find every mistake in a site file or a register map; exits 2 if there is one."""
     try:
-        report = check_file(file)
+        say(check_file(file))
     except MapFileError as error:
-        _say_findings(error)
-        raise typer.Exit(2) from error
-    for line in report:
-        _out.print(line, markup=False, highlight=False, soft_wrap=True)
+        raise refused(error) from error
 
 
 @app.command()
 def simulate(
-    map_name: Annotated[str, typer.Argument(metavar="MAP", help="A shipped map by name, or the path of a map file.")],
+    map_name: MapName,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port of the simulated controller; 0 takes any free one.")
     ] = 5020,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    floors: Annotated[str, typer.Option(help="Floors with their codes, lowest first, such as B1=-1,L1=1,L2=2.")] = "",
+    floors: Floors = "",
     speed: Speed = 1.0,
 ) -> None:
     """Serve one simulated lift that any Modbus/TCP tool can read and command."""
+    source = loaded_map(map_name).map
     try:
-        source = load(map_name, near=Path.cwd()).map
-    except MapFileError as error:
-        _say_findings(error)
-        raise typer.Exit(2) from error
-    try:
-        _run(run_simulation(source, host=host, port=port, floors=_floors(floors), speed=speed, console=_out))
+        _run(run_simulation(source, host=host, port=port, floors=read_floors(floors), speed=speed, console=out))
     except ValueError as error:
-        raise _fail(str(error)) from error
+        raise fail(str(error)) from error
     except OSError as error:
         advice = "give an address of this machine with --host, or another port with --port"
-        raise _fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
+        raise fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
 
 
 async def _serve(loaded: LoadedSite, sock: socket) -> bool:
@@ -134,9 +132,7 @@ async def _serve(loaded: LoadedSite, sock: socket) -> bool:
     host, port = sock.getsockname()[:2]
 
     def ready() -> None:
-        _out.print(
-            f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on http://{host}:{port}/docs", highlight=False
-        )
+        out.print(f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on http://{host}:{port}/docs", highlight=False)
 
     return await running.run(loaded, sock, stop=stop, ready=ready)
 
@@ -144,51 +140,6 @@ async def _serve(loaded: LoadedSite, sock: socket) -> bool:
 def _run(main: Coroutine[Any, Any, T]) -> T:
     with asyncio.Runner(loop_factory=_new_loop) as runner:
         return runner.run(main)
-
-
-def _loaded(site: Path) -> LoadedSite:
-    try:
-        return load_site(site)
-    except MapFileError as error:
-        _say_findings(error)
-        raise typer.Exit(2) from error
-
-
-def _say_findings(error: MapFileError) -> None:
-    for finding in error.findings:
-        _err.print(str(finding), markup=False, highlight=False, soft_wrap=True)
-    count = len(error.findings)
-    _err.print(f"{count} mistake{'' if count == 1 else 's'}", highlight=False)
-
-
-def _floors(text: str) -> dict[str, int] | None:
-    if not text:
-        return None
-    floors: dict[str, int] = {}
-    named: dict[int, str] = {}
-    for part in text.split(","):
-        name, _, number = part.partition("=")
-        name = name.strip()
-        if not name or not _NUMBER.fullmatch(number.strip()):
-            raise _bad_floors(f"{part!r}: write NAME=CODE, such as L1=1")
-        code = int(number)
-        if name in floors:
-            raise _bad_floors(f"floor {name} is given twice")
-        if code in named:
-            raise _bad_floors(f"code {code} is floor {named[code]} already")
-        floors[name], named[code] = code, name
-    if len(floors) < 2:
-        raise _bad_floors("a lift has two floors or more")
-    return floors
-
-
-def _bad_floors(text: str) -> typer.BadParameter:
-    return typer.BadParameter(text, param_hint="--floors")
-
-
-def _fail(text: str) -> typer.Exit:
-    _err.print(text, markup=False, highlight=False, soft_wrap=True)
-    return typer.Exit(1)
 
 
 def _log_to_stderr() -> None:

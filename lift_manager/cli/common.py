@@ -1,0 +1,99 @@
+"""What all commands share: where they print, how they fail, and how they read the words they are given."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from lift_manager.config.load import LoadedSite, load_site
+from register_maps.errors import MapFileError
+from register_maps.load import LoadedMap, load
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+# no emoji: an address such as x:door:1 is no picture
+out = Console(emoji=False)
+err = Console(stderr=True, emoji=False)
+
+SiteFile = Annotated[Path, typer.Argument(metavar="SITE", help="The site file.")]
+MapName = Annotated[str, typer.Argument(metavar="MAP", help="A shipped map by name, or the path of a map file.")]
+Floors = Annotated[str, typer.Option(help="Floors with their codes, lowest first, such as B1=-1,L1=1,L2=2.")]
+
+_NUMBER = re.compile(r"-?[0-9]+")
+
+
+def say(lines: Iterable[str]) -> None:
+    """Print lines as they are: not coloured, not wrapped."""
+    for line in lines:
+        out.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def say_json(found: DataclassInstance | Sequence[DataclassInstance]) -> None:
+    """Print data for other programs."""
+    data = [asdict(item) for item in found] if isinstance(found, Sequence) else asdict(found)
+    say([json.dumps(data, indent=2)])
+
+
+def fail(text: str) -> typer.Exit:
+    """Print one sentence to stderr; raise what this returns."""
+    err.print(text, markup=False, highlight=False, soft_wrap=True)
+    return typer.Exit(1)
+
+
+def refused(error: MapFileError) -> typer.Exit:
+    """Print every mistake of a file to stderr, and their number; raise what this returns."""
+    for finding in error.findings:
+        err.print(str(finding), markup=False, highlight=False, soft_wrap=True)
+    count = len(error.findings)
+    err.print(f"{count} mistake{'' if count == 1 else 's'}", highlight=False)
+    return typer.Exit(2)
+
+
+def loaded_map(name: str) -> LoadedMap:
+    """Load a map, or say what is wrong with it and exit with 2."""
+    try:
+        return load(name, near=Path.cwd())
+    except MapFileError as error:
+        raise refused(error) from error
+
+
+def loaded_site(path: Path) -> LoadedSite:
+    """Load a site, or say what is wrong with it and exit with 2."""
+    try:
+        return load_site(path)
+    except MapFileError as error:
+        raise refused(error) from error
+
+
+def read_floors(text: str) -> dict[str, int] | None:
+    """Read floors with their codes; None where nobody gave any. Raises typer.BadParameter."""
+    if not text:
+        return None
+    floors: dict[str, int] = {}
+    named: dict[int, str] = {}
+    for part in text.split(","):
+        name, _, number = part.partition("=")
+        name = name.strip()
+        if not name or not _NUMBER.fullmatch(number.strip()):
+            raise _bad_floors(f"{part!r}: write NAME=CODE, such as L1=1")
+        code = int(number)
+        if name in floors:
+            raise _bad_floors(f"floor {name} is given twice")
+        if code in named:
+            raise _bad_floors(f"code {code} is floor {named[code]} already")
+        floors[name], named[code] = code, name
+    if len(floors) < 2:
+        raise _bad_floors("a lift has two floors or more")
+    return floors
+
+
+def _bad_floors(text: str) -> typer.BadParameter:
+    return typer.BadParameter(text, param_hint="--floors")

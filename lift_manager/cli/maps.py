@@ -1,0 +1,125 @@
+"""`lift-manager maps`: for whoever writes a map, or has one to hand to a lift company."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lift_manager.cli.common import (
+    Floors,
+    MapName,
+    SiteFile,
+    fail,
+    loaded_map,
+    loaded_site,
+    read_floors,
+    refused,
+    say,
+    say_json,
+)
+from lift_manager.commissioning import maps_check, maps_list, maps_plan, maps_show, maps_text
+from lift_manager.commissioning.iolist import as_csv, as_html, as_xlsx
+from lift_manager.commissioning.iolist.build import io_list
+from lift_manager.commissioning.iolist.model import IoList
+from lift_manager.commissioning.output import OutputRefused, check_ending, save
+from lift_manager.commissioning.plc.errors import NoProgram
+from lift_manager.commissioning.plc.program import render as render_program
+from register_maps.codec import compile_map
+from register_maps.errors import MapFileError
+
+app = typer.Typer(help="List, show and check register maps; plan what they send; print I/O lists and PLC programs.")
+
+_IO_LISTS: Mapping[str, Callable[[IoList], bytes]] = {
+    ".xlsx": as_xlsx.render,
+    ".csv": as_csv.render,
+    ".html": as_html.render,
+}
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, for other programs.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Where to write it.")]
+
+
+@app.callback(invoke_without_command=True)
+def default(context: typer.Context, *, as_json: Json = False) -> None:
+    """List, show and check register maps; plan what they send; print I/O lists and PLC programs."""
+    if context.invoked_subcommand is None:
+        list_maps(as_json=as_json)
+
+
+@app.command("list")
+def list_maps(*, as_json: Json = False) -> None:
+    """List the shipped maps: where each comes from, and what it can say and do."""
+    maps = maps_list.shipped_maps()
+    if as_json:
+        say_json(maps)
+    else:
+        say(maps_list.lines(maps))
+
+
+@app.command()
+def show(map_name: MapName, *, as_json: Json = False) -> None:
+    """Show every point of a map: printed address, address on the wire, function, coding, source."""
+    sheet = maps_show.map_sheet(loaded_map(map_name))
+    if as_json:
+        say_json(sheet)
+    else:
+        say(maps_text.lines(sheet))
+
+
+@app.command()
+def check(
+    file: Annotated[str, typer.Argument(metavar="FILE|MAP", help="A map file, or a shipped map by name.")],
+) -> None:
+    """Find every mistake of a map, and say how to mend each; exits 2 if there is one."""
+    try:
+        say(maps_check.report(file))
+    except MapFileError as error:
+        raise refused(error) from error
+
+
+@app.command()
+def plan(map_name: MapName, floors: Floors = "") -> None:
+    """Print the requests of one poll and of each command, as hex and in plain words; sends nothing."""
+    loaded = loaded_map(map_name)
+    named = read_floors(floors)
+    try:
+        found = maps_plan.plan(loaded.map, named)
+    except ValueError as error:
+        raise fail(f"{loaded.map.name}: {error}") from error
+    say(maps_check.to_be_set(loaded))
+    say(maps_plan.lines(found))
+
+
+@app.command()
+def iolist(site: SiteFile, output: Output, *, force: Force = False) -> None:
+    """Write the I/O list that is handed to the lift company, as .xlsx, .csv or .html."""
+    loaded = loaded_site(site)
+    try:
+        render = _IO_LISTS[check_ending(output, _IO_LISTS)]
+        found = io_list(loaded)
+        save({output: render(found)}, force=force)
+    except OutputRefused as error:
+        raise fail(str(error)) from error
+    points = sum(len(lift.points) for lift in found.lifts)
+    say([f"{output}: {points} points of {len(found.lifts)} lift{'' if len(found.lifts) == 1 else 's'}"])
+
+
+@app.command()
+def plc(map_name: MapName, output: Output, floors: Floors = "", *, force: Force = False) -> None:
+    """Write a PLC program (Structured Text, .st) that serves a generic map, and the sheet for its wiring beside it."""
+    loaded = loaded_map(map_name)
+    named = read_floors(floors)
+    wiring = output.with_name(f"{output.stem}-wiring.md")
+    try:
+        check_ending(output, [".st"])
+        program = render_program(loaded.map, named or maps_plan.example_floors(compile_map(loaded.map)))
+        save({output: program.st.encode(), wiring: program.wiring.encode()}, force=force)
+    except (OutputRefused, NoProgram) as error:
+        raise fail(str(error)) from error
+    say([f"{output}: the program", f"{wiring}: its wiring, and what to try before the first robot"])
+    if named is None:
+        say(["The floors are examples; give the real ones with --floors."])

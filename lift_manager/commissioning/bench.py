@@ -1,0 +1,116 @@
+"""A controller that is not there: the driver's own link, lines and writer at a device in memory that writes down what it hears."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lines import Line, Lines
+from drivers.modbus.link import Link
+from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply
+from drivers.modbus.plan import plan_reads, polled
+from drivers.modbus.steps import Step
+from drivers.modbus.writer import Writer
+from register_maps import frames
+from register_maps.codec import Block, Cell, Codec
+from register_maps.frames import Request
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One request as it reached a device."""
+
+    endpoint: str
+    """Name of the second device; empty for the controller itself."""
+    body: bytes
+    """The frame after its transaction id."""
+    request: Request
+
+
+class Bench:
+    """What a lift of this map would send, one occasion at a time."""
+
+    def __init__(self, codec: Codec, lines: Lines, heard: list[Heard]) -> None:
+        """`heard` is what the devices at the end of `lines` add to."""
+        link = codec.map.link
+        settings = LiftSettings(
+            name=codec.map.name,
+            floors={},
+            control=True,
+            max_registers_per_read=link.max_registers_per_read,
+            max_bits_per_read=link.max_bits_per_read,
+        )
+        self.poll_blocks = plan_reads(
+            polled(codec),
+            codec.served,
+            max_registers=link.max_registers_per_read,
+            max_bits=link.max_bits_per_read,
+        )
+        self._lines = lines
+        self._writer = Writer(codec, codec.commands, lines, settings)
+        self._heard = heard
+
+    @property
+    def output_blocks(self) -> tuple[Block, ...]:
+        """What is read to see what all outputs hold."""
+        return self._writer.all_read_blocks
+
+    async def read(self, block: Block) -> list[Heard]:
+        """Read a block."""
+        await self._lines.cells([block])
+        return self._taken()
+
+    async def write(self, step: Step, cells: Mapping[Cell, int]) -> list[Heard]:
+        """Carry out the write of a step, with the read before it where the map asks for one."""
+        async for _ in self._writer.write(step, cells, _allowed):
+            pass
+        return self._taken()
+
+    async def look(self, step: Step) -> tuple[bool, list[Heard]]:
+        """Look afterwards; returns whether the driver cares, and what it read."""
+        looked = await self._writer.look(step) is not None
+        return looked, self._taken()
+
+    def _taken(self) -> list[Heard]:
+        heard = self._heard.copy()
+        self._heard.clear()
+        return heard
+
+
+@asynccontextmanager
+async def bench(codec: Codec) -> AsyncIterator[Bench]:
+    """Set up one device in memory for the controller and one for each further device of the map."""
+    heard: list[Heard] = []
+    units = {"": codec.map.link.unit_id, **{name: part.unit_id for name, part in codec.map.endpoints.items()}}
+    lines = {name: Line(_link(name, unit, heard), unit) for name, unit in units.items()}
+    running = [asyncio.ensure_future(line.link.run()) for line in lines.values()]
+    try:
+        for line in lines.values():
+            await line.link.wait_up()
+        controller = lines.pop("")
+        yield Bench(codec, Lines(controller, lines), heard)
+    finally:
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+def _link(endpoint: str, unit: int, heard: list[Heard]) -> Link:
+    answer = _written_down(endpoint, MemoryDevice(unit=unit, timed_coils=True), heard)
+    return Link(lambda: MemoryWire(answer), name=endpoint or "controller")
+
+
+def _written_down(endpoint: str, device: MemoryDevice, heard: list[Heard]) -> Callable[[bytes], list[Reply]]:
+    def answer(frame: bytes) -> list[Reply]:
+        heard.append(Heard(endpoint, frame[2:], frames.parse_request(frame, timed_coils=True)))
+        return device.answer(frame)
+
+    return answer
+
+
+def _allowed() -> None:
+    """Nothing is refused here: a plan shows what is sent where everything that the map requires is given."""
+    return

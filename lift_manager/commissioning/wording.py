@@ -1,0 +1,239 @@
+"""Signals and commands of a map in words that an electrician uses: where they are, how they are coded, what is done with them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+from register_maps.codec import CommandCodec, Point, SignalCodec
+from register_maps.command_codec import payload_counts
+from register_maps.schema import Command, Kind, Signal
+from register_maps.words import BIT_TABLES, READ_FUNCTION
+
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
+
+FUNCTIONS = {
+    1: "read coils",
+    2: "read discrete inputs",
+    3: "read holding registers",
+    4: "read input registers",
+    5: "write one coil",
+    6: "write one register",
+    15: "write coils",
+    16: "write registers",
+    22: "mask write register",
+}
+"""Function codes by their use (Modbus Application Protocol V1.1b3, 6)."""
+
+LINK_LOSS = {
+    "device_watchdog": "the watchdog of the controller lets go",
+    "timed_by_device": "the controller ends it by itself",
+    "latches": "STAYS ON: nothing lets go",
+}
+"""What happens to an output when the manager is lost."""
+
+SHARED_WORD = {
+    "owned": "the whole register is ours; its spare bits are written as 0",
+    "mask_write": "others use this register too; only our bits are changed, by function 22",
+    "accepted": "others use this register too; it is read afresh before each write, and a lost update is accepted",
+}
+"""What is said of a register of which a command is only some bits."""
+
+
+def one_line(text: str) -> str:
+    """Take control characters and line ends out of a text that somebody else wrote."""
+    return " ".join(_CONTROL.sub(" ", text).split())
+
+
+def wire(point: Point, count: int = 1) -> str:
+    """Name a place on the wire: `holding 5 bit 0`; `count` places that follow one another: `discrete 0 to 7`."""
+    where = f"{point.endpoint}/{point.table}" if point.endpoint else str(point.table)
+    if point.table in BIT_TABLES or point.width == 16:
+        last = f" to {point.address + count - 1}" if count > 1 else ""
+        return f"{where} {point.address}{last}"
+    last_bit = point.low + point.width * count - 1
+    bits = f"bit {point.low}" if last_bit == point.low else f"bits {point.low} to {last_bit}"
+    return f"{where} {point.address} {bits}"
+
+
+def runs(points: Sequence[Point]) -> Iterator[tuple[int, int]]:
+    """Yield (first index, count) of points that lie side by side, so that eight contacts need not be eight lines."""
+    start = 0
+    for index in range(1, len(points) + 1):
+        if index == len(points) or not _follows(points[index - 1], points[index]):
+            yield start, index - start
+            start = index
+
+
+def in_order(signal: SignalCodec, spec: Signal) -> tuple[Point, ...]:
+    """Return the points of a signal as a reader expects them: of a 32-bit number, the lower address first."""
+    return tuple(sorted(signal.points)) if spec.wide else signal.points
+
+
+def functions(numbers: Sequence[int]) -> str:
+    """List function codes: `FC05, FC15`."""
+    return ", ".join(f"FC{number:02}" for number in dict.fromkeys(numbers))
+
+
+def read_functions(points: Sequence[Point]) -> tuple[int, ...]:
+    """Return the functions by which these points are read."""
+    return tuple(dict.fromkeys(READ_FUNCTION[point.table] for point in points))
+
+
+def signal_coding(signal: SignalCodec, spec: Signal) -> str:
+    """Say how a signal is coded, as a whole."""
+    inverted = "; inverted: 0 = made" if spec.active == "low" else ""
+    if spec.open_limit is not None:
+        return f"limit contacts fully open and fully closed; neither = moving, both = fault{inverted}"
+    if spec.open_limits is not None:
+        return f"one fully-open limit per floor, lowest first; none = closed, several = fault{inverted}"
+    if spec.up is not None:
+        return f"two bits, up and down; neither = stopped, both = unknown{inverted}"
+    if spec.one_of is not None:
+        return f"one bit per floor, lowest first; none = no floor known, several = unknown{inverted}"
+    if spec.each_of is not None:
+        return f"one bit per floor, lowest first; any number of them{inverted}"
+    parts = [*_size(signal, spec), _values(signal, spec)]
+    if spec.unit:
+        parts.append(f"in {spec.unit}")
+    if spec.unit_s is not None:
+        parts.append(f"one count is {spec.unit_s:g} s")
+    if spec.known_while is not None:
+        parts.append(f"counts only while motion says {spec.known_while}")
+    if spec.must_change_within_s is not None:
+        parts.append(f"must change within {spec.must_change_within_s:g} s")
+    return "; ".join(filter(None, parts))
+
+
+def command_coding(command: CommandCodec) -> str:
+    """Say what is written for a command, and what lets go."""
+    spec = command.spec
+    if spec.one_of is not None:
+        each = "one relay pulse per floor" if command.is_timed_coil else "one output per floor"
+        return f"{each}, lowest first; {one_output(command)}"
+    if spec.action == "count":
+        return "counts up from 1, and never writes 0"
+    if spec.action == "toggle":
+        return "0 and 1 in turn"
+    if spec.as_ is not None:
+        number = "signed number" if spec.type == "int16" else "number"
+        rest = "" if command.spec.ends_itself else f"; {spec.rest} = no command"
+        return f"{number}, the code of a floor{rest}"
+    return one_output(command)
+
+
+def action(spec: Command) -> str:
+    """Say how a command is given and how it ends."""
+    if spec.is_heartbeat:
+        return f"always written, every {spec.every_s or 0:g} s"
+    parts = list(_action(spec))
+    if spec.reset_first_s:
+        parts.append(f"the rest value is written {spec.reset_first_s:g} s before each press")
+    if spec.min_repeat_s:
+        parts.append(f"at least {spec.min_repeat_s:g} s from press to press")
+    return "; ".join(parts)
+
+
+def confirmation(spec: Command) -> str:
+    """Say what proves that a command worked; empty where the map names nothing."""
+    if spec.confirm is None:
+        return ""
+    words = {"effect": "the lift does it", "readback": "the output reads back as written"}
+    shown = " or ".join(words.get(name, f"{name} shows it") for name in spec.confirm.any_of)
+    return f"{shown}, within {spec.confirm.within_s:g} s"
+
+
+def conditions(spec: Command) -> str:
+    """Say what must be true before a press, what is let go first, and what the controller grants."""
+    parts = []
+    if spec.requires:
+        parts.append(f"only while {' and '.join(spec.requires)} {'reads' if len(spec.requires) == 1 else 'read'} yes")
+    if spec.excludes:
+        gap = f" {spec.gap_s:g} s before" if spec.gap_s else ""
+        parts.append(
+            f"{' and '.join(spec.excludes)} {'is' if len(spec.excludes) == 1 else 'are'} let go{gap or ' first'}"
+        )
+    if spec.granted_by is not None:
+        parts.append(f"granted by {spec.granted_by}, within {spec.granted_within_s:g} s")
+    return "; ".join(parts)
+
+
+def link_loss(spec: Command) -> str:
+    """Say what happens to a command when the manager is lost."""
+    if spec.on_link_loss is not None:
+        return LINK_LOSS[spec.on_link_loss]
+    if spec.is_heartbeat:
+        return "stops: that is how the controller notices"
+    if spec.ends_itself:
+        return LINK_LOSS["timed_by_device"]
+    return "a press that is on STAYS ON until the manager is back"
+
+
+def _follows(one: Point, other: Point) -> bool:
+    if (one.endpoint, one.table, one.width) != (other.endpoint, other.table, other.width):
+        return False
+    if one.whole:
+        return other.address == one.address + 1
+    return other.address == one.address and other.low == one.low + one.width
+
+
+def _size(signal: SignalCodec, spec: Signal) -> Iterator[str]:
+    if spec.code_of is not None:
+        yield f"{len(signal.points)} bits, lowest first"
+    elif spec.wide:
+        order = "high word first" if spec.word_order == "high_first" else "low word first"
+        yield f"two registers, 32 bits, {order}"
+    elif spec.bits is not None and signal.points[0].width > 1:
+        yield f"{signal.points[0].width} bits"
+    if spec.type in ("int16", "int32"):
+        yield "signed"
+    if spec.code == "gray":
+        yield "Gray code"
+    if spec.active == "low" and signal.width > 1 and signal.kind is not Kind.FLAG:
+        yield "every bit inverted"
+
+
+def _values(signal: SignalCodec, spec: Signal) -> str:
+    special = [f"{code} = not known" for code in spec.unknown] + [f"{code} = no floor" for code in spec.none]
+    if signal.kind is Kind.FLAG:
+        yes = spec.means_yes if signal.width > 1 else 1
+        return f"0 = yes, {yes} = no (inverted)" if spec.active == "low" else f"{yes} = yes, 0 = no"
+    if signal.kind in (Kind.DOOR, Kind.MOTION, Kind.MODE):
+        flip = 1 if spec.active == "low" and signal.width == 1 else 0
+        table = spec.values or {0: "closed", 1: "open"}
+        told = ", ".join([*(f"{code ^ flip} = {word}" for code, word in table.items()), *special])
+        return f"{told} (inverted)" if flip else told
+    if signal.kind is Kind.FLOOR:
+        return ", ".join(["the code of a floor", *special])
+    return {Kind.COUNTER: "a number that changes"}.get(signal.kind, "a number")
+
+
+def one_output(command: CommandCodec) -> str:
+    """One output of a command."""
+    spec = command.spec
+    if spec.payload is not None:
+        counts = f"{payload_counts(spec)} counts of {spec.payload.unit_s:g} s"
+        if command.is_timed_coil:
+            return f"the time in the request ({counts}) closes the relay"
+        return f"the time it is to last ({counts}) is written; {spec.rest} lets go"
+    on, rest = spec.on, spec.rest
+    return f"{on} = on" if spec.ends_itself else f"{on} = on, {rest} = let go"
+
+
+def _action(spec: Command) -> Iterator[str]:
+    width, limit = spec.width_s or 0.0, spec.max_hold_s or 0.0
+    if spec.action == "pulse" and spec.timed_by == "device":
+        yield f"a press of {width:g} s that the device ends; nothing is written back"
+    elif spec.action == "pulse":
+        yield f"pressed for {width:g} s, then let go"
+    else:
+        ends = {"arrived": "until the car is there", "closed": "until the door is closed"}
+        ends |= {"robot_in_place": "until the robot is in place", "robot_left": "until the robot has left"}
+        until = ends.get(spec.until or "", "until let go")
+        yield f"held {until}, at most {limit:g} s unless wanted anew"
+        if spec.repeat_pulse_s is not None:
+            yield f"made of presses of {width:g} s, every {spec.repeat_pulse_s:g} s"
+    if spec.refresh_s is not None:
+        yield f"written again every {spec.refresh_s:g} s"
+    if spec.bounded_by == "session":
+        yield "ends with the session"
