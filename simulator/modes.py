@@ -48,7 +48,7 @@ SERVICE: Mapping[Mode, Service] = MappingProxyType(
 """The modes this controller has; it has no attendant mode."""
 
 
-def overriding_mode(key: Key, *, fire: bool, emergency: bool) -> Mode | None:
+def overriding_mode(key: Key, *, fire: bool, emergency: bool, fault: bool) -> Mode | None:
     """The mode that goes before robot and normal, if one does; highest first."""
     if key is Key.INSPECTION:
         return Mode.INSPECTION
@@ -56,7 +56,7 @@ def overriding_mode(key: Key, *, fire: bool, emergency: bool) -> Mode | None:
         return Mode.FIRE
     if emergency:
         return Mode.EMERGENCY
-    if key is Key.OUT_OF_SERVICE:
+    if fault or key is Key.OUT_OF_SERVICE:
         return Mode.OUT_OF_SERVICE
     if key is Key.INDEPENDENT:
         return Mode.INDEPENDENT

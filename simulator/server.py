@@ -16,16 +16,24 @@ from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from register_maps import frames
-from register_maps.errors import FrameError
+from register_maps.errors import BadRequest, FrameError
 from register_maps.words import Table
-from simulator.registers import ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection
+from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection
 
 _FUNCTION_AT = 7
 """Where the function code is in a frame."""
 
+_COIL_VALUE_AT = slice(10, 12)
+_COIL_VALUES = (b"\xff\x00", b"\x00\x00")
+"""What the specification lets function 5 write (V1.1b3, 6.5); pymodbus takes anything else for off."""
+
 _TABLES = {1: Table.COIL, 5: Table.COIL, 15: Table.COIL, 2: Table.DISCRETE, 4: Table.INPUT} | dict.fromkeys(
     (3, 6, 16, 22, 23), Table.HOLDING
 )
+
+
+_WRITES_THAT_ASK = (frames.WRITE_COIL, frames.WRITE_REGISTER, frames.MASK_WRITE)
+"""Writes for which pymodbus reads the cell again: to answer, or to mask it."""
 
 
 class Device(Protocol):
@@ -37,6 +45,14 @@ class Device(Protocol):
 
     def write(self, table: Table, address: int, values: list[int], now: float) -> None:
         """Write cells, or raise Objection."""
+        ...
+
+    def stored(self, table: Table, address: int, now: float) -> int:
+        """Return what was last written to a cell, or raise Objection: a mask write starts from it, and a write is answered with it."""
+        ...
+
+    def pulse(self, address: int, counts: int, now: float) -> None:
+        """Set a coil for so many counts of the device, or raise Objection."""
         ...
 
 
@@ -60,6 +76,8 @@ class _Context:
         self, device_id: int, func_code: int, address: int, count: int = 1
     ) -> list[int] | ExcCodes:
         try:
+            if func_code in _WRITES_THAT_ASK:
+                return [self._device(device_id).stored(_TABLES[func_code], address, self._clock())]
             return self._device(device_id).read(_TABLES[func_code], address, count, self._clock())
         except Objection as objection:
             return ExcCodes(objection.code)
@@ -72,6 +90,17 @@ class _Context:
         except Objection as objection:
             return ExcCodes(objection.code)
         return None
+
+    def pulse(self, frame: bytes) -> bytes:
+        """Carry out a function 5 with a duration and return the answer."""
+        try:
+            request = frames.parse_request(frame, timed_coils=True)
+            self._device(request.unit).pulse(request.address, request.duration or 0, self._clock())
+        except (BadRequest, Objection) as refusal:
+            return frames.exception_answer(frame, refusal.code)
+        except NoSuchIdException:
+            return frames.exception_answer(frame, ExcCodes.GATEWAY_NO_RESPONSE)
+        return frames.answer(request, frames.tid_of(frame))
 
     def _device(self, unit: int) -> Device:
         if unit not in self._devices:
@@ -86,9 +115,11 @@ class _Connection(ServerRequestHandler):
     notes S1 and S2), and what it cannot decode it answers for function 80.
     """
 
-    def __init__(self, owner: ModbusTcpServer) -> None:
+    def __init__(self, owner: ModbusTcpServer, context: _Context) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
-        self._waiting: deque[ModbusPDU] = deque()
+        self._context = context
+        self._waiting: deque[ModbusPDU | bytes] = deque()
+        """Requests in their order; as bytes those that pymodbus cannot read."""
         self._worker: asyncio.Task[None] | None = None
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
@@ -105,6 +136,9 @@ class _Connection(ServerRequestHandler):
 
     def _take(self, frame: bytes) -> None:
         function = frame[_FUNCTION_AT]
+        if function == frames.WRITE_COIL and frame[_COIL_VALUE_AT] not in _COIL_VALUES:
+            self._waiting.append(frame)
+            return
         try:
             _, request = self.framer.handleFrame(frame, 0, 0)
         except ModbusIOException:
@@ -117,17 +151,27 @@ class _Connection(ServerRequestHandler):
     async def _work(self) -> None:
         try:
             while self._waiting:
-                self.last_pdu = self._waiting.popleft()
-                await self.handle_request()  # type: ignore[no-untyped-call]
+                request = self._waiting.popleft()
+                if isinstance(request, bytes):
+                    self.send(self._context.pulse(request))
+                else:
+                    self.last_pdu = request
+                    await self.handle_request()  # type: ignore[no-untyped-call]
         finally:
             self._worker = None
 
 
 class _Server(ModbusTcpServer):
-    """pymodbus's server with connections of ours."""
+    """pymodbus's server with context and connections of ours."""
+
+    def __init__(self, context: _Context, address: tuple[str, int]) -> None:
+        placeholder = SimDevice(0, simdata=[SimData(0, values=0, datatype=DataType.UINT16)])
+        super().__init__(placeholder, address=address)
+        self.context = context  # type: ignore[assignment]  # the same two methods
+        self._ours = context
 
     def callback_new_connection(self) -> _Connection:
-        return _Connection(self)
+        return _Connection(self, self._ours)
 
 
 class SimulatedController:
@@ -159,9 +203,7 @@ class SimulatedController:
         """Listen. Raises OSError when the port is taken."""
         loop = asyncio.get_running_loop()
         _check_free(self._host, self._port)
-        placeholder = SimDevice(0, simdata=[SimData(0, values=0, datatype=DataType.UINT16)])
-        server = _Server(placeholder, address=(self._host, self._port))
-        server.context = _Context(self._devices, self._clock or loop.time)  # type: ignore[assignment]  # same two methods
+        server = _Server(_Context(self._devices, self._clock or loop.time), (self._host, self._port))
         await server.serve_forever(background=True)
         # asyncio's and uvloop's servers share no class that has sockets
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]

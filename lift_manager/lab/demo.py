@@ -14,10 +14,9 @@ from rich.console import Console
 from lift_manager import app
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.lab.plant import simulated_lift
+from lift_manager.lab.plant import controllers, simulated_lift
 from register_maps.codec import compile_map
 from register_maps.load import load
-from simulator.server import SimulatedController
 
 POLL_S = 0.1
 ACCEPTED = "the controller is simulated and ends with the manager"
@@ -51,10 +50,11 @@ async def run_demo(sock: socket, *, speed: float, console: Console) -> bool:
 
 async def _start(lift: DemoLift, speed: float, stack: AsyncExitStack) -> int:
     codec = compile_map(load(lift.map).map)
-    controller = SimulatedController({codec.map.link.unit_id: simulated_lift(codec, lift.floors, speed=speed)})
-    await controller.start()
-    stack.push_async_callback(controller.stop)
-    return controller.port
+    servers = controllers(codec.map, simulated_lift(codec, lift.floors, speed=speed))
+    for server in servers.values():
+        await server.start()
+        stack.push_async_callback(server.stop)
+    return servers[""].port
 
 
 def _site(ports: Mapping[str, int]) -> Site:

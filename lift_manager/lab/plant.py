@@ -1,36 +1,100 @@
-"""Simulated lifts for demo and `simulate`: a map, floors and a speed become a controller at a port."""
+"""Simulated lifts for demo and `simulate`: a map, floors and a speed become a controller and its devices."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
-from register_maps.codec import Codec, compile_map
-from register_maps.schema import RegisterMap
+from register_maps.codec import Codec, SignalCodec, compile_map
+from register_maps.schema import Kind, RegisterMap
 from register_maps.words import Side
 from simulator import shaft
-from simulator.controller import Parameters
 from simulator.modes import Key
 from simulator.registers import RegisterFace
+from simulator.server import SimulatedController
+from simulator.state import Parameters
+
+HIGHEST_TRIED = 99
+"""Where codes are numbers, floors are looked for up to here. Chosen: more than any building has."""
+USUAL_FLOORS = 4
+"""How many floors a simulated building has where its map leaves the choice. Chosen."""
 
 
-def simulated_lift(codec: Codec, floors: Mapping[str, int], *, speed: float = 1.0) -> RegisterFace:
+def simulated_lift(
+    codec: Codec, floors: Mapping[str, int], *, speed: float = 1.0, like: Parameters | None = None
+) -> RegisterFace:
     """Return a lift with these floors (name to code, lowest first), standing at the lowest listed floor that is not a basement.
 
-    A map whose commands need robot mode but cannot ask for it gets a lift whose key switch stands on robot.
+    A map whose commands need robot mode but cannot ask for it gets a lift whose key switch stands on robot. `like` are
+    further settings; its building is replaced. Raises ValueError for a floor that the map cannot express.
     """
     needs_mode = any("robot_mode_on" in command.spec.requires for command in codec.commands.values())
     key = Key.ROBOT if needs_mode and "robot_mode" not in codec.commands else Key.NORMAL
-    sides = frozenset(side for side in Side if f"door.{side}" in codec.signals) or frozenset({Side.FRONT})
-    building = shaft.Parameters(heights_m=shaft.even_heights(len(floors)), doors_at=(sides,) * len(floors))
+    named = {*codec.signals, *codec.commands}
+    kinds = ("door", "hold_door", "close_door", "go_to")
+    sides = frozenset(side for side in Side if not named.isdisjoint({f"{kind}.{side}" for kind in kinds}))
+    doors_at = (sides or frozenset({Side.FRONT}),) * len(floors)
+    building = shaft.Parameters(heights_m=shaft.even_heights(len(floors)), doors_at=doors_at)
     codes = tuple(floors.values())
     start = next((index for index, code in enumerate(codes) if code >= 0), 0)
-    return RegisterFace(codec, codes, Parameters(shaft=building, speed=speed), start=start, key=key)
+    settings = replace(like or Parameters(), shaft=building, speed=speed)
+    return RegisterFace(codec, codes, settings, start=start, key=key)
 
 
 def default_floors(source: RegisterMap) -> dict[str, int]:
-    """Return floors that a map can express, for a simulation nobody gave floors to: L1, L2 and so on, four if it may choose."""
+    """Return floors that a map can express, for a simulation nobody gave floors to: L1, L2 and so on, four if it may choose.
+
+    Raises ValueError for a map that cannot express two.
+    """
     codec = compile_map(source)
-    places = [len(signal.points) for name, signal in codec.signals.items() if name == "car_floor"]
-    if places and places[0] > 1:
-        return {f"L{code + 1}": code for code in range(places[0])}
-    return {f"L{code}": code for code in range(1, 5)}
+    places = list(_places(codec))
+    if places:
+        codes = [code for code in range(min(places)) if _is_expressible(codec, code)]
+    else:
+        tried = [*range(1, HIGHEST_TRIED + 1), 0]
+        codes = sorted([code for code in tried if _is_expressible(codec, code)][:USUAL_FLOORS])
+    if len(codes) < 2:
+        raise ValueError(f"{source.name} can express fewer than two floors; name them with --floors")
+    first = 1 if 0 in codes else 0
+    return {f"L{code + first}": code for code in codes}
+
+
+def controllers(
+    source: RegisterMap, lift: RegisterFace, *, host: str = "127.0.0.1", port: int = 0
+) -> dict[str, SimulatedController]:
+    """Return one server for the controller (its name is empty) and one for each endpoint of the map, on the ports after it."""
+    devices = {"": lift} | {name: lift.endpoint(name) for name in source.endpoints}
+    return {
+        name: SimulatedController({source.unit_of(name): device}, host=host, port=port + number if port else 0)
+        for number, (name, device) in enumerate(devices.items())
+    }
+
+
+def blind_spots(codec: Codec) -> tuple[str, ...]:
+    """Return what a map does not tell of its lift, in plain words."""
+    told = codec.signals.keys()
+    blind = [] if "car_floor" in told else ["where the car is"]
+    return (*blind, *([] if any(name.startswith("door.") for name in told) else ["whether its door is open"]))
+
+
+def _places(codec: Codec) -> Iterator[int]:
+    """How many floors each call and each signal with one point per floor has room for."""
+    yield from (len(signal.points) for signal in codec.signals.values() if signal.per_floor)
+    yield from (len(call.points) for call in codec.commands.values() if call.spec.one_of is not None)
+
+
+def _is_expressible(codec: Codec, code: int) -> bool:
+    for command in codec.commands.values():
+        if command.is_call:
+            try:
+                command.encode(code)
+            except ValueError:
+                return False
+    return all(_says(signal, code) for signal in codec.signals.values() if signal.kind is Kind.FLOOR)
+
+
+def _says(signal: SignalCodec, code: int) -> bool:
+    try:
+        return signal.decode(signal.encode(code)) == code
+    except ValueError:
+        return False

@@ -31,6 +31,8 @@ class Notebook:
     reads: list[tuple[Table, int, int]] = field(default_factory=list)
     objects: int = 0
     """Exception code that it answers everything with; 0: none."""
+    pulses: list[tuple[int, int]] | None = None
+    """Durations that its coils were written with; None: they take none."""
 
     def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
         self.check(address + count)
@@ -41,6 +43,16 @@ class Notebook:
         self.check(address + len(values))
         self.writes.append((table, address, values))
         self.cells[table][address : address + len(values)] = values
+
+    def stored(self, table: Table, address: int, now: float) -> int:
+        self.check(address + 1)
+        return self.cells[table][address]
+
+    def pulse(self, address: int, counts: int, now: float) -> None:
+        self.check(address + 1)
+        if self.pulses is None:
+            raise Objection(3)
+        self.pulses.append((address, counts))
 
     def check(self, end: int) -> None:
         if self.objects or end > SPAN:
@@ -165,6 +177,65 @@ def test_a_read_after_a_write_sees_it() -> None:
     with_server(check)
 
 
+def test_a_mask_write_changes_the_masked_bits_of_what_was_stored() -> None:
+    # the example of the specification (V1.1b3, 6.16): register 4 holds 12, AND mask F2, OR mask 25, and holds 17 after it
+    masked = "00 01 00 00 00 08 01 16 00 04 00 F2 00 25"
+
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        notebook.cells[Table.HOLDING][4] = 0x12
+        async with line(server.port) as raw:
+            raw.send(masked)
+            assert await raw.answer() == masked
+        assert notebook.writes == [(Table.HOLDING, 4, [0x17])]
+        assert notebook.reads == []
+
+    with_server(check)
+
+
+def test_a_mask_write_of_another_program_is_understood() -> None:
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        notebook.cells[Table.HOLDING][9] = 0b1010
+        async with client(server.port) as modbus:
+            answer = await modbus.mask_write_register(address=9, and_mask=0b1101, or_mask=0b0010)
+            assert not answer.isError()
+        assert notebook.writes == [(Table.HOLDING, 9, [0b1010])]
+
+    with_server(check)
+
+
+@pytest.mark.parametrize(("word", "counts"), [("00 01", 1), ("00 05", 5), ("7F FF", 32767)])
+def test_a_coil_written_with_a_duration_is_pulsed(word: str, counts: int) -> None:
+    timed = f"00 01 00 00 00 06 01 05 00 20 {word}"
+
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        notebook.pulses = []
+        async with line(server.port) as raw:
+            raw.send(timed)
+            assert await raw.answer() == timed
+        assert notebook.pulses == [(0x20, counts)]
+        assert notebook.writes == []
+
+    with_server(check)
+
+
+def test_durations_and_plain_writes_of_one_segment_are_carried_out_in_order() -> None:
+    on, timed, off = (
+        "00 01 00 00 00 06 01 05 00 20 FF 00",
+        "00 02 00 00 00 06 01 05 00 20 00 05",
+        "00 03 00 00 00 06 01 05 00 20 00 00",
+    )
+
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        notebook.pulses = []
+        async with line(server.port) as raw:
+            raw.send(on, timed, off)
+            assert [await raw.answer() for _ in range(3)] == [on, timed, off]
+        assert notebook.writes == [(Table.COIL, 0x20, [1]), (Table.COIL, 0x20, [0])]
+        assert notebook.pulses == [(0x20, 5)]
+
+    with_server(check)
+
+
 # -- exceptions and units
 
 
@@ -182,6 +253,7 @@ def test_what_a_device_objects_is_answered_for_reads_and_for_writes(code: int) -
                 await modbus.write_register(0, 1),
                 await modbus.write_coils(0, [True]),
                 await modbus.write_registers(0, [1]),
+                await modbus.mask_write_register(address=0, and_mask=1, or_mask=1),
             ]
             assert {answer.exception_code for answer in answers} == {code}
             notebook.objects = 0
@@ -201,12 +273,23 @@ def test_what_a_device_objects_is_answered_for_reads_and_for_writes(code: int) -
         ("00 07 00 00 00 06 01 03 00 00 00 00", "00 07 00 00 00 03 01 83 03"),
         # beyond the last address
         ("00 08 00 00 00 06 01 03 FF FF 00 02", "00 08 00 00 00 03 01 83 02"),
+        # a coil that takes no duration, and values that are none
+        ("00 0D 00 00 00 06 01 05 00 00 00 05", "00 0D 00 00 00 03 01 85 03"),
+        ("00 0E 00 00 00 06 01 05 00 00 80 00", "00 0E 00 00 00 03 01 85 03"),
+        ("00 0F 00 00 00 06 01 05 00 00 FF 01", "00 0F 00 00 00 03 01 85 03"),
+        ("00 10 00 00 00 04 01 05 00 00", "00 10 00 00 00 03 01 85 03"),
+        ("00 11 00 00 00 08 01 16 FF FF 00 00 00 00", "00 11 00 00 00 03 01 96 02"),
         # units that nobody plays
         ("00 09 00 00 00 06 02 03 00 00 00 01", "00 09 00 00 00 03 02 83 0B"),
         ("00 0A 00 00 00 06 00 06 00 10 00 01", "00 0A 00 00 00 03 00 86 0B"),
         ("00 0B 00 00 00 08 FF 0F 00 00 00 01 01 01", "00 0B 00 00 00 03 FF 8F 0B"),
+        ("00 12 00 00 00 06 07 05 00 00 00 05", "00 12 00 00 00 03 07 85 0B"),
+        ("00 13 00 00 00 08 07 16 00 00 00 00 00 00", "00 13 00 00 00 03 07 96 0B"),
     ],
-    ids=["function", "count 126", "count 0", "address", "unit 2", "unit 0", "unit 255"],
+    ids=[
+        *("function", "count 126", "count 0", "address", "duration", "duration 8000", "duration FF01", "short", "mask"),
+        *("unit 2", "unit 0", "unit 255", "duration, unit 7", "mask, unit 7"),
+    ],
 )
 def test_what_it_cannot_do_is_answered_with_the_exception_of_the_specification(asked: str, answer: str) -> None:
     async def check(server: SimulatedController, notebook: Notebook) -> None:

@@ -4,12 +4,10 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
-
-import yaml
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
+from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from lift_manager.core.bus import Bus
@@ -18,34 +16,42 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.lab.plant import default_floors, simulated_lift
 from register_maps import frames
 from register_maps.codec import Codec, compile_map
 from register_maps.frames import Request
-from register_maps.schema import RegisterMap
+from register_maps.load import load
 from register_maps.words import BIT_TABLES
-from simulator import shaft
 from simulator.controller import Inputs, Parameters
-from simulator.modes import Key
-from simulator.registers import Objection, RegisterFace
+from simulator.registers import Endpoint, Objection, RegisterFace
 from tests.support.virtual_time import elapse, run_virtual
 
-MAPS = Path(__file__).parents[2] / "register_maps" / "maps"
 CALL = 16
 """The call register of generic-registers."""
+FLOORS = {"generic-registers": {"L1": 1, "L2": 2, "L3": 3}}
+"""Floors of maps that could have others; the rest get those of a simulation."""
 WORKSHOP = Holder("workshop", "workshop")
 OTHER = Holder("rmf", "fleet/robot1")
 
 
 def compiled(name: str) -> Codec:
     """A shipped map, compiled."""
-    return compile_map(RegisterMap.model_validate(yaml.safe_load((MAPS / f"{name}.yaml").read_text("utf-8"))))
+    return compile_map(load(name).map)
+
+
+def asked_of(request: Request) -> tuple[int, ...]:
+    """What a write puts there; of a mask write the bits it sets."""
+    if request.function != frames.MASK_WRITE:
+        return request.values
+    keep, put = request.values
+    return (put & ~keep,)
 
 
 @dataclass
 class SimulatedDevice:
-    """A register face at the end of memory wires."""
+    """A register face, or one of its endpoints, at the end of memory wires."""
 
-    face: RegisterFace
+    face: RegisterFace | Endpoint
     writes: list[tuple[float, Request]] = field(default_factory=list)
     silent: bool = False
     """Hears nothing and answers nothing."""
@@ -65,14 +71,14 @@ class SimulatedDevice:
     def answer(self, frame: bytes) -> list[Reply]:
         if self.silent:
             return []
-        request, now = frames.parse_request(frame), asyncio.get_running_loop().time()
-        if self.refuses and any(request.values):
+        request, now = frames.parse_request(frame, timed_coils=True), asyncio.get_running_loop().time()
+        if self.refuses and any(asked_of(request)):
             self.refused += 1
             return [(self.delay_s, frames.exception_answer(frame, 4))]
         try:
             if request.is_write:
                 if not (self.ignores_calls and request.address == CALL):
-                    self.face.write(request.table, request.address, request.values, now)
+                    self._write(request, now)
                 self.writes.append((now, request))
                 payload = b""
             else:
@@ -86,6 +92,15 @@ class SimulatedDevice:
             return [(self.delay_s, frames.exception_answer(frame, objection.code))]
         return [(self.delay_s, frames.answer(request, frames.tid_of(frame), payload))]
 
+    def _write(self, request: Request, now: float) -> None:
+        if request.function == frames.MASK_WRITE:
+            keep, put = request.values
+            self.face.mask_write(request.address, keep, put, now)
+        elif request.duration is not None:
+            self.face.pulse(request.address, request.duration, now)
+        else:
+            self.face.write(request.table, request.address, request.values, now)
+
 
 @dataclass
 class Spine:
@@ -96,10 +111,9 @@ class Spine:
     bus: Bus[Event]
     driver: ModbusLift
     link: Link
-
-    @property
-    def face(self) -> RegisterFace:
-        return self.device.face
+    face: RegisterFace
+    endpoints: Mapping[str, SimulatedDevice]
+    """Further devices of the map, by name."""
 
     @property
     def state(self) -> LiftState:
@@ -123,9 +137,9 @@ class Spine:
     def presses(self, address: int = CALL) -> list[tuple[float, int]]:
         """Times and values of the writes to one cell that ask for something."""
         return [
-            (at, request.values[0])
+            (at, asked_of(request)[0])
             for at, request in self.device.writes
-            if request.address == address and any(request.values)
+            if request.address == address and any(asked_of(request))
         ]
 
     async def until(self, true: Callable[[LiftState], bool], within_s: float = 60.0) -> float:
@@ -147,15 +161,35 @@ async def spine(
     lease_s: float = 300.0,
     max_session_hold_s: float = 900.0,
     poll_s: float = 0.1,
+    infer_occupancy: bool = False,
+    codec: Codec | None = None,
+    like: Parameters | None = None,
 ) -> AsyncIterator[Spine]:
-    codec = compiled(map_name)
-    two_stop = map_name == "two-stop-agv"
-    named = dict(floors) if floors else ({"L1": 0, "L2": 1} if two_stop else {"L1": 1, "L2": 2, "L3": 3})
-    building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(len(named))))
-    face = RegisterFace(codec, tuple(named.values()), building, key=Key.ROBOT if two_stop else Key.NORMAL)
-    device = SimulatedDevice(face)
-    link = Link(device.wire, LinkSettings(), name="plc")
-    driver = ModbusLift(codec, link, LiftSettings(name="lift", floors=named, control=control))
+    """One lift of a shipped map, or of `codec`, standing at its lowest floor above ground; `like` are settings of its controller."""
+    codec = codec or compiled(map_name)
+    source = codec.map
+    named = dict(floors or FLOORS.get(source.name) or default_floors(source))
+    face = simulated_lift(codec, named, like=like)
+    devices = {"": SimulatedDevice(face)} | {name: SimulatedDevice(face.endpoint(name)) for name in source.endpoints}
+    settings = LinkSettings(
+        timeout_s=source.link.timeout_s, min_gap_s=source.link.min_gap_s, reconnect_min_s=source.link.reconnect_min_s
+    )
+    lines = {
+        name: Line(Link(device.wire, settings, name=name or "plc"), source.unit_of(name))
+        for name, device in devices.items()
+    }
+    device, link = devices.pop(""), lines[""].link
+    links = [line.link for line in lines.values()]
+    lift_settings = LiftSettings(
+        name="lift",
+        floors=named,
+        unit_id=lines.pop("").unit_id,
+        control=control,
+        max_age_s=source.link.max_age_s,
+        max_registers_per_read=source.link.max_registers_per_read,
+        max_bits_per_read=source.link.max_bits_per_read,
+    )
+    driver = ModbusLift(codec, link, lift_settings, lines)
     bus: Bus[Event] = Bus()
     options = LiftOptions(
         name="lift",
@@ -164,11 +198,12 @@ async def spine(
         control=control,
         lease_s=lease_s,
         max_session_hold_s=max_session_hold_s,
-        poll_s=poll_s,
+        poll_s=max(poll_s, source.link.min_poll_s),
+        infer_occupancy=infer_occupancy,
     )
     task = LiftTask(driver, options, bus)
-    running = [asyncio.ensure_future(work) for work in (link.run(), task.drive(), task.run())]
-    made = Spine(device, task, bus, driver, link)
+    running = [asyncio.ensure_future(work) for work in (*(one.run() for one in links), task.drive(), task.run())]
+    made = Spine(device, task, bus, driver, link, face, devices)
     await elapse(1.5)
     try:
         yield made

@@ -1,0 +1,94 @@
+"""Lines to paste into a shell that read a simulated lift and command it. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from register_maps import frames
+from register_maps.codec import Codec, CommandCodec, Point
+from register_maps.command_codec import payload_counts
+from register_maps.words import Table
+from simulator.asks import watchdog_s
+
+_TYPE = {Table.COIL: 0, Table.DISCRETE: 1, Table.INPUT: 3, Table.HOLDING: 4}
+"""mbpoll's option -t."""
+
+MOST_PER_READ = 125
+"""mbpoll reads no more at once, bits included."""
+
+
+def lines(codec: Codec, floors: Mapping[str, int], where: Mapping[str, str]) -> list[str]:
+    """Return lines that read everything and give every command once; `where` is host:port of each device."""
+    made = ["", "Read what it says, or give a command, with any Modbus tool; with mbpoll for example:"]
+    made += [f"  {line}" for line in _reads(codec, where)]
+    for command in codec.commands.values():
+        made += [f"  {line}" for line in _gives(codec, command, floors, where)]
+    return made
+
+
+def _mbpoll(codec: Codec, endpoint: str, where: Mapping[str, str]) -> tuple[str, str]:
+    host, _, port = where[endpoint].rpartition(":")
+    return f"mbpoll -m tcp -a {codec.map.unit_of(endpoint)} -p {port} -0", host
+
+
+def _reads(codec: Codec, where: Mapping[str, str]) -> Iterator[str]:
+    points = [*codec.signal_points, *(point for command in codec.commands.values() for point in command.read_points)]
+    for name in dict.fromkeys(point.space for point in points):
+        mine = [point for point in points if point.space == name]
+        tool, host = _mbpoll(codec, mine[0].endpoint, where)
+        for span in codec.served[name]:
+            addresses = sorted({point.address for point in mine if point.address in span})
+            while addresses:
+                first = addresses[0]
+                last = max(address for address in addresses if address < first + MOST_PER_READ)
+                yield f"{tool} -1 -t {_TYPE[mine[0].table]} -r {first} -c {last - first + 1} {host}"
+                addresses = [address for address in addresses if address > last]
+
+
+def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where: Mapping[str, str]) -> Iterator[str]:
+    spec = command.spec
+    floor, code = list(floors.items())[-1]
+    pressed = command.encode(code if command.is_call else 1)
+    # of one output per floor, that of the floor alone
+    point = next((point for point, value in pressed.items() if value), command.points[0])
+    what = f"# {command.name}{f' {floor}' if command.is_call else ''}"
+    if command.is_timed_coil:
+        yield f"{_raw(codec, command, point, where)}   {what}, for {spec.width_s:g} s; mbpoll has no function for that"
+        return
+    tool, host = _mbpoll(codec, point.endpoint, where)
+    to = f"{tool} -t {_TYPE[point.table]} -r {point.address} {host}"
+    shared = "" if point.whole else "; writes the whole register"
+    if spec.is_heartbeat:
+        changes = "another value" if spec.action == "count" else "0 and 1 in turn"
+        yield f"{to} 1   {what}, {changes} every {spec.every_s:g} s{shared}"
+        return
+    yield f"{to} {_word(codec, point, pressed[point])}   {what}{_conditions(codec, command)}{shared}"
+    if not spec.ends_itself:
+        yield f"{to} {_word(codec, point, command.encode(None)[point])}   # lets go of it"
+
+
+def _word(codec: Codec, point: Point, value: int) -> int:
+    """Contents of a whole address: the point's value among neighbours at rest."""
+    cell = 0
+    for command in codec.commands.values():
+        for other, rest in command.encode(None).items():
+            if other.cell == point.cell:
+                cell = other.into(cell, rest)
+    return point.into(cell, value)
+
+
+def _raw(codec: Codec, command: CommandCodec, point: Point, where: Mapping[str, str]) -> str:
+    """One function 5 with a duration, byte by byte."""
+    host, _, port = where[point.endpoint].rpartition(":")
+    request = frames.pulse_coil(point.address, payload_counts(command.spec), codec.map.unit_of(point.endpoint))
+    octal = "".join(f"\\{byte:03o}" for byte in frames.frame(request, 1))
+    return f"printf '{octal}' | nc -w 1 {host} {port} | od -An -tx1"
+
+
+def _conditions(codec: Codec, command: CommandCodec) -> str:
+    needs = f", only while {' and '.join(command.spec.requires)} is on" if command.spec.requires else ""
+    limit_s = watchdog_s(codec)
+    if command.spec.on_link_loss != "device_watchdog" or limit_s is None:
+        return needs
+    life = "heartbeat" if "heartbeat" in codec.commands else "write"
+    return f"{needs}, falls {limit_s:g} s after the last {life}"

@@ -1,0 +1,95 @@
+"""Commands as they come over the network, and which of them the controller believes. Pure.
+
+A command is a level: it is there, with a value, or it is not. What makes the controller disbelieve one is how it was set:
+a watchdog, robot mode, a button that is stuck, a press without an edge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import TYPE_CHECKING
+
+from simulator.shaft import NEGLIGIBLE_S
+
+if TYPE_CHECKING:
+    from simulator.state import Parameters
+
+Given = Mapping[str, int]
+"""Commands that are present, by name: the index of the floor for a call, 1 for all others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One command, as the controller has seen it so far. Seconds are real."""
+
+    value: int | None = None
+    """None: at rest."""
+    for_s: float = inf
+    """How long it has been like this, as far as anything depends on it."""
+    counts: bool = True
+    """Whether its press was taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What the controller remembers of its network."""
+
+    given: Given = field(default_factory=dict)
+    """Commands that it believes."""
+    levels: Mapping[str, Level] = field(default_factory=dict)
+    """Only what a setting needs to know the past of; a command that is not here has been at rest for long enough."""
+    signs_of_life: int = 0
+    silent_s: float = 0.0
+    """Since the last sign of life, as far as the watchdog needs to know."""
+    tripped: bool = False
+    """The watchdog has let go of something that the network still asks for."""
+
+
+def listen(heard: Heard, asked: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool) -> Heard:
+    """One scan further."""
+    limit_s = parameters.hold_watchdog_s
+    silent_s = 0.0
+    if limit_s is not None and signs_of_life == heard.signs_of_life:
+        silent_s = min(heard.silent_s + parameters.scan_s, limit_s)
+    alive = limit_s is None or silent_s < limit_s - NEGLIGIBLE_S
+    levels = _levels(heard.levels, asked, parameters)
+    fallen = frozenset() if alive else parameters.watched & asked.keys()
+    given = {
+        name: value
+        for name, value in asked.items()
+        if name not in fallen
+        and (robot_mode or name not in parameters.robot_mode_only)
+        and _is_believed(name, levels.get(name), parameters)
+    }
+    return Heard(given, levels, signs_of_life, silent_s, tripped=bool(fallen))
+
+
+def _levels(before: Mapping[str, Level], asked: Given, parameters: Parameters) -> Mapping[str, Level]:
+    if parameters.needs_edge_s is None and parameters.drops_stuck_button_s is None:
+        return {}
+    after = {name: _next(before.get(name, Level()), asked.get(name), parameters) for name in asked.keys() | before}
+    return {name: level for name, level in after.items() if level != Level()}
+
+
+def _next(level: Level, value: int | None, parameters: Parameters) -> Level:
+    edge_s = parameters.needs_edge_s or 0.0
+    if value == level.value:
+        for_s = level.for_s + parameters.scan_s
+        if value is None:
+            return Level() if for_s >= edge_s - NEGLIGIBLE_S else Level(for_s=for_s)
+        return Level(value, min(for_s, parameters.drops_stuck_button_s or 0.0), level.counts)
+    if value is None:
+        return Level(for_s=parameters.scan_s) if edge_s > parameters.scan_s else Level()
+    # a press between two looks may be up to one scan older than it looks
+    rested = level.value is None and level.for_s + parameters.scan_s >= edge_s - NEGLIGIBLE_S
+    return Level(value, 0.0, counts=parameters.needs_edge_s is None or rested)
+
+
+def _is_believed(name: str, level: Level | None, parameters: Parameters) -> bool:
+    if level is None:
+        return True
+    limit_s = parameters.drops_stuck_button_s
+    stuck = limit_s is not None and name.startswith("hold_door.") and level.for_s >= limit_s - NEGLIGIBLE_S
+    return level.counts and not stuck

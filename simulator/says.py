@@ -1,0 +1,124 @@
+"""What a map's signals say of a lift: its picture, put into the words and codes that the map has. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from register_maps.codec import Codec, SignalCodec, Value
+from register_maps.schema import Kind
+from register_maps.words import Door, Mode, Motion, Side
+from simulator.state import Picture
+
+_MODES = {
+    "fire": Mode.FIRE,
+    "emergency_power": Mode.EMERGENCY,
+    "inspection": Mode.INSPECTION,
+    "independent": Mode.INDEPENDENT,
+    "out_of_service": Mode.OUT_OF_SERVICE,
+}
+"""Flags that tell one mode."""
+
+
+class Says:
+    """The signals of one map, for a lift with these floor codes, lowest floor first."""
+
+    def __init__(self, codec: Codec, codes: Sequence[int], watchdog_s: float | None) -> None:
+        """`watchdog_s` is the time of the watchdog; None where there is none."""
+        self._codec = codec
+        self._codes = tuple(codes)
+        self._has_handshake = "robot_in_place" in codec.commands
+        self._has_robot_mode = "robot_mode_on" in codec.signals or "robot_mode" in codec.commands
+        time = codec.map.signals.get("watchdog_time")
+        unit_s = (time.unit_s if time is not None else None) or 1.0
+        self._watchdog_counts = round((watchdog_s or 0.0) / unit_s)
+        floor = codec.signals.get("car_floor")
+        limits = {signal.points for signal in codec.signals.values() if signal.kind is Kind.DOOR and signal.per_floor}
+        self._floor_is_door = floor is not None and floor.points in limits
+
+    def into(self, image: dict[str, list[int]], picture: Picture, beat: int) -> None:
+        """Put every signal into a register image; `beat` is what a counter stands at."""
+        for signal in self._codec.signals.values():
+            self._insert(signal, image, self._value(signal, picture, beat))
+
+    def _value(self, signal: SignalCodec, picture: Picture, beat: int) -> Value:
+        match signal.kind:
+            case Kind.FLOOR:
+                return self._floor(signal, picture)
+            case Kind.FLOORS:
+                return frozenset(self._codes[index] for index in picture.car_calls)
+            case Kind.DOOR:
+                return self._door(signal, picture)
+            case Kind.MOTION:
+                return picture.motion
+            case Kind.MODE:
+                return picture.mode
+            case Kind.COUNTER:
+                return beat
+            case Kind.NUMBER:
+                return {"watchdog_time": self._watchdog_counts, "fault_code": int(picture.fault)}.get(signal.name, 0)
+            case Kind.FLAG:
+                return self._flag(signal.name, picture)
+
+    def _floor(self, signal: SignalCodec, picture: Picture) -> int | None:
+        index: int | None = picture.floor
+        if signal.name == "destination":
+            index = picture.destination
+        elif signal.name == "call_accepted":
+            index = picture.accepted
+        elif self._floor_is_door:
+            # its bits are door limits, which are made at an open door only
+            index = picture.door_open_floor
+        elif signal.per_floor and not picture.in_door_zone:
+            index = None  # a switch at each floor is made in the door zone only
+        return None if index is None else self._codes[index]
+
+    def _door(self, signal: SignalCodec, picture: Picture) -> Value:
+        door = picture.doors.get(Side(signal.name.removeprefix("door.")), Door.CLOSED)
+        if not signal.per_floor:
+            return door
+        is_made = door is Door.OPEN and picture.level_floor is not None
+        return frozenset({self._codes[picture.level_floor]} if is_made and picture.level_floor is not None else ())
+
+    def _flag(self, name: str, picture: Picture) -> bool:
+        name, _, side = name.partition(".")
+        if name == "obstruction":
+            return Side(side) in picture.obstruction
+        if name in _MODES:
+            return picture.mode is _MODES[name]
+        in_service = picture.mode in (Mode.NORMAL, Mode.ROBOT)
+        may_pass = picture.door_open_floor is not None and (
+            picture.robot_mode_on if self._has_robot_mode else in_service
+        )
+        flags = {
+            "level": picture.level_floor is not None,
+            "door_zone": picture.in_door_zone,
+            "robot_mode_on": picture.robot_mode_on,
+            "may_enter": picture.may_enter if self._has_handshake else may_pass,
+            "may_leave": picture.may_leave if self._has_handshake else may_pass,
+            "ready": in_service,
+            "robots_allowed": True,
+            "overload": picture.overload,
+            "fault": picture.fault,
+            "watchdog_tripped": picture.watchdog_tripped,
+        }
+        return flags.get(name, False)
+
+    def _insert(self, signal: SignalCodec, image: dict[str, list[int]], value: Value) -> None:
+        """Say a value in the nearest word this map has; a word it has no code for at all reads as 0."""
+        for candidate in (value, *self._nearest(signal, value)):
+            try:
+                signal.insert(image, candidate)
+            except ValueError:
+                continue
+            return
+
+    def _nearest(self, signal: SignalCodec, value: Value) -> tuple[Value, ...]:
+        if value in (Door.OPENING, Door.CLOSING):
+            # one contact tells one of its two words truly, and of everything else that it is not so
+            at_rest = (self._codec.map.signals[signal.name].values or {}).get(0, Door.CLOSED)
+            return Door.MOVING, Door(at_rest), Door.CLOSED
+        if value is Door.OPEN:
+            return (Door.MOVING,)
+        if value in (Motion.UP, Motion.DOWN):
+            return (Motion.MOVING,)
+        return (Mode.NORMAL,) if value is Mode.ROBOT else ()

@@ -1,0 +1,161 @@
+"""What a simulated controller is set to, sees, remembers and shows: plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum, unique
+from math import ceil
+
+from register_maps.words import Door, Mode, Motion, Side
+from simulator import handshake, network, shaft
+from simulator.modes import Key, RobotGrant
+from simulator.shaft import NEGLIGIBLE_S
+
+TICK_S = 0.05
+"""Longest stretch of mechanical time without a look at car and doors, however fast time is made to run. Chosen: the
+default scan, so that at normal speed there is one look per scan."""
+
+
+@unique
+class SameFloorCall(StrEnum):
+    """What a call does for the floor at which the car already stands level."""
+
+    OPENS = "opens"
+    """The doors open (again); the lamp never lights, because the call is served at once."""
+    SILENT = "silent"
+    """Nothing happens: no lamp, no door."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """How this controller is set. Seconds are real unless called mechanical."""
+
+    shaft: shaft.Parameters = field(default_factory=shaft.Parameters)
+    speed: float = 1.0
+    """Mechanical seconds in one real second: car, doors and dwell; never the scan or a communication timer."""
+    scan_s: float = 0.05
+    """Time between two looks at the inputs. Chosen: a slow PLC or a panel polled over a field bus."""
+    dwell_s: float = 3.0
+    """Mechanical seconds for which a fully open door waits. Chosen: typical of a passenger lift."""
+    hold_watchdog_s: float | None = None
+    """Commands that are `watched` count as absent when no sign of life came for so long; None: they last."""
+    watched: frozenset[str] = frozenset()
+    """Network commands under the watchdog, by name."""
+    robot_mode_only: frozenset[str] = frozenset()
+    """Network commands that do nothing unless robot mode is on, by name."""
+    drops_stuck_button_s: float | None = None
+    """A door hold from the network that stays on longer counts as let go until it is let go and given again; None: it lasts."""
+    needs_edge_s: float | None = None
+    """A network command counts only if its point was at rest for so long before; None: every change counts."""
+    handshake: handshake.Rules | None = None
+    """None: there is none, and `call` and `go` are car calls like any other."""
+    robot_mode_delay_s: float = 0.2
+    """From the moment nothing stands against robot mode to its grant. Chosen: a few scans, so that a grant is never seen
+    in the answer to its own request."""
+    same_floor_call: SameFloorCall = SameFloorCall.OPENS
+    fire_floor: int = 0
+    """Floor to which fire recalls the car."""
+
+    def __post_init__(self) -> None:
+        for name, value in {"speed": self.speed, "scan_s": self.scan_s}.items():
+            if value <= 0:
+                raise ValueError(f"{name} must be above 0, not {value}")
+        if self.fire_floor not in self.shaft.floors:
+            raise ValueError(f"fire_floor {self.fire_floor} is not one of the floors 0 to {self.shaft.floors[-1]}")
+
+    @property
+    def doors_at(self) -> tuple[frozenset[Side], ...]:
+        """Which doors exist at each floor."""
+        return self.shaft.doors_at
+
+    @property
+    def ticks_per_scan(self) -> int:
+        return max(1, ceil(self.scan_s * self.speed / TICK_S - NEGLIGIBLE_S))
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What is present at the controller's inputs: levels, not events. Floors are indices."""
+
+    car_buttons: frozenset[int] = frozenset()
+    landing_buttons: frozenset[int] = frozenset()
+    hold_door: frozenset[Side] = frozenset()
+    """Open button pressed."""
+    close_door: frozenset[Side] = frozenset()
+    obstruction: frozenset[Side] = frozenset()
+    """Light curtain broken."""
+    robot_mode_request: bool = False
+    key: Key = Key.NORMAL
+    fire: bool = False
+    emergency: bool = False
+    overload: bool = False
+    """Too much load: the door stays open and the car does not start."""
+    fault: bool = False
+    """The lift has failed, and is out of service."""
+    asked: network.Given = field(default_factory=dict)
+    """What the network asks for."""
+    signs_of_life: int = 0
+    """A number that changes with every sign of life from the network: each change renews the watchdog."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """All that the controller and its lift remember; read it through `picture`."""
+
+    shaft: shaft.State
+    mode: Mode = Mode.NORMAL
+    robot: RobotGrant = field(default_factory=RobotGrant)
+    car_calls: frozenset[int] = frozenset()
+    landing_calls: frozenset[int] = frozenset()
+    called: int | None = None
+    """Floor that the network called last."""
+    destination: int | None = None
+    direction: Motion = Motion.STOPPED
+    """Direction in which calls are being served; stopped: idle."""
+    dwell_s: Mapping[Side, float] = field(default_factory=dict)
+    """Doors that are told to open or stay open, and the mechanical seconds for which they still do once fully open."""
+    inputs: Inputs = Inputs()
+    """The inputs as the last scan saw them."""
+    heard: network.Heard = field(default_factory=network.Heard)
+    image: Inputs = Inputs()
+    """The inputs with what is believed of the network put on them."""
+    handshake: handshake.State = field(default_factory=handshake.State)
+    since_scan_s: float = 0.0
+    """Real seconds since the last scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What the lift shows to the outside, as of the last scan."""
+
+    floor: int
+    """Floor whose door zone the car was in last: never the destination before the car is there."""
+    level_floor: int | None
+    """Floor at which the car stands level."""
+    in_door_zone: bool
+    motion: Motion
+    doors: Mapping[Side, Door]
+    door_open_floor: int | None
+    """Floor at which the car stands level with every door of that floor fully open."""
+    mode: Mode
+    robot_mode_on: bool
+    car_calls: frozenset[int]
+    landing_calls: frozenset[int]
+    accepted: int | None
+    """Floor of the last call from the network, while it is still to be served."""
+    destination: int | None
+    """The stop travelled to, or to be travelled to once the doors have closed; None: nothing to do."""
+    obstruction: frozenset[Side]
+    overload: bool
+    fault: bool
+    nudging: bool
+    occupied: bool
+    """A robot is aboard, as far as the handshake tells."""
+    may_enter: bool
+    """The car stands open for the robot that called it."""
+    may_leave: bool
+    """The car stands open for the robot aboard."""
+    watchdog_tripped: bool
+    position_m: float
+    speed_m_s: float
