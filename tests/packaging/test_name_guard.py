@@ -20,7 +20,9 @@ def home(tmp_path: Path) -> Path:
         (home / name).mkdir(parents=True)
         (home / name / "__init__.py").touch()
     shutil.copy(ROOT / "lift_manager" / "__main__.py", home / "lift_manager")
-    (home / "lift_manager" / "cli.py").write_text("import drivers\ndef app() -> None:\n    print('started')\n")
+    (home / "lift_manager" / "cli").mkdir()
+    (home / "lift_manager" / "cli" / "__init__.py").touch()
+    (home / "lift_manager" / "cli" / "main.py").write_text("import drivers\ndef app() -> None:\n    print('started')\n")
     return home
 
 
