@@ -33,6 +33,11 @@ class CommandCodec:
     """The controller shows its answer at the same points: read back, they say what is registered, not what we write."""
 
     @property
+    def endpoint(self) -> str:
+        """The device it is written to; of a call spread over several, the one of its lowest floor."""
+        return self.points[0].endpoint
+
+    @property
     def is_call(self) -> bool:
         """Whether it carries a floor."""
         return self.name in CALLS

@@ -36,6 +36,9 @@ _HIGHEST_TID = 65535
 _REMEMBERED = 256
 """An answer to one of so many last requests is late rather than foreign. Chosen: seconds of polling at any pace, and
 far from a whole turn of the transaction ids, after which every number would look like ours."""
+_COMMANDS_IN_A_ROW = 3
+"""After so many commands without a pause a read that waits goes first. Chosen: at 250 ms an answer, a state is then still
+younger than a second; without it a burst of commands would make the lift blind, and a blind lift refuses them."""
 _LAST_LOOKS = 2
 """Turns of the loop between a deadline and the verdict. If our own process was held up, the answer may lie unread in
 the socket: libuv runs timers before it reads, and what a timer starts runs before it reads too."""
@@ -80,6 +83,7 @@ class Exchange:
         self._job: _Job | None = None
         self._deadline = 0.0
         self._timeouts_in_a_row = 0
+        self._commands_in_a_row = 0
         self._timer: asyncio.Handle | None = None
         self._gap: asyncio.Handle | None = None
         self._busy_pause: asyncio.Handle | None = None
@@ -136,12 +140,15 @@ class Exchange:
         self._finish()
 
     def _next(self) -> None:
-        """Send what has waited longest, commands first."""
+        """Send what has waited longest, commands first, but for a read after a few of them."""
         while True:
-            if self._commands:
+            reads_wait = bool(self._reads) and self._busy_pause is None
+            if self._commands and not (reads_wait and self._commands_in_a_row >= _COMMANDS_IN_A_ROW):
                 job = self._commands.popleft()
-            elif self._reads and self._busy_pause is None:
+                self._commands_in_a_row += 1
+            elif reads_wait:
                 job = self._reads.popleft()
+                self._commands_in_a_row = 0
             else:
                 return
             # Done already: its caller was cancelled.

@@ -81,7 +81,9 @@ class ModbusLift:
         self._presses = Presses(tuple(settings.floors))
         self._permits: dict[str, Permit] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._wake = asyncio.Event()
+        self._wakes = {
+            endpoint: asyncio.Event() for endpoint in sorted({c.endpoint for c in codec.commands.values()} | {""})
+        }
         self._rested = asyncio.Event()
         self.capabilities = capabilities(codec, self._blocks, settings)
 
@@ -120,16 +122,21 @@ class ModbusLift:
         return LiftReading(at, epoch, values)
 
     async def run(self) -> None:
-        """Carry out presses, holds and releases until cancelled."""
+        """Carry out presses, holds and releases until cancelled; no device waits for another."""
+        async with asyncio.TaskGroup() as workers:
+            for endpoint in self._wakes:
+                workers.create_task(self._work(endpoint))
+
+    async def _work(self, endpoint: str) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            step = self._outputs.next(loop.time())
+            step = self._outputs.next(loop.time(), endpoint)
             if step is not None:
                 await self._carry_out(step)
                 continue
             if self._outputs.at_rest:
                 self._rested.set()
-            await self._sleep_until(self._outputs.wake_at())
+            await self._sleep_until(self._outputs.wake_at(endpoint), self._wakes[endpoint])
 
     def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
         """Give a command once."""
@@ -247,7 +254,7 @@ class ModbusLift:
     async def _carry_out(self, step: Step) -> None:
         loop = asyncio.get_running_loop()
         press = self._presses.of(step.name) if step.kind is StepKind.PRESS else None
-        permit = self._permit(step, press) if step.kind in NEED_PERMIT else None
+        permit = self._permit(step, press)
         maybe_sent = False
         try:
             async for request in self._writer.write(step, self._outputs.cells(step), permit):
@@ -276,38 +283,60 @@ class ModbusLift:
                 self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")
             _log.debug("%s: %s of %s failed: %s", self._settings.name, step.kind, step.name, error)
 
-    def _permit(self, step: Step, press: Press | None) -> Permit:
-        permit = self._permits[step.name]
+    def _permit(self, step: Step, press: Press | None) -> Permit | None:
+        """Return what is asked immediately before a step leaves; None for what lets go, which nobody can refuse.
+
+        A write that carries the pressed value of a neighbour asks for that one as well. A release cannot wait for it: what
+        may not be pressed now is let go with it.
+        """
+        if step.kind not in NEED_PERMIT:
+            neighbours = self._outputs.neighbours(step)
+            if step.kind is StepKind.BEAT and neighbours:
+                return lambda: self._first_refusal(neighbours)
+            for name in neighbours:
+                if (reason := self._refusal(name)) is not None:
+                    self._outputs.let_go(name)
+                    self._presses.end(name, Result.UNCONFIRMED, f"let go together with {step.name}: {reason}")
+            return None
 
         def allowed() -> str | None:
-            wanted = Phase.LEAVING if step.kind is StepKind.PRESS else Phase.ON
-            if self._outputs.phase(step.name) is not wanted:
+            if not self._outputs.still_wanted(step):
                 return "nobody wants it any more"
-            if self._lines.epoch != self._epoch:
-                return "the connection is new and has not been read yet"
-            if missing := self._missing(step.name):
-                if press is not None:
-                    press.not_granted = True
-                return f"{step.name} needs {', '.join(missing)}"
-            return permit()
+            if press is not None and self._missing(step.name):
+                press.not_granted = True
+            return self._refusal(step.name) or self._first_refusal(self._outputs.neighbours(step))
 
         return allowed
+
+    def _refusal(self, name: str) -> str | None:
+        """Say why an output may not be written as pressed now."""
+        if self._lines.epoch != self._epoch:
+            return "the connection is new and has not been read yet"
+        if missing := self._missing(name):
+            return f"{name} needs {', '.join(missing)}"
+        return self._permits[name]()
+
+    def _first_refusal(self, names: tuple[str, ...]) -> str | None:
+        reasons = ((name, self._refusal(name)) for name in names)
+        return next((f"{name} would be pressed with it: {reason}" for name, reason in reasons if reason), None)
 
     def _missing(self, name: str) -> list[str]:
         flags = self._values.flags if self._values is not None else {}
         return [flag for flag in self._commands[name].spec.requires if not flags.get(flag, False)]
 
     def _stir(self) -> None:
-        self._wake.set()
+        for wake in self._wakes.values():
+            wake.set()
 
-    async def _sleep_until(self, when: float) -> None:
-        self._wake.clear()
+    @staticmethod
+    async def _sleep_until(when: float, wake: asyncio.Event) -> None:
+        wake.clear()
         if math.isinf(when):
-            await self._wake.wait()
+            await wake.wait()
             return
         try:
             async with asyncio.timeout_at(when):
-                await self._wake.wait()
+                await wake.wait()
         except TimeoutError:
             return
 

@@ -20,6 +20,10 @@ RETRY_S = 0.2
 """Pause before a release, or the refresh of a hold that did not stick, is written again. Chosen: five tries a second do not
 load a controller, and a button left pressed is let go soon."""
 
+LONGEST_RETRY_S = 2.0
+"""The pause doubles with every failure of one release, up to this. Chosen: an output that cannot be let go must not keep the
+link from everything else for as long as it stays so."""
+
 REJECTED_PAUSE_S = 2.0
 """Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
 failed call; a controller that says no is not to be asked at the pace of the polls."""
@@ -50,10 +54,26 @@ class _Output:
     not_before: float = -math.inf
     rested_at: float = -math.inf
     verified: bool = False
+    paused: bool = False
+    """Between two pulses of a hold that is made of pulses."""
+    unwanted: bool = False
+    """Let go of while its press was on its way, and ended by the device if it has arrived."""
+    failures: int = 0
+    """Of the release under way."""
 
     @property
     def spec(self) -> Command:
         return self.codec.spec
+
+    @property
+    def asserts(self) -> bool:
+        """Whether whoever writes its cells has to write it pressed."""
+        return self.phase is Phase.ON and not self.paused and not self.spec.ends_itself
+
+    def retry(self, now: float) -> None:
+        """Let the next try of its release wait, longer each time."""
+        self.try_at = now + min(LONGEST_RETRY_S, RETRY_S * 2.0 ** min(self.failures, 10))
+        self.failures += 1
 
 
 @dataclass(slots=True)
@@ -93,10 +113,10 @@ class Outputs:
             for block, _, every_s in written
             if every_s is not None and not own.isdisjoint(block.cells)
         ]
-        self.image: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
-        """What every cell of ours was last told to hold; a block write takes its neighbours from here."""
+        self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
+        """Every cell of ours with nothing pressed."""
         for codec in commands.values():
-            self._put(codec.encode(None))
+            _put(self._resting, codec.encode(None))
 
     def __contains__(self, name: str) -> bool:
         return name in self._outputs
@@ -148,8 +168,15 @@ class Outputs:
         """Whether nothing is on, due or being let go."""
         return all(output.phase is Phase.REST for output in self._outputs.values())
 
-    def next(self, now: float) -> Step | None:
-        """Hand out the write that is due now, releases first; None when there is none.
+    def still_wanted(self, step: Step) -> bool:
+        """Whether somebody still wants what a press or refresh asks for."""
+        output = self._outputs[step.name]
+        if step.kind is StepKind.PRESS:
+            return output.phase is Phase.LEAVING and not output.unwanted
+        return output.phase is Phase.ON
+
+    def next(self, now: float, endpoint: str = "") -> Step | None:
+        """Hand out the write to one device that is due now, releases first; None when there is none.
 
         A press that is handed out is on its way: its fate is told by `written` or `failed`.
         """
@@ -159,37 +186,54 @@ class Outputs:
                     self._rest(output, now)
                 else:
                     self._drop(output)
-        due = next(self._releases(now), None) or next(self._others(now), None)
+        due = self._release_due(now, endpoint) or next(self._others(now, endpoint), None)
         if due is not None and due.kind is StepKind.PRESS:
             self._outputs[due.name].phase = Phase.LEAVING
         return due
 
-    def _releases(self, now: float) -> Iterator[Step]:
-        for name, output in self._outputs.items():
-            if output.phase is Phase.LETTING_GO and now >= output.try_at:
-                yield Step(StepKind.RELEASE, name, None)
-            if output.phase is Phase.ON and now >= output.pause_at:
-                yield Step(StepKind.PAUSE, name, None)
+    def _release_due(self, now: float, endpoint: str) -> Step | None:
+        """Return the release that has waited longest: one that fails again and again does not keep others waiting."""
+        due = [
+            (name, output)
+            for name, output in self._outputs.items()
+            if output.codec.endpoint == endpoint
+            and (
+                (output.phase is Phase.LETTING_GO and now >= output.try_at)
+                or (output.phase is Phase.ON and now >= output.pause_at)
+            )
+        ]
+        if not due:
+            return None
+        name, output = min(
+            due, key=lambda item: item[1].try_at if item[1].phase is Phase.LETTING_GO else item[1].pause_at
+        )
+        if output.phase is Phase.ON:
+            return Step(StepKind.PAUSE, name, None, was=output.code)
+        return Step(StepKind.RELEASE, name, None, was=output.code)
 
-    def _others(self, now: float) -> Iterator[Step]:
+    def _others(self, now: float, endpoint: str) -> Iterator[Step]:
         for name, beat in self._beats.items():
-            if now >= beat.at:
+            if beat.codec.endpoint == endpoint and now >= beat.at:
                 yield Step(StepKind.BEAT, name, beat.next_count)
         for name, output in self._outputs.items():
+            if output.codec.endpoint != endpoint:
+                continue
             if output.phase is Phase.DUE and now >= self._free_at(output):
                 armed = output.armed_at is not None or not output.spec.reset_first_s
                 yield Step(StepKind.PRESS, name, output.code) if armed else Step(StepKind.RESET, name, None)
             if output.phase is Phase.ON and now >= output.refresh_at:
                 yield Step(StepKind.REFRESH, name, output.code)
         for cycle in self._cycles:
-            if now >= cycle.at and self._idle(cycle.block):
+            if cycle.block.endpoint == endpoint and now >= cycle.at and self._idle(cycle.block):
                 yield Step(StepKind.CYCLE, "", None, cycle.block)
 
-    def wake_at(self) -> float:
+    def wake_at(self, endpoint: str = "") -> float:
         """Earliest time at which `next` may have something; infinity when only an event can change that."""
-        times = [math.inf, *(beat.at for beat in self._beats.values())]
-        times += [cycle.at for cycle in self._cycles if self._idle(cycle.block)]
+        times = [math.inf, *(beat.at for beat in self._beats.values() if beat.codec.endpoint == endpoint)]
+        times += [cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._idle(cycle.block)]
         for output in self._outputs.values():
+            if output.codec.endpoint != endpoint:
+                continue
             if output.phase is Phase.LETTING_GO:
                 times.append(output.try_at)
             elif output.phase is Phase.DUE:
@@ -199,8 +243,29 @@ class Outputs:
         return min(times)
 
     def cells(self, step: Step) -> Cells:
-        """Image of our cells with this step applied."""
-        return self.image if step.block is not None else self._applied(self._codec(step).encode(step.code))
+        """Contents of our cells with this step applied: of everything else, only what is on is pressed."""
+        image = dict(self._resting)
+        for beat in self._beats.values():
+            _put(image, beat.codec.encode(beat.count or None))
+        for output in self._outputs.values():
+            if output.asserts:
+                _put(image, output.codec.encode(output.code))
+        if step.block is None:
+            _put(image, self._codec(step).encode(step.code))
+        return image
+
+    def neighbours(self, step: Step) -> tuple[str, ...]:
+        """Other outputs that a step writes as pressed, because they are on and lie in its cells."""
+        codec = None if step.block is not None else self._codec(step)
+        if codec is not None and codec.shared:
+            return ()
+        blocks = [step.block] if codec is None else codec.blocks
+        cells = {cell for block in blocks if block is not None for cell in block.cells}
+        return tuple(
+            name
+            for name, output in self._outputs.items()
+            if name != step.name and output.asserts and any(point.cell in cells for point in output.codec.points)
+        )
 
     def written(self, step: Step, now: float) -> None:
         """The controller echoed the write. That proves nothing yet."""
@@ -208,7 +273,6 @@ class Outputs:
             self._restart_cycles(step.block.cells, now)
             return
         codec = self._codec(step)
-        self._put(codec.encode(step.code))
         self._restart_cycles([cell for block in codec.blocks for cell in block.cells], now)
         if step.kind is StepKind.BEAT:
             beat = self._beats[step.name]
@@ -219,16 +283,17 @@ class Outputs:
             case StepKind.RESET:
                 output.armed_at = now + output.spec.reset_first_s
             case StepKind.PAUSE:
-                output.pause_at = math.inf
+                output.pause_at, output.paused = math.inf, True
             case StepKind.PRESS if output.phase is Phase.LEAVING:
                 output.phase, output.verified, output.armed_at = Phase.ON, False, None
+                output.paused = output.unwanted = False
                 output.not_before = max(output.not_before, now + output.spec.min_repeat_s)
                 if output.spec.width_s is not None and output.spec.repeat_pulse_s is None:
                     output.fall_at = now + output.spec.width_s
             case _:
                 pass
         if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
-            output.refresh_at = now + output.every_s
+            output.refresh_at, output.paused = now + output.every_s, False
             if output.spec.repeat_pulse_s is not None:
                 output.pause_at = now + (output.spec.width_s or math.inf)
 
@@ -243,7 +308,7 @@ class Outputs:
             if holds:
                 self._rest(output, now)
             else:
-                output.try_at = now + RETRY_S
+                output.retry(now)
 
     def failed(self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False) -> None:
         """The write or its read-back failed. What may have been pressed is let go; a release is tried again."""
@@ -258,7 +323,9 @@ class Outputs:
         if rejected:
             output.not_before = max(output.not_before, now + REJECTED_PAUSE_S)
         match step.kind:
-            case StepKind.RELEASE | StepKind.RESET:
+            case StepKind.RELEASE:
+                output.retry(now)
+            case StepKind.RESET:
                 output.try_at = now + RETRY_S
             case StepKind.PAUSE:
                 output.pause_at = now + RETRY_S
@@ -274,9 +341,9 @@ class Outputs:
             self._rest(output, output.rested_at)
             output.try_at = now + RETRY_S
         elif output.phase is Phase.LEAVING and output.spec.ends_itself:
-            output.phase, output.fall_at = Phase.ON, now + (output.spec.width_s or 0.0)
+            output.phase, output.fall_at, output.unwanted = Phase.ON, now + (output.spec.width_s or 0.0), False
         elif output.phase is Phase.LEAVING:
-            output.phase, output.try_at = Phase.LETTING_GO, now
+            output.phase, output.try_at, output.failures = Phase.LETTING_GO, now, 0
 
     def reconnected(self, cells: Cells, now: float) -> None:
         """Compare with what the controller holds after a new connection; `cells` are those of `read_points`.
@@ -287,7 +354,6 @@ class Outputs:
         for output in self._outputs.values():
             if output.spec.ends_itself:
                 continue
-            self._put({point: value for point, value in _seen(output.codec, cells) if not output.codec.lamp})
             at_rest = not output.codec.lamp and _match(output.codec, cells, None)
             if output.phase is Phase.ON and output.spec.action == "hold" and self._adopted(output, cells, now):
                 continue
@@ -296,7 +362,7 @@ class Outputs:
             if output.phase is Phase.DUE:
                 output.again, output.next_code = True, output.code
             # written even if it reads at rest: the controller may still find our press in the connection that broke
-            output.phase, output.try_at, output.verified = Phase.LETTING_GO, now, False
+            output.phase, output.try_at, output.verified, output.failures = Phase.LETTING_GO, now, False, 0
 
     def _adopted(self, output: _Output, cells: Cells, now: float) -> bool:
         """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
@@ -306,15 +372,6 @@ class Outputs:
 
     def _codec(self, step: Step) -> CommandCodec:
         return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec
-
-    def _put(self, values: Mapping[Point, int]) -> None:
-        self.image = self._applied(values)
-
-    def _applied(self, values: Mapping[Point, int]) -> dict[Cell, int]:
-        image = dict(self.image)
-        for point, value in values.items():
-            image[point.cell] = point.into(image.get(point.cell, 0), value)
-        return image
 
     def _idle(self, block: Block) -> bool:
         """Whether nothing in this block is on: what is, is refreshed instead, with permission."""
@@ -327,16 +384,19 @@ class Outputs:
                 cycle.at = now + cycle.every_s
 
     def _drop(self, output: _Output) -> None:
-        if output.phase is Phase.ON and output.spec.ends_itself:
+        if output.phase in (Phase.ON, Phase.LEAVING) and output.spec.ends_itself:
+            # there is nothing to let go with: writing it again would press it again
+            output.unwanted = output.phase is Phase.LEAVING
             return
         if output.phase in (Phase.ON, Phase.LEAVING):
-            output.phase, output.try_at = Phase.LETTING_GO, -math.inf
+            output.phase, output.try_at, output.failures = Phase.LETTING_GO, -math.inf, 0
         elif output.phase is Phase.DUE:
             output.phase = Phase.REST
         output.verified, output.armed_at, output.pause_at = False, None, math.inf
 
     def _rest(self, output: _Output, now: float) -> None:
         output.phase, output.rested_at, output.verified = Phase.REST, now, False
+        output.paused, output.unwanted = False, False
         if output.again:
             output.again = False
             output.phase, output.code = Phase.DUE, output.next_code
@@ -365,6 +425,11 @@ def _every_s(codec: CommandCodec, written: Sequence[Written]) -> float:
     own = [spec.refresh_s, spec.repeat_pulse_s] if spec.action == "hold" else []
     cycles = [every_s for block, _, every_s in written if block in codec.blocks]
     return min((every_s for every_s in (*own, *cycles) if every_s is not None), default=math.inf)
+
+
+def _put(image: dict[Cell, int], values: Mapping[Point, int]) -> None:
+    for point, value in values.items():
+        image[point.cell] = point.into(image.get(point.cell, 0), value)
 
 
 def _seen(codec: CommandCodec, cells: Cells) -> Iterator[tuple[Point, int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum, unique
 
 from register_maps.codec import Block
@@ -51,3 +51,5 @@ class Step:
     code: int | None
     block: Block | None = None
     """Of a cycle: what is written."""
+    was: int | None = field(default=None, compare=False)
+    """Of a release: what was pressed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Mapping
 
 from drivers.driver import Permit
+from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lines import Lines
 from drivers.modbus.plan import plan_reads
@@ -67,8 +68,17 @@ class Writer:
             )
             return
         command = self._commands[step.name]
+        failure: DriverError | None = None
         for block, function in self._in_order(command, step, cells):
-            yield await self._write_block(command, step, block, function, cells, permit)
+            try:
+                yield await self._write_block(command, step, block, function, cells, permit)
+            except DriverError as error:
+                # what is pressed on one device is let go whatever another one answers
+                if step.kind is not StepKind.RELEASE:
+                    raise
+                failure = failure or error
+        if failure is not None:
+            raise failure
 
     async def look(self, step: Step) -> bool | None:
         """Read back whether the points hold what the step wrote; None where nobody asks for it."""
@@ -96,7 +106,7 @@ class Writer:
         if command.is_timed_coil:
             return await self._send(timed_pulse(command, block, unit), block, permit)
         if function == MASK_WRITE:
-            return await self._send(masked_write(values, block.start, unit), block, permit)
+            return await self._send(masked_write(values, block, unit), block, permit)
         if not command.shared:
             return await self._send(block_write(block, function, cells, unit), block, permit)
         async with self._lines.undisturbed(block.endpoint):
@@ -111,15 +121,17 @@ class Writer:
         return request
 
     def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
-        """Return the blocks of a command with their functions, those that come to rest first.
+        """Return the blocks of a command with their functions: of a press those that come to rest first, of a release what is on.
 
         Of outputs that the device lets go by itself only the pressed one is written: the others rest, and a module may
         take a 0 there for something else.
         """
         pairs = list(zip(command.blocks, command.functions, strict=True))
+        pressed = {point.cell for point, value in command.encode(step.code or step.was).items() if value}
         if command.spec.ends_itself and command.spec.one_of is not None:
-            on = {point.cell for point, value in command.encode(step.code).items() if value}
-            pairs = [pair for pair in pairs if not on.isdisjoint(pair[0].cells)]
+            pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]
+        if step.kind is StepKind.RELEASE:
+            return sorted(pairs, key=lambda pair: pressed.isdisjoint(pair[0].cells))
         return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
 
     def _unit(self, block: Block) -> int:

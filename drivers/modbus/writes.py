@@ -24,14 +24,14 @@ def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: in
             return frames.write_registers(block.start, values, unit)
 
 
-def masked_write(values: Mapping[Point, int], address: int, unit: int) -> Request:
-    """Set these bits of one register inside the device, and no others."""
+def masked_write(values: Mapping[Point, int], block: Block, unit: int) -> Request:
+    """Set those of these bits that lie in one register inside the device, and no others."""
     keep, put = 0xFFFF, 0
     for point, value in values.items():
-        if point.address == address:
+        if block.holds(point):
             keep &= ~(point.mask << point.low)
             put = point.into(put, value)
-    return frames.mask_write(address, keep & 0xFFFF, put, unit)
+    return frames.mask_write(block.start, keep & 0xFFFF, put, unit)
 
 
 def timed_pulse(codec: CommandCodec, block: Block, unit: int) -> Request:

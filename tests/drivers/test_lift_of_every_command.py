@@ -215,8 +215,9 @@ def test_a_hold_that_is_a_time_is_written_as_that_time() -> None:
 
 def test_the_heartbeat_goes_on_while_nobody_wants_anything() -> None:
     async def check(made: Rig) -> None:
+        await elapse(0.25)
         before = len(made.device.writes)
-        await elapse(2.05)
+        await elapse(2.0)
         beats = made.device.writes[before:]
         assert len(beats) == 4
         assert [b.values[0] - a.values[0] for a, b in itertools.pairwise(beats)] == [1, 1, 1]

@@ -66,7 +66,8 @@ def test_a_release_is_tried_again_until_it_is_seen_to_hold() -> None:
     made.written(release, 1.3)
     made.looked(release, holds=False, now=1.3)
     assert not made.at_rest
-    assert carry_out(made, 1.3 + RETRY_S) == release
+    assert made.next(1.3 + RETRY_S) is None, "each try waits longer"
+    assert carry_out(made, 1.3 + 2 * RETRY_S) == release
     assert made.at_rest
 
 
