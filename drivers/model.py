@@ -98,6 +98,8 @@ class LiftValues:
     """Floors whose call is registered: the lamps behind the buttons."""
     motion: Motion | None = None
     mode: Mode = Mode.UNKNOWN
+    fire_word: bool = False
+    """The mode word says fire while `mode`, by a flag that ranks higher, is another."""
     doors: Mapping[Side, Door] = field(default_factory=dict)
     flags: Mapping[str, bool] = field(default_factory=dict)
     """Flag signals by name; a flag that cannot be read is absent."""
@@ -132,14 +134,12 @@ class Capabilities:
     """`level`, `motion_stopped` or `position_stable`."""
     evidence_for_s: float
     max_age_s: float
-    call_requires: frozenset[str]
-    """Flags that a call waits for, such as `robot_mode_on`."""
+    requires: Mapping[str, frozenset[str]]
+    """Flags that each command waits for, such as `robot_mode_on`; a command that waits for none may be absent."""
     granted_within_s: float
     arrive_within_s: float
-    call_until: str
-    """What ends `call` or `go_to` where it is a level: `arrived`, `robot_in_place` or `robot_left`; empty for a pulse."""
-    go_until: str
-    """The same of `go`."""
+    until: Mapping[str, str]
+    """What ends each call that is a level: `arrived`, `robot_in_place` or `robot_left`; a pulse is absent."""
     levels: frozenset[str]
     """Commands that stay on until they are let go."""
     needs_occupancy: bool

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from drivers.model import Capabilities, FloorName
 from register_maps.codec import Block, Codec, Point
-from register_maps.schema import CALLS, Command
+from register_maps.schema import CALLS
 from register_maps.words import Side
 
 
@@ -33,7 +33,7 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
     for name, signal in codec.signals.items():
         if name in ("car_floor", "motion", "level") or name.startswith("door."):
             deciding.update(signal.points)
-    calls = [source.commands[name] for name in CALLS if name in source.commands]
+    calls = {name: source.commands[name] for name in CALLS if name in source.commands}
     mode = source.commands.get("robot_mode")
     watching = any(command.on_link_loss == "device_watchdog" for command in source.commands.values())
     return Capabilities(
@@ -44,11 +44,10 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         evidence=source.at_floor_evidence.kind,
         evidence_for_s=source.at_floor_evidence.for_s or 0.0,
         max_age_s=settings.max_age_s,
-        call_requires=frozenset(flag for call in calls for flag in call.requires),
+        requires={name: frozenset(command.requires) for name, command in source.commands.items() if command.requires},
         granted_within_s=mode.granted_within_s if mode is not None else 600.0,
-        arrive_within_s=max((call.arrive_within_s for call in calls), default=120.0),
-        call_until=_until([source.commands[name] for name in CALLS if name != "go" and name in source.commands]),
-        go_until=_until([source.commands["go"]] if "go" in source.commands else []),
+        arrive_within_s=max((call.arrive_within_s for call in calls.values()), default=120.0),
+        until={name: call.until or "arrived" for name, call in calls.items() if call.action == "hold"},
         levels=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
         needs_occupancy=source.needs_occupancy,
         door_opens_within_s=source.door_opens_within_s,
@@ -58,8 +57,3 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         map_name=source.name,
         trust=source.provenance.trust,
     )
-
-
-def _until(calls: list[Command]) -> str:
-    """Return what ends these calls; front and rear calls of one map end in the same way."""
-    return next((call.until or "arrived" for call in calls if call.action == "hold"), "")

@@ -29,12 +29,13 @@ def proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
             return Proof.EFFECT
         if name == "readback" and read_back:
             return Proof.READBACK
-        if _shows(name, expected.command, now):
+        if _shows(name, expected, now):
             return Proof.LAMP
     return Proof.NONE
 
 
-def _shows(signal: str, command: Command, now: LiftValues) -> bool:
+def _shows(signal: str, expected: Expectation, now: LiftValues) -> bool:
+    command = expected.command
     match signal:
         case "car_floor":
             shown = now.floor
@@ -45,7 +46,9 @@ def _shows(signal: str, command: Command, now: LiftValues) -> bool:
         case "calls_registered":
             return command.floor in now.calls
         case _:
-            return now.flags.get(signal, False)
+            # a flag that read yes before the press would prove every press
+            earlier = expected.before is not None and expected.before.flags.get(signal, False)
+            return now.flags.get(signal, False) and not earlier
     return shown is not None and shown == command.floor
 
 

@@ -2,60 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+import logging
 
-from drivers.errors import ControllerException
+from drivers.errors import ControllerException, PointsRefused, UnitOffline
+from drivers.modbus.lines import Lines
+from drivers.model import LiftValues
 from register_maps.codec import Block, Codec, Point
-from register_maps.words import Table
+from register_maps.words import BIT_TABLES
+
+_log = logging.getLogger(__name__)
 
 ILLEGAL_ADDRESS = 2
 
-Ask = Callable[[Block], Awaitable[object]]
+
+class Diagnosis:
+    """Finds out once what is wrong, and says it once."""
+
+    def __init__(self, codec: Codec, lines: Lines, name: str) -> None:
+        """`name` of the lift begins every message."""
+        self._codec = codec
+        self._lines = lines
+        self._name = name
+        self._refused: dict[Block, str] = {}
+        self._told: set[tuple[str, int]] = set()
+
+    async def explained(self, error: ControllerException, block: Block) -> ControllerException:
+        """Name the signals that the answer to a poll is about; of what is not served, find out which of them."""
+        if isinstance(error, UnitOffline):
+            return error
+        if error.code != ILLEGAL_ADDRESS:
+            return PointsRefused(error, f"this block holds {whose(self._codec, block)}")
+        if block not in self._refused:
+            self._refused[block] = await self._what_is_refused(block)
+        return PointsRefused(error, self._refused[block])
+
+    def forget(self) -> None:
+        """Find out anew: the controller is another one, or another program in it."""
+        self._refused.clear()
+
+    def report_unlisted(self, values: LiftValues) -> None:
+        """Report each value outside its table once, however often it comes."""
+        for signal, raw in values.unknown.items():
+            if (signal, raw) not in self._told:
+                self._told.add((signal, raw))
+                where = ", ".join(_addresses(self._codec, signal))
+                message = "%s: %s (%s) reads %d, which the map and the site do not list; it counts as unknown"
+                _log.warning(message, self._name, signal, where, raw)
+
+    async def _what_is_refused(self, block: Block) -> str:
+        """Ask for each address of a refused block by itself and say which ones the device does not serve."""
+        codec = self._codec
+        refused: list[str] = []
+        for name, point in {point.cell: (name, point) for name, point in reversed(named_at(codec, block))}.values():
+            one = Block(point.table, point.address, 1, point.endpoint)
+            try:
+                await self._lines.link(one.endpoint).read(self._lines.request(one))
+            except ControllerException as error:
+                if error.code != ILLEGAL_ADDRESS:
+                    raise
+                refused.append(f"{name} ({_printed(codec, name, point)})")
+        if refused:
+            told = ", ".join(reversed(refused))
+            return f"the controller serves less than map {codec.map.name} says: it refuses {told}"
+        size = f"{block.count} {'bits' if block.table in BIT_TABLES else 'registers'}"
+        return (
+            f"the controller serves each signal of this block by itself, but not {size} from {block.start} in one request; "
+            f"lower max_registers_per_read or max_bits_per_read, or split `served: {block.table}` of map {codec.map.name}"
+        )
 
 
 def named_at(codec: Codec, block: Block) -> list[tuple[str, Point]]:
-    """List every signal's points in a block, lowest address first."""
-    found = [(name, point) for name, signal in codec.signals.items() for point in signal.points if block.holds(point)]
+    """List the points in a block by the signals they are read for, or else by the commands; lowest address first."""
+    said = [(name, point) for name, signal in codec.signals.items() for point in signal.points if block.holds(point)]
+    held = [(name, point) for name, part in codec.commands.items() for point in part.read_points if block.holds(point)]
+    found = said or held
     return sorted(found, key=lambda item: (item[1].address, item[1].low))
 
 
 def whose(codec: Codec, block: Block) -> str:
     """Name the signals that a block read is for, with their printed addresses."""
     names = dict.fromkeys(name for name, _ in named_at(codec, block))
-    told = [f"{name} at {', '.join(codec.map.signals[name].addresses)}" for name in names]
+    told = [f"{name} at {', '.join(_addresses(codec, name))}" for name in names]
     return "; ".join(told[:4]) + ("; ..." if len(told) > 4 else "")
-
-
-async def what_is_refused(codec: Codec, block: Block, ask: Ask) -> str:
-    """Ask for each address of a refused block by itself and say which ones the device does not serve.
-
-    `ask` raises what the link raises; a device that refuses nothing by itself refuses the length of the block.
-    """
-    refused: list[str] = []
-    seen: set[int] = set()
-    for name, point in named_at(codec, block):
-        if point.address in seen:
-            continue
-        seen.add(point.address)
-        try:
-            await ask(Block(point.table, point.address, 1, point.endpoint))
-        except ControllerException as error:
-            if error.code != ILLEGAL_ADDRESS:
-                raise
-            refused.append(f"{name} ({_printed(codec, name, point)})")
-    if refused:
-        return f"the controller serves less than map {codec.map.name} says: it refuses {', '.join(refused)}"
-    size = f"{block.count} {'bits' if block.table in (Table.COIL, Table.DISCRETE) else 'registers'}"
-    return (
-        f"the controller serves each signal of this block by itself, but not {size} from {block.start} in one request; "
-        f"lower max_registers_per_read or max_bits_per_read, or split `served: {block.table}` of map {codec.map.name}"
-    )
 
 
 def _printed(codec: Codec, name: str, point: Point) -> str:
     """Give the address of a point as its map prints it."""
-    for text in codec.map.signals[name].addresses:
+    for text in _addresses(codec, name):
         place = codec.map.place(text)
         if (place.table, place.number + codec.offset.get(place.table, 0)) == (point.table, point.address):
             return text
     return f"{point.table} {point.address} on the wire"
+
+
+def _addresses(codec: Codec, name: str) -> tuple[str, ...]:
+    source = codec.map
+    if name in source.signals:
+        return source.signals[name].addresses
+    command = source.commands[name]
+    return tuple(text for _, text in command.keyed_read_addresses) or command.addresses

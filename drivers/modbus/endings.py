@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from drivers.model import LiftValues
 from register_maps.codec import CommandCodec
 from register_maps.words import Door, Side
 
 
-def ended(commands: Mapping[str, CommandCodec], values: LiftValues) -> Iterator[str]:
-    """Yield the close commands to let go of: the door is shut, opens again, or has somebody or too much load in its way."""
+def ended(commands: Mapping[str, CommandCodec], values: LiftValues, signals: Collection[str]) -> Iterator[str]:
+    """Yield the close commands to let go of: the door is shut, opens again, or has somebody or too much load in its way.
+
+    `signals` are those that the map declares; one of them that cannot be read counts as in the way.
+    """
     for side in Side:
         name = f"close_door.{side}"
         if name not in commands:
             continue
         door = values.doors.get(side)
-        in_the_way = any(values.flags.get(flag, False) for flag in (f"obstruction.{side}", "overload", "nudging"))
+        flags = (f"obstruction.{side}", "overload", "nudging")
+        in_the_way = any(flag in signals and values.flags.get(flag, True) for flag in flags)
         if in_the_way or door in (Door.CLOSED, Door.OPENING):
             yield name

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 
 from drivers.driver import Permit
 from drivers.errors import (
@@ -18,9 +19,9 @@ from drivers.errors import (
     Sent,
     UnitOffline,
 )
-from drivers.modbus import diagnosis
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.confirm import Expectation, proof
+from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
 from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
@@ -31,12 +32,14 @@ from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import NEED_PERMIT, Phase, Step, StepKind
 from drivers.modbus.writer import Writer
 from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result
-from register_maps.codec import Block, Codec
+from register_maps.codec import Cell, Codec
 from register_maps.frames import Request
 
 _log = logging.getLogger(__name__)
 
 _HEARTBEAT = frozenset({"alive"})
+_LET_GO_WITHIN_S = 4.0
+"""How long a bug waits for outputs to be let go of before it ends the program: as long as an orderly end does."""
 
 
 class ModbusLift:
@@ -61,10 +64,13 @@ class ModbusLift:
             max_registers=settings.max_registers_per_read,
             max_bits=settings.max_bits_per_read,
         )
-        self._requests = tuple((self._lines.link(b.endpoint), self._lines.request(b)) for b in self._blocks)
+        self._requests = tuple((b, self._lines.link(b.endpoint), self._lines.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
         self._values: LiftValues | None = None
         self._epoch = 0
+        self._epochs: dict[str, int] = {}
+        self._bug: Exception | None = None
+        self._bug_at = math.inf
         self._alive_at = -math.inf
         alive = codec.map.signals.get("alive")
         self._alive_within_s = alive.must_change_within_s if alive is not None else None
@@ -72,13 +78,16 @@ class ModbusLift:
         self._watchdog_unit_s = (watchdog.unit_s if watchdog is not None else None) or 1.0
         car_floor = codec.map.signals.get("car_floor")
         self._floor_under_way = car_floor is None or car_floor.known_while is None
-        self._told: set[tuple[str, int]] = set()
-        """Values outside their table that were reported: once each."""
-        self._refused: dict[Block, str] = {}
-        """What a controller refused to say, once it was found out."""
+        self._diagnosis = Diagnosis(codec, self._lines, settings.name)
         self._outputs = Outputs(self._commands, codec.written)
         self._writer = Writer(codec, self._commands, self._lines, settings)
         self._presses = Presses(tuple(settings.floors))
+        self._complained: set[str] = set()
+        """Holds whose refusal was reported: once until they are on again."""
+        for command in self._commands.values():
+            if command.is_call:
+                for code in settings.floors.values():
+                    command.encode(code)
         self._permits: dict[str, Permit] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wakes = {
@@ -100,11 +109,11 @@ class ModbusLift:
             loop = self._loop = asyncio.get_running_loop()
         at, epoch = loop.time(), lines.epoch
         if len(self._requests) == 1:
-            link, request = self._requests[0]
+            block, link, request = self._requests[0]
             try:
                 payloads: tuple[bytes, ...] = (await link.read(request),)
             except ControllerException as error:
-                raise await self._explained(error, request) from error
+                raise await self._diagnosis.explained(error, block) from error
         else:
             payloads = await self._read_blocks()
         if lines.epoch != epoch:
@@ -122,7 +131,10 @@ class ModbusLift:
         return LiftReading(at, epoch, values)
 
     async def run(self) -> None:
-        """Carry out presses, holds and releases until cancelled; no device waits for another."""
+        """Carry out presses, holds and releases until cancelled; no device waits for another.
+
+        A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
+        """
         async with asyncio.TaskGroup() as workers:
             for endpoint in self._wakes:
                 workers.create_task(self._work(endpoint))
@@ -132,26 +144,47 @@ class ModbusLift:
         while True:
             step = self._outputs.next(loop.time(), endpoint)
             if step is not None:
-                await self._carry_out(step)
+                try:
+                    await self._carry_out(step)
+                except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
+                    self._let_go_because_of(bug, step)
                 continue
             if self._outputs.at_rest:
                 self._rested.set()
-            await self._sleep_until(self._outputs.wake_at(endpoint), self._wakes[endpoint])
+            if self._bug is not None and (self._outputs.at_rest or loop.time() >= self._bug_at + _LET_GO_WITHIN_S):
+                raise self._bug
+            wake_at = min(self._outputs.wake_at(endpoint), self._bug_at + _LET_GO_WITHIN_S)
+            await _sleep_until(wake_at, self._wakes[endpoint])
+
+    def _let_go_because_of(self, bug: Exception, step: Step) -> None:
+        now = asyncio.get_running_loop().time()
+        _log.error(
+            "%s: a bug in %s of %s; everything is let go", self._settings.name, step.kind, step.name, exc_info=bug
+        )
+        if self._bug is None:
+            self._bug, self._bug_at = bug, now
+        self._outputs.failed(step, maybe_sent=True, now=now)
+        self._presses.end_all("everything was let go because of a bug")
+        self._outputs.let_all_go()
+        self._stir()
 
     def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
         """Give a command once."""
         if command.name not in self._outputs:
             return self._presses.refuse(command, permit, f"{self._settings.name} has no command {command.name}")
+        if self._bug is not None:
+            return self._presses.refuse(command, permit, "the driver of this lift has failed")
         press = self._presses.begin(command, permit)
         self._permits[command.name] = permit
         code = self._settings.floors[command.floor] if command.floor is not None else 1
         self._outputs.press(command.name, code, asyncio.get_running_loop().time())
+        self._end_dropped()
         self._stir()
         return press.future
 
     def hold(self, command: Command, permit: Permit) -> None:
         """Keep a held command on, or renew it."""
-        if command.name not in self._outputs:
+        if command.name not in self._outputs or self._bug is not None:
             return
         if self._missing(command.name):
             # what the map requires was taken away: the hold goes, whatever its limit
@@ -161,6 +194,7 @@ class ModbusLift:
         resting = self._outputs.phase(command.name) is Phase.REST
         self._outputs.hold(command.name, asyncio.get_running_loop().time())
         if resting:
+            self._end_dropped()
             self._stir()
 
     def let_go(self, command: Command) -> None:
@@ -181,7 +215,10 @@ class ModbusLift:
             return False
         if self._outputs.phase(command.name) is not Phase.ON:
             return False
-        expected = Expectation(command, self._writer.confirm(command.name).any_of, None, ())
+        any_of = self._writer.confirm(command.name).any_of
+        if "readback" in any_of and not self._outputs.verified(command.name):
+            return False  # a door that is open by itself does not make up for a hold that is not there
+        expected = Expectation(command, any_of, None, ())
         return proof(expected, self._values, read_back=self._outputs.verified(command.name)) is not Proof.NONE
 
     async def release_all(self) -> None:
@@ -195,27 +232,12 @@ class ModbusLift:
 
     async def _read_blocks(self) -> tuple[bytes, ...]:
         payloads: list[bytes] = []
-        for link, request in self._requests:
+        for block, link, request in self._requests:
             try:
                 payloads.append(await link.read(request))
             except ControllerException as error:
-                raise await self._explained(error, request) from error
+                raise await self._diagnosis.explained(error, block) from error
         return tuple(payloads)
-
-    async def _explained(self, error: ControllerException, request: Request) -> ControllerException:
-        """Name the signals that an exception answer is about; of what is not served, find out which of them."""
-        if isinstance(error, UnitOffline):
-            return error
-        block = next(b for b, (_, asked) in zip(self._blocks, self._requests, strict=True) if asked is request)
-        if error.code == diagnosis.ILLEGAL_ADDRESS and block not in self._refused:
-
-            async def ask(one: Block) -> None:
-                await self._lines.link(one.endpoint).read(self._lines.request(one))
-
-            self._refused[block] = await diagnosis.what_is_refused(self._codec, block, ask)
-        if error.code == diagnosis.ILLEGAL_ADDRESS:
-            return PointsRefused(error, self._refused[block])
-        return PointsRefused(error, f"this block holds {diagnosis.whose(self._codec, block)}")
 
     def _changed(self, changed: frozenset[str], at: float) -> LiftValues:
         if self._values is None or "alive" in changed:
@@ -228,41 +250,45 @@ class ModbusLift:
                 watchdog_unit_s=self._watchdog_unit_s,
                 floor_under_way=self._floor_under_way,
             )
-            self._report_unlisted(self._values)
-            for name in ended(self._commands, self._values):
+            self._diagnosis.report_unlisted(self._values)
+            for name in ended(self._commands, self._values, self._codec.signals):
                 self._outputs.let_go(name)
+                self._end_dropped()
                 self._stir()
         return self._values
 
-    def _report_unlisted(self, values: LiftValues) -> None:
-        for signal, raw in values.unknown.items():
-            if (signal, raw) not in self._told:
-                self._told.add((signal, raw))
-                where = ", ".join(self._codec.map.signals[signal].addresses)
-                message = "%s: %s (%s) reads %d, which the map and the site do not list; it counts as unknown"
-                _log.warning(message, self._settings.name, signal, where, raw)
-
     async def _take_over(self, epoch: int) -> None:
         """Look at our own outputs over a new connection before anything is believed or written."""
+        epochs = self._lines.epochs
+        changed = {endpoint for endpoint, number in epochs.items() if number != self._epochs.get(endpoint)}
+        cells: dict[Cell, int] = {}
+        for block, names in self._writer.read_blocks(changed).items():
+            try:
+                cells |= await self._lines.cells([block])
+            except UnitOffline:
+                raise
+            except ControllerException as error:
+                raise PointsRefused(error, f"it does not say what our outputs hold: {names}") from error
         if self._commands:
-            cells = await self._lines.cells(self._writer.all_read_blocks)
-            self._outputs.reconnected(cells, asyncio.get_running_loop().time())
+            self._outputs.reconnected(cells, asyncio.get_running_loop().time(), changed)
             self._stir()
-        self._epoch = epoch
-        self._refused.clear()
+        self._epoch, self._epochs = epoch, epochs
+        self._diagnosis.forget()
 
     async def _carry_out(self, step: Step) -> None:
         loop = asyncio.get_running_loop()
-        press = self._presses.of(step.name) if step.kind is StepKind.PRESS else None
+        asks = step.kind in (StepKind.PRESS, StepKind.RESET)
+        press = self._presses.of(step.name) if asks else None
         permit = self._permit(step, press)
         maybe_sent = False
         try:
             async for request in self._writer.write(step, self._outputs.cells(step), permit):
                 maybe_sent = True
-                if press is not None:
+                if press is not None and step.kind is StepKind.PRESS:
                     press.frames.append(_hex(request))
             self._outputs.written(step, loop.time())
-            if press is not None and not press.future.done():
+            self._complained.discard(step.name)
+            if press is not None and step.kind is StepKind.PRESS and not press.future.done():
                 self._presses.await_proof(press, self._writer.confirm(step.name), self._values)
             if (holds := await self._writer.look(step)) is not None:
                 self._outputs.looked(step, holds=holds, now=loop.time())
@@ -275,29 +301,48 @@ class ModbusLift:
                 result = Result.UNCONFIRMED if maybe_sent else Result.REJECTED
                 self._presses.finish(press, result, refused.reason)
         except DriverError as error:
-            sent = maybe_sent or error.sent is not Sent.NO
             rejected = isinstance(error, ControllerException)
+            sent = maybe_sent or not (error.sent is Sent.NO or _not_executed(error))
             self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected)
             if press is not None and press.expected is None:
                 result = Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED
                 self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")
-            _log.debug("%s: %s of %s failed: %s", self._settings.name, step.kind, step.name, error)
+            self._complain(step, error, aloud=rejected and press is None and step.name not in self._complained)
+        finally:
+            self._end_dropped()
+
+    def _complain(self, step: Step, error: DriverError, *, aloud: bool) -> None:
+        """Report a write that failed; one that a controller refuses and nobody waits for, once for everybody to hear."""
+        if aloud:
+            self._complained.add(step.name)
+        what = self._writer.printed(step.name)
+        message = "%s: %s of %s failed: %s"
+        _log.log(logging.WARNING if aloud else logging.DEBUG, message, self._settings.name, step.kind, what, error)
+
+    def _end_dropped(self) -> None:
+        """End the presses that will not be written any more."""
+        for name in self._presses.unwritten:
+            if not self._outputs.pending(name):
+                reason = "not sent: something else was wanted instead, or it could not be sent in time"
+                self._presses.end(name, Result.REJECTED, reason)
 
     def _permit(self, step: Step, press: Press | None) -> Permit | None:
         """Return what is asked immediately before a step leaves; None for what lets go, which nobody can refuse.
 
-        A write that carries the pressed value of a neighbour asks for that one as well. A release cannot wait for it: what
-        may not be pressed now is let go with it.
+        A write would press its neighbours again: what may not be pressed now is let go with it, and is asked for once more
+        when the bytes leave.
         """
         if step.kind not in NEED_PERMIT:
+            if step.kind in (StepKind.LOOK, StepKind.CYCLE):
+                return None
             neighbours = self._outputs.neighbours(step)
-            if step.kind is StepKind.BEAT and neighbours:
+            if step.kind in (StepKind.BEAT, StepKind.RESET) and neighbours:
                 return lambda: self._first_refusal(neighbours)
-            for name in neighbours:
-                if (reason := self._refusal(name)) is not None:
-                    self._outputs.let_go(name)
-                    self._presses.end(name, Result.UNCONFIRMED, f"let go together with {step.name}: {reason}")
+            self._drop_refused(step)
             return None
+
+        if self._refusal(step.name) is None:
+            self._drop_refused(step)
 
         def allowed() -> str | None:
             if not self._outputs.still_wanted(step):
@@ -308,12 +353,21 @@ class ModbusLift:
 
         return allowed
 
+    def _drop_refused(self, step: Step) -> None:
+        """Let go of the neighbours that this write may not press again."""
+        for name in self._outputs.neighbours(step):
+            if (reason := self._refusal(name)) is not None:
+                self._outputs.let_go(name)
+                self._presses.end(name, Result.UNCONFIRMED, f"let go together with {step.name}: {reason}")
+
     def _refusal(self, name: str) -> str | None:
         """Say why an output may not be written as pressed now."""
         if self._lines.epoch != self._epoch:
             return "the connection is new and has not been read yet"
         if missing := self._missing(name):
             return f"{name} needs {', '.join(missing)}"
+        if self._values is not None and name in ended({name: self._commands[name]}, self._values, self._codec.signals):
+            return "the door is shut or opens, or something is in its way"
         return self._permits[name]()
 
     def _first_refusal(self, names: tuple[str, ...]) -> str | None:
@@ -328,17 +382,17 @@ class ModbusLift:
         for wake in self._wakes.values():
             wake.set()
 
-    @staticmethod
-    async def _sleep_until(when: float, wake: asyncio.Event) -> None:
-        wake.clear()
-        if math.isinf(when):
+
+async def _sleep_until(when: float, wake: asyncio.Event) -> None:
+    wake.clear()
+    with suppress(TimeoutError):
+        async with asyncio.timeout_at(None if math.isinf(when) else when):
             await wake.wait()
-            return
-        try:
-            async with asyncio.timeout_at(when):
-                await wake.wait()
-        except TimeoutError:
-            return
+
+
+def _not_executed(error: DriverError) -> bool:
+    """Whether the controller said that it did not understand, and so did nothing (exceptions 01, 02 and 03)."""
+    return isinstance(error, ControllerException) and error.code in (1, 2, 3)
 
 
 def _hex(request: Request) -> str:

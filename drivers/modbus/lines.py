@@ -38,6 +38,11 @@ class Lines:
             return self._links[0].epoch
         return sum(link.epoch for link in self._links)
 
+    @property
+    def epochs(self) -> dict[str, int]:
+        """The epoch of each device, by endpoint."""
+        return {endpoint: line.link.epoch for endpoint, line in self._lines.items()}
+
     def link(self, endpoint: str) -> Link:
         """Return the link to one device."""
         return self._lines[endpoint].link

@@ -42,6 +42,11 @@ class Presses:
         """Whether later readings are looked at for proof."""
         return bool(self._waiting)
 
+    @property
+    def unwritten(self) -> tuple[str, ...]:
+        """Commands whose press was not written yet."""
+        return tuple(name for name, press in self._of.items() if press.expected is None)
+
     def begin(self, command: Command, permit: Permit) -> Press:
         """Take a new press."""
         press = Press(command, permit, asyncio.get_running_loop().create_future())

@@ -46,6 +46,7 @@ def lift_values(
         named[signal] = floors.get(code) if isinstance(code, int) else None
         if isinstance(code, int) and code not in floors:
             unknown[signal] = code
+    mode = lift_mode(signals)
     motion = signals.get("motion")
     if not floor_under_way and motion is not Motion.STOPPED:
         named["car_floor"] = None
@@ -54,7 +55,8 @@ def lift_values(
         destination=named["destination"],
         call_accepted=named["call_accepted"],
         motion=(motion if isinstance(motion, Motion) else Motion.UNKNOWN) if "motion" in signals else None,
-        mode=lift_mode(signals),
+        mode=mode,
+        fire_word=signals.get("mode") is Mode.FIRE and mode is not Mode.FIRE,
         doors={side: _door(signals[f"door.{side}"]) for side in Side if f"door.{side}" in signals},
         flags={name: value for name, value in signals.items() if isinstance(value, bool)},
         unknown=unknown,

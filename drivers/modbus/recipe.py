@@ -8,92 +8,24 @@ command, not another one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
-from drivers.modbus.steps import NEED_PERMIT, Phase, Step, StepKind
-from register_maps.codec import Block, Cell, CommandCodec, Point
+from drivers.modbus.output import (
+    LEAVE_WITHIN_S,
+    LOOK_S,
+    REJECTED_PAUSE_S,
+    RETRY_S,
+    Beat,
+    Cells,
+    Cycle,
+    Output,
+    match,
+    period_s,
+    put,
+)
+from drivers.modbus.steps import Phase, Step, StepKind
+from register_maps.codec import Block, Cell, CommandCodec
 from register_maps.command_codec import Written
-from register_maps.schema import Command
-
-RETRY_S = 0.2
-"""Pause before a release, or the refresh of a hold that did not stick, is written again. Chosen: five tries a second do not
-load a controller, and a button left pressed is let go soon."""
-
-LONGEST_RETRY_S = 2.0
-"""The pause doubles with every failure of one release, up to this. Chosen: an output that cannot be let go must not keep the
-link from everything else for as long as it stays so."""
-
-REJECTED_PAUSE_S = 2.0
-"""Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
-failed call; a controller that says no is not to be asked at the pace of the polls."""
-
-COUNTS = 0x10000
-"""After so many beats a counting heartbeat begins anew, at 1: 0 is what a controller shows that nobody has written to."""
-
-Cells = Mapping[Cell, int]
-__all__ = ["NEED_PERMIT", "Outputs", "Phase", "Step", "StepKind"]
-
-
-@dataclass(slots=True)
-class _Output:
-    codec: CommandCodec
-    every_s: float
-    """How often it is written while it is on."""
-    phase: Phase = Phase.REST
-    code: int | None = None
-    next_code: int | None = None
-    """A press that waits for this output to come to rest."""
-    again: bool = False
-    armed_at: float | None = None
-    """When the press that was prepared by its rest value may leave."""
-    fall_at: float = math.inf
-    pause_at: float = math.inf
-    refresh_at: float = math.inf
-    try_at: float = -math.inf
-    not_before: float = -math.inf
-    rested_at: float = -math.inf
-    verified: bool = False
-    paused: bool = False
-    """Between two pulses of a hold that is made of pulses."""
-    unwanted: bool = False
-    """Let go of while its press was on its way, and ended by the device if it has arrived."""
-    failures: int = 0
-    """Of the release under way."""
-
-    @property
-    def spec(self) -> Command:
-        return self.codec.spec
-
-    @property
-    def asserts(self) -> bool:
-        """Whether whoever writes its cells has to write it pressed."""
-        return self.phase is Phase.ON and not self.paused and not self.spec.ends_itself
-
-    def retry(self, now: float) -> None:
-        """Let the next try of its release wait, longer each time."""
-        self.try_at = now + min(LONGEST_RETRY_S, RETRY_S * 2.0 ** min(self.failures, 10))
-        self.failures += 1
-
-
-@dataclass(slots=True)
-class _Beat:
-    codec: CommandCodec
-    count: int = 0
-    at: float = -math.inf
-
-    @property
-    def next_count(self) -> int:
-        if self.codec.spec.action == "toggle":
-            return 1 - self.count
-        return (self.count + 1) % COUNTS or 1
-
-
-@dataclass(slots=True)
-class _Cycle:
-    block: Block
-    every_s: float
-    at: float = -math.inf
 
 
 class Outputs:
@@ -102,21 +34,22 @@ class Outputs:
     def __init__(self, commands: Mapping[str, CommandCodec], written: Sequence[Written] = ()) -> None:
         """Every output is taken to be at rest until `reconnected` says what the controller holds."""
         self._outputs = {
-            name: _Output(codec, _every_s(codec, written))
+            name: Output(codec, period_s(codec, written))
             for name, codec in commands.items()
             if not codec.spec.is_heartbeat
         }
-        self._beats = {name: _Beat(codec) for name, codec in commands.items() if codec.spec.is_heartbeat}
+        self._excluded = {name: self._mutual(name) for name in self._outputs}
+        self._beats = {name: Beat(codec) for name, codec in commands.items() if codec.spec.is_heartbeat}
         own = {point.cell for output in self._outputs.values() for point in output.codec.points}
         self._cycles = [
-            _Cycle(block, every_s)
+            Cycle(block, every_s)
             for block, _, every_s in written
             if every_s is not None and not own.isdisjoint(block.cells)
         ]
         self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
         """Every cell of ours with nothing pressed."""
         for codec in commands.values():
-            _put(self._resting, codec.encode(None))
+            put(self._resting, codec.encode(None))
 
     def __contains__(self, name: str) -> bool:
         return name in self._outputs
@@ -124,7 +57,8 @@ class Outputs:
     def press(self, name: str, code: int | None, now: float) -> None:
         """Want a press. A press of the same output that is still on is let go first."""
         output = self._outputs[name]
-        self._clear_excluded(output)
+        self._clear_excluded(name)
+        output.leave_by = now + LEAVE_WITHIN_S + self._pauses_s(name)
         if output.phase in (Phase.REST, Phase.DUE):
             output.phase, output.code = Phase.DUE, code
         else:
@@ -138,10 +72,10 @@ class Outputs:
         output = self._outputs[name]
         output.fall_at = now + (output.spec.max_hold_s or 0.0)
         if output.phase is Phase.REST:
-            self._clear_excluded(output)
-            output.phase, output.code = Phase.DUE, 1
+            self._clear_excluded(name)
+            output.phase, output.code, output.leave_by = Phase.DUE, 1, math.inf
         elif output.phase is Phase.LETTING_GO:
-            output.again, output.next_code = True, 1
+            output.again, output.next_code, output.leave_by = True, output.code or 1, math.inf
 
     def let_go(self, name: str) -> None:
         """Want rest, now."""
@@ -168,6 +102,11 @@ class Outputs:
         """Whether nothing is on, due or being let go."""
         return all(output.phase is Phase.REST for output in self._outputs.values())
 
+    def pending(self, name: str) -> bool:
+        """Whether it is on, or will be as far as it goes."""
+        output = self._outputs[name]
+        return output.again or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
+
     def still_wanted(self, step: Step) -> bool:
         """Whether somebody still wants what a press or refresh asks for."""
         output = self._outputs[step.name]
@@ -180,16 +119,24 @@ class Outputs:
 
         A press that is handed out is on its way: its fate is told by `written` or `failed`.
         """
+        self._expire(now)
+        due = self._release_due(now, endpoint) or next(self._others(now, endpoint), None)
+        if due is not None and due.kind is StepKind.PRESS:
+            self._outputs[due.name].phase = Phase.LEAVING
+        return due
+
+    def _expire(self, now: float) -> None:
+        """End what has lasted, or waited, for as long as it may."""
         for output in self._outputs.values():
             if output.phase is Phase.ON and now >= output.fall_at:
                 if output.spec.ends_itself:
                     self._rest(output, now)
                 else:
                     self._drop(output)
-        due = self._release_due(now, endpoint) or next(self._others(now, endpoint), None)
-        if due is not None and due.kind is StepKind.PRESS:
-            self._outputs[due.name].phase = Phase.LEAVING
-        return due
+            elif (output.again or output.phase is Phase.DUE) and now >= output.give_up_at:
+                output.again = False
+                if output.phase is Phase.DUE:
+                    self._drop(output)
 
     def _release_due(self, now: float, endpoint: str) -> Step | None:
         """Return the release that has waited longest: one that fails again and again does not keep others waiting."""
@@ -218,11 +165,12 @@ class Outputs:
         for name, output in self._outputs.items():
             if output.codec.endpoint != endpoint:
                 continue
-            if output.phase is Phase.DUE and now >= self._free_at(output):
+            if output.phase is Phase.DUE and now >= self._free_at(name):
                 armed = output.armed_at is not None or not output.spec.reset_first_s
                 yield Step(StepKind.PRESS, name, output.code) if armed else Step(StepKind.RESET, name, None)
             if output.phase is Phase.ON and now >= output.refresh_at:
-                yield Step(StepKind.REFRESH, name, output.code)
+                looks = output.is_only_looked_at and not output.gone
+                yield Step(StepKind.LOOK if looks else StepKind.REFRESH, name, output.code)
         for cycle in self._cycles:
             if cycle.block.endpoint == endpoint and now >= cycle.at and self._idle(cycle.block):
                 yield Step(StepKind.CYCLE, "", None, cycle.block)
@@ -231,14 +179,16 @@ class Outputs:
         """Earliest time at which `next` may have something; infinity when only an event can change that."""
         times = [math.inf, *(beat.at for beat in self._beats.values() if beat.codec.endpoint == endpoint)]
         times += [cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._idle(cycle.block)]
-        for output in self._outputs.values():
+        for name, output in self._outputs.items():
             if output.codec.endpoint != endpoint:
                 continue
             if output.phase is Phase.LETTING_GO:
                 times.append(output.try_at)
             elif output.phase is Phase.DUE:
-                times.append(self._free_at(output))
-            elif output.phase is Phase.ON:
+                times += [self._free_at(name), output.give_up_at]
+            if output.again:
+                times.append(output.give_up_at)
+            if output.phase is Phase.ON:
                 times.append(min(output.fall_at, output.refresh_at, output.pause_at))
         return min(times)
 
@@ -246,12 +196,12 @@ class Outputs:
         """Contents of our cells with this step applied: of everything else, only what is on is pressed."""
         image = dict(self._resting)
         for beat in self._beats.values():
-            _put(image, beat.codec.encode(beat.count or None))
+            put(image, beat.codec.encode(beat.count or None))
         for output in self._outputs.values():
             if output.asserts:
-                _put(image, output.codec.encode(output.code))
+                put(image, output.codec.encode(output.code))
         if step.block is None:
-            _put(image, self._codec(step).encode(step.code))
+            put(image, self._codec(step).encode(step.code))
         return image
 
     def neighbours(self, step: Step) -> tuple[str, ...]:
@@ -280,7 +230,7 @@ class Outputs:
             return
         output = self._outputs[step.name]
         match step.kind:
-            case StepKind.RESET:
+            case StepKind.RESET if output.phase is Phase.DUE:
                 output.armed_at = now + output.spec.reset_first_s
             case StepKind.PAUSE:
                 output.pause_at, output.paused = math.inf, True
@@ -293,17 +243,19 @@ class Outputs:
             case _:
                 pass
         if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
-            output.refresh_at, output.paused = now + output.every_s, False
+            output.refresh_at = now + (LOOK_S if output.is_only_looked_at else output.every_s)
+            output.paused = output.gone = False
             if output.spec.repeat_pulse_s is not None:
                 output.pause_at = now + (output.spec.width_s or math.inf)
 
     def looked(self, step: Step, *, holds: bool, now: float) -> None:
         """The cells were read back, or cannot be; `holds` says whether they hold what the step wrote."""
         output = self._outputs[step.name]
-        if output.phase is Phase.ON and step.kind in NEED_PERMIT:
+        if output.phase is Phase.ON and step.kind is not StepKind.RELEASE:
             output.verified = holds
             if not holds and output.spec.action == "hold":
                 output.refresh_at = min(output.refresh_at, now + RETRY_S)
+                output.gone = True
         elif output.phase is Phase.LETTING_GO and step.kind is StepKind.RELEASE:
             if holds:
                 self._rest(output, now)
@@ -326,18 +278,22 @@ class Outputs:
             case StepKind.RELEASE:
                 output.retry(now)
             case StepKind.RESET:
+                if output.phase is Phase.DUE:
+                    self._rest(output, output.rested_at)
                 output.try_at = now + RETRY_S
             case StepKind.PAUSE:
                 output.pause_at = now + RETRY_S
-            case StepKind.REFRESH:
+            case StepKind.REFRESH | StepKind.LOOK:
                 output.verified = False
                 output.refresh_at = now + RETRY_S
             case _:
                 self._press_failed(output, maybe_sent=maybe_sent, now=now)
 
-    def _press_failed(self, output: _Output, *, maybe_sent: bool, now: float) -> None:
+    def _press_failed(self, output: Output, *, maybe_sent: bool, now: float) -> None:
         output.armed_at = None
-        if not maybe_sent and output.phase in (Phase.LEAVING, Phase.LETTING_GO):
+        if output.phase is Phase.ON and output.spec.action == "hold":
+            output.refresh_at, output.gone = now + RETRY_S, True
+        elif not maybe_sent and output.phase in (Phase.LEAVING, Phase.LETTING_GO):
             self._rest(output, output.rested_at)
             output.try_at = now + RETRY_S
         elif output.phase is Phase.LEAVING and output.spec.ends_itself:
@@ -345,16 +301,18 @@ class Outputs:
         elif output.phase is Phase.LEAVING:
             output.phase, output.try_at, output.failures = Phase.LETTING_GO, now, 0
 
-    def reconnected(self, cells: Cells, now: float) -> None:
-        """Compare with what the controller holds after a new connection; `cells` are those of `read_points`.
+    def reconnected(self, cells: Cells, now: float, endpoints: Collection[str] = ("",)) -> None:
+        """Compare with what the controller holds after a new connection to these devices; `cells` are those of `read_points`.
 
         A hold that is still wanted and still there is adopted; one that is gone is written again as the level it is. A
-        call is never repeated. Everything else of ours that is not at rest is let go.
+        call is never repeated. Everything else of ours that is not at rest is let go. At a point that shows a lamp nobody
+        can see a leftover of ours, and a passenger's call is not to be cleared.
         """
         for output in self._outputs.values():
-            if output.spec.ends_itself:
+            if output.spec.ends_itself or not {point.endpoint for point in output.codec.points} & set(endpoints):
                 continue
-            at_rest = not output.codec.lamp and _match(output.codec, cells, None)
+            output.armed_at = None
+            at_rest = output.codec.lamp or match(output.codec, cells, None)
             if output.phase is Phase.ON and output.spec.action == "hold" and self._adopted(output, cells, now):
                 continue
             if output.phase in (Phase.REST, Phase.DUE) and at_rest:
@@ -364,9 +322,10 @@ class Outputs:
             # written even if it reads at rest: the controller may still find our press in the connection that broke
             output.phase, output.try_at, output.verified, output.failures = Phase.LETTING_GO, now, False, 0
 
-    def _adopted(self, output: _Output, cells: Cells, now: float) -> bool:
+    def _adopted(self, output: Output, cells: Cells, now: float) -> bool:
         """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
-        output.verified = _match(output.codec, cells, output.code)
+        output.verified = match(output.codec, cells, output.code)
+        output.gone = not output.verified
         output.refresh_at = min(now, output.refresh_at)
         return output.verified or not output.codec.is_call
 
@@ -383,7 +342,7 @@ class Outputs:
             if not set(cells).isdisjoint(cycle.block.cells):
                 cycle.at = now + cycle.every_s
 
-    def _drop(self, output: _Output) -> None:
+    def _drop(self, output: Output) -> None:
         if output.phase in (Phase.ON, Phase.LEAVING) and output.spec.ends_itself:
             # there is nothing to let go with: writing it again would press it again
             output.unwanted = output.phase is Phase.LEAVING
@@ -394,50 +353,36 @@ class Outputs:
             output.phase = Phase.REST
         output.verified, output.armed_at, output.pause_at = False, None, math.inf
 
-    def _rest(self, output: _Output, now: float) -> None:
+    def _rest(self, output: Output, now: float) -> None:
         output.phase, output.rested_at, output.verified = Phase.REST, now, False
         output.paused, output.unwanted = False, False
         if output.again:
             output.again = False
             output.phase, output.code = Phase.DUE, output.next_code
 
-    def _clear_excluded(self, output: _Output) -> None:
-        for name in output.spec.excludes:
-            if name in self._outputs:
-                self.let_go(name)
+    def _mutual(self, name: str) -> dict[str, float]:
+        """Return what may not be on together with an output, whichever of the two says so, and the pause between them."""
+        own = self._outputs[name].spec
+        pauses = dict.fromkeys(own.excludes, own.gap_s)
+        for other, output in self._outputs.items():
+            if name in output.spec.excludes:
+                pauses[other] = max(pauses.get(other, 0.0), output.spec.gap_s)
+        return {other: gap_s for other, gap_s in pauses.items() if other in self._outputs}
 
-    def _free_at(self, output: _Output) -> float:
+    def _pauses_s(self, name: str) -> float:
+        spec = self._outputs[name].spec
+        return max(self._excluded[name].values(), default=0.0) + spec.min_repeat_s + spec.reset_first_s
+
+    def _clear_excluded(self, name: str) -> None:
+        for other in self._excluded[name]:
+            self.let_go(other)
+
+    def _free_at(self, name: str) -> float:
         """Return when the outputs that this one excludes will have rested for the gap; infinity while one is on."""
+        output = self._outputs[name]
         free = max(output.try_at, output.not_before, -math.inf if output.armed_at is None else output.armed_at)
-        for name in output.spec.excludes:
-            other = self._outputs.get(name)
-            if other is None:
-                continue
-            if other.phase in (Phase.ON, Phase.LEAVING, Phase.LETTING_GO):
+        for other, gap_s in self._excluded[name].items():
+            if self._outputs[other].phase in (Phase.ON, Phase.LEAVING, Phase.LETTING_GO):
                 return math.inf
-            free = max(free, other.rested_at + output.spec.gap_s)
+            free = max(free, self._outputs[other].rested_at + gap_s)
         return free
-
-
-def _every_s(codec: CommandCodec, written: Sequence[Written]) -> float:
-    """Return how often an output is written while it is on: its refresh, its next pulse, or the cycle of its block."""
-    spec = codec.spec
-    own = [spec.refresh_s, spec.repeat_pulse_s] if spec.action == "hold" else []
-    cycles = [every_s for block, _, every_s in written if block in codec.blocks]
-    return min((every_s for every_s in (*own, *cycles) if every_s is not None), default=math.inf)
-
-
-def _put(image: dict[Cell, int], values: Mapping[Point, int]) -> None:
-    for point, value in values.items():
-        image[point.cell] = point.into(image.get(point.cell, 0), value)
-
-
-def _seen(codec: CommandCodec, cells: Cells) -> Iterator[tuple[Point, int]]:
-    """Yield what the controller holds at each point of a command that was read back."""
-    for point, read in zip(codec.points, codec.read_points, strict=bool(codec.read_points)):
-        if read.cell in cells:
-            yield point, read.within(cells[read.cell])
-
-
-def _match(codec: CommandCodec, cells: Cells, code: int | None) -> bool:
-    return dict(_seen(codec, cells)) == codec.encode(code)

@@ -33,9 +33,11 @@ class StepKind(StrEnum):
     RESET = "reset"
     """The rest value, so that the press that follows is an edge."""
     CYCLE = "cycle"
-    """A block that is written whether or not anything is wanted; all of it rests."""
+    """A block that is written whether or not anything is wanted, while nothing in it is on."""
     BEAT = "beat"
     """Our sign of life."""
+    LOOK = "look"
+    """No write: whether a hold that is not written again is still there."""
 
 
 NEED_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})

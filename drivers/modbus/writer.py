@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Collection, Mapping
 
 from drivers.driver import Permit
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lines import Lines
+from drivers.modbus.output import Cells
 from drivers.modbus.plan import plan_reads
-from drivers.modbus.recipe import Cells
 from drivers.modbus.steps import Step, StepKind
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
@@ -47,10 +47,14 @@ class Writer:
             for name, command in commands.items()
         }
 
-    @property
-    def all_read_blocks(self) -> tuple[Block, ...]:
-        """Everything to be read to see what all outputs hold."""
-        return tuple(dict.fromkeys(block for blocks in self._read_blocks.values() for block in blocks))
+    def read_blocks(self, endpoints: Collection[str]) -> dict[Block, str]:
+        """Everything to be read to see what the outputs of these devices hold, with the commands it is read for."""
+        found: dict[Block, list[str]] = {}
+        for name, blocks in self._read_blocks.items():
+            if {point.endpoint for point in self._commands[name].points} & set(endpoints):
+                for block in blocks:
+                    found.setdefault(block, []).append(self.printed(name))
+        return {block: "; ".join(names) for block, names in found.items()}
 
     def confirm(self, name: str) -> Confirm:
         """Return what shows that this command took effect."""
@@ -66,6 +70,8 @@ class Writer:
             yield await self._send(
                 block_write(step.block, self._functions[step.block], cells, self._unit(step.block)), step.block, permit
             )
+            return
+        if step.kind is StepKind.LOOK:
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
@@ -89,7 +95,9 @@ class Writer:
         if command.lamp or not command.read_points:
             # what is read there is the controller's answer and not our write: a release can be no surer than its echo
             return True if release else None
-        if not (release or command.shared or "readback" in self.confirm(step.name).any_of):
+        if not (
+            release or step.kind is StepKind.LOOK or command.shared or "readback" in self.confirm(step.name).any_of
+        ):
             return None
         cells = await self._lines.cells(self._read_blocks[step.name])
         wanted = command.encode(step.code)
@@ -121,17 +129,16 @@ class Writer:
         return request
 
     def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
-        """Return the blocks of a command with their functions: of a press those that come to rest first, of a release what is on.
+        """Return the blocks of a command with their functions: those that come to rest first.
 
-        Of outputs that the device lets go by itself only the pressed one is written: the others rest, and a module may
-        take a 0 there for something else.
+        Of outputs that the device lets go by itself, or that show lamps, only the pressed one is written: the others rest,
+        and a 0 there may be taken for something else, such as the end of a passenger's call.
         """
         pairs = list(zip(command.blocks, command.functions, strict=True))
-        pressed = {point.cell for point, value in command.encode(step.code or step.was).items() if value}
-        if command.spec.ends_itself and command.spec.one_of is not None:
+        if (command.spec.ends_itself or command.lamp) and command.spec.one_of is not None:
+            code = step.was if step.code is None else step.code
+            pressed = {point.cell for point, value in command.encode(code).items() if value}
             pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]
-        if step.kind is StepKind.RELEASE:
-            return sorted(pairs, key=lambda pair: pressed.isdisjoint(pair[0].cells))
         return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
 
     def _unit(self, block: Block) -> int:

@@ -3,104 +3,19 @@
 import asyncio
 import itertools
 import logging
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.errors import DriverError, PointsRefused
+from drivers.errors import PointsRefused
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice, exception
-from drivers.model import Command, CommandKind, LiftReading, Proof, Result
-from register_maps.codec import Codec
-from register_maps.frames import Request
+from drivers.model import Command, CommandKind, Proof, Result
 from register_maps.words import Door, Mode, Side, Table
+from tests.drivers.rig import CLOSE_FRONT, HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, ended, on_rig
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import HEAD, written_map
-
-HOLD_FRONT = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
-CLOSE_FRONT = Command(CommandKind.CLOSE_DOOR, side=Side.FRONT)
-HOLD = "action: hold, max_hold_s: 30, on_link_loss: latches, confirm: {any_of: [readback], within_s: 2}"
-SIGNALS = 'signals: {car_floor: {at: "input:1", as: floor, unknown: [0]}, door.front: {at: "discrete:1"}}\n'
-
-
-def allowed() -> None:
-    return None
-
-
-@dataclass
-class Rig:
-    """A lift, its devices in memory, and a poll every 0.1 s."""
-
-    lift: ModbusLift
-    devices: Mapping[str, MemoryDevice]
-    links: Mapping[str, Link]
-    readings: list[LiftReading] = field(default_factory=list)
-    errors: list[DriverError] = field(default_factory=list)
-
-    @property
-    def device(self) -> MemoryDevice:
-        return self.devices[""]
-
-    def writes(self, endpoint: str = "") -> list[str]:
-        return [str(request) for request in self.devices[endpoint].writes]
-
-    def cells(self, table: Table, *addresses: int) -> list[int]:
-        return [self.device.values[table].get(address, 0) for address in addresses]
-
-
-@asynccontextmanager
-async def rig(codec: Codec, devices: Mapping[str, MemoryDevice] | None = None) -> AsyncIterator[Rig]:
-    made_of = {"": MemoryDevice(timed_coils=True)} if devices is None else devices
-    made_of[""].values[Table.INPUT].setdefault(1, 1)
-    links = {name: Link(device.wire, LinkSettings(), name=name or "plc") for name, device in made_of.items()}
-    settings = LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=True)
-    lines = {name: Line(link, 1) for name, link in links.items() if name}
-    made = Rig(ModbusLift(codec, links[""], settings, lines), made_of, links)
-
-    async def poll() -> None:
-        while True:
-            try:
-                made.readings.append(await made.lift.read())
-            except DriverError as error:
-                made.errors.append(error)
-            await elapse(0.1)
-
-    work = (*(link.run() for link in links.values()), made.lift.run(), poll())
-    running = [asyncio.ensure_future(part) for part in work]
-    await elapse(1.0)
-    try:
-        yield made
-    finally:
-        await ended(running)
-
-
-async def ended(running: Sequence[asyncio.Future[None]]) -> None:
-    for task in running:
-        task.cancel()
-    await asyncio.gather(*running, return_exceptions=True)
-
-
-def on_rig(
-    check: Callable[[Rig], Awaitable[None]],
-    text: str,
-    devices: Mapping[str, MemoryDevice] | None = None,
-    head: str = HEAD,
-) -> None:
-    async def main() -> None:
-        async with rig(written_map(text, head), devices) as made:
-            await check(made)
-
-    run_virtual(main, limit_s=600)
-
-
-def writes_of(requests: list[Request]) -> list[int]:
-    return [request.function for request in requests if request.is_write]
-
 
 ACCEPTED = f'{SIGNALS}commands: {{hold_door.front: {{at: "holding:9.2", shared_word: accepted, {HOLD}}}}}\n'
 MASKED = ACCEPTED.replace("accepted", "mask_write")
@@ -338,6 +253,8 @@ def test_any_other_exception_names_the_signals_it_is_about() -> None:
 
 def test_a_refused_command_is_named_with_its_printed_address() -> None:
     async def check(made: Rig) -> None:
+        made.device.values[Table.DISCRETE][1] = 1
+        await elapse(0.2)
         made.device.fail_next(exception(3), on=lambda request: request.is_write)
         outcome = made.lift.press(CLOSE_FRONT, allowed)
         await elapse(0.3)
@@ -362,7 +279,7 @@ def test_a_value_outside_its_table_is_reported_once_however_often_it_comes(caplo
         await elapse(0.2)
         assert made.readings[-1].values.unknown == {"motion": 7}
 
-    with caplog.at_level(logging.WARNING, logger="drivers.modbus.lift"):
+    with caplog.at_level(logging.WARNING, logger="drivers.modbus.diagnosis"):
         on_rig(check, text)
     assert [record.getMessage() for record in caplog.records] == [
         f"lift: motion (input:2) reads {value}, which the map and the site do not list; it counts as unknown"

@@ -4,7 +4,9 @@ import math
 
 import pytest
 
-from drivers.modbus.recipe import RETRY_S, Outputs, Phase, Step, StepKind
+from drivers.modbus.output import RETRY_S
+from drivers.modbus.recipe import Outputs
+from drivers.modbus.steps import Phase, Step, StepKind
 from register_maps.codec import compile_map
 from register_maps.load import load
 from register_maps.words import Table

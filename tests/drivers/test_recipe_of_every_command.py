@@ -2,7 +2,8 @@
 
 import math
 
-from drivers.modbus.recipe import REJECTED_PAUSE_S, RETRY_S, Outputs
+from drivers.modbus.output import REJECTED_PAUSE_S, RETRY_S
+from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import NEED_PERMIT, Phase, Step, StepKind
 from register_maps.words import Table
 from tests.support.written_maps import written_map
@@ -70,7 +71,7 @@ def test_a_controller_that_needs_an_edge_gets_the_rest_value_first() -> None:
     assert carry_out(made, 2.0).kind is StepKind.RESET
 
 
-def test_a_reset_that_was_lost_is_written_again_before_the_press() -> None:
+def test_a_press_whose_reset_failed_is_given_up() -> None:
     made = outputs(
         '  close_door.front: {at: "coil:20", action: pulse, width_s: 0.5, reset_first_s: 0.5, ' + EFFECT + "}"
     )
@@ -78,10 +79,22 @@ def test_a_reset_that_was_lost_is_written_again_before_the_press() -> None:
     step = made.next(0.0)
     assert step is not None
     made.failed(step, maybe_sent=True, now=0.3)
-    assert made.next(0.3 + RETRY_S - 0.01) is None
-    assert carry_out(made, 0.3 + RETRY_S).kind is StepKind.RESET
-    made.let_go("close_door.front")
+    assert not made.pending("close_door.front")
     assert made.at_rest
+    assert made.next(9.0) is None
+
+
+def test_a_reset_that_nobody_wants_any_more_arms_nothing() -> None:
+    made = outputs(
+        '  close_door.front: {at: "coil:20", action: pulse, width_s: 0.5, reset_first_s: 0.5, ' + EFFECT + "}"
+    )
+    made.press("close_door.front", 1, 0.0)
+    step = made.next(0.0)
+    assert step is not None
+    made.let_go("close_door.front")
+    made.written(step, 0.1)
+    made.press("close_door.front", 1, 5.0)
+    assert carry_out(made, 5.0).kind is StepKind.RESET
 
 
 def test_a_hold_for_a_controller_that_drops_stuck_buttons_is_pressed_again_and_again() -> None:
@@ -218,9 +231,12 @@ def test_a_lamp_at_the_point_of_its_button_is_not_taken_for_our_press() -> None:
     made = Outputs(codec.commands, codec.written)
     lit = {("", Table.COIL, 16): 0, ("", Table.COIL, 17): 1}
     made.reconnected(lit, 0.0)
-    assert carry_out(made, 0.0) == Step(StepKind.RELEASE, "go_to", None)
     assert made.at_rest
-    assert made.cells(Step(StepKind.PRESS, "go_to", 0)) == {("", Table.COIL, 16): 1, ("", Table.COIL, 17): 0}
+    assert made.next(0.0) is None
+    made.press("go_to", 1, 1.0)
+    assert carry_out(made, 1.0) == Step(StepKind.PRESS, "go_to", 1)
+    made.reconnected(lit, 1.2)
+    assert carry_out(made, 1.2) == Step(StepKind.RELEASE, "go_to", None)
 
 
 def test_bits_of_one_register_are_put_side_by_side() -> None:

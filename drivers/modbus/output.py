@@ -1,0 +1,141 @@
+"""One output, the heartbeat and a cyclic block, as they stand at one moment; and small questions about them. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.modbus.steps import Phase
+from register_maps.codec import Block, Cell, CommandCodec, Point
+from register_maps.command_codec import Written
+from register_maps.schema import Command
+
+RETRY_S = 0.2
+"""Pause before a release, or the refresh of a hold that did not stick, is written again. Chosen: five tries a second do not
+load a controller, and a button left pressed is let go soon."""
+
+LOOK_S = 2.0
+"""How often a hold that is not refreshed is looked at, for a controller that dropped it. Chosen: RMF acts on news of a second or
+two, and a look costs one read."""
+
+LEAVE_WITHIN_S = 10.0
+"""How long a press may wait to be written, beyond the pauses of its map. Chosen: a caller that waited longer asks again, and
+nobody expects a button to be pressed for somebody who asked long ago."""
+
+LONGEST_RETRY_S = 2.0
+"""The pause doubles with every failure of one release, up to this. Chosen: an output that cannot be let go must not keep the
+link from everything else for as long as it stays so."""
+
+REJECTED_PAUSE_S = 2.0
+"""Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
+failed call; a controller that says no is not to be asked at the pace of the polls."""
+
+COUNTS = 0x10000
+"""After so many beats a counting heartbeat begins anew, at 1: 0 is what a controller shows that nobody has written to."""
+
+Cells = Mapping[Cell, int]
+
+
+@dataclass(slots=True)
+class Output:
+    codec: CommandCodec
+    every_s: float
+    """How often it is written while it is on."""
+    phase: Phase = Phase.REST
+    code: int | None = None
+    next_code: int | None = None
+    """A press that waits for this output to come to rest."""
+    again: bool = False
+    armed_at: float | None = None
+    """When the press that was prepared by its rest value may leave."""
+    fall_at: float = math.inf
+    pause_at: float = math.inf
+    refresh_at: float = math.inf
+    try_at: float = -math.inf
+    not_before: float = -math.inf
+    rested_at: float = -math.inf
+    verified: bool = False
+    paused: bool = False
+    """Between two pulses of a hold that is made of pulses."""
+    unwanted: bool = False
+    """Let go of while its press was on its way, and ended by the device if it has arrived."""
+    failures: int = 0
+    """Of the release under way."""
+    leave_by: float = math.inf
+    """A press that was not written by then is given up."""
+    gone: bool = False
+    """It was seen not to be there any more, and is written again."""
+
+    @property
+    def spec(self) -> Command:
+        return self.codec.spec
+
+    @property
+    def is_only_looked_at(self) -> bool:
+        """Whether it is read back from time to time, because nothing writes it again. A call is never written again."""
+        looks = self.spec.action == "hold" and bool(self.codec.read_points) and not self.codec.lamp
+        return looks and math.isinf(self.every_s) and not self.codec.is_call
+
+    @property
+    def give_up_at(self) -> float:
+        """When a press or hold that waits to be written is given up."""
+        return self.leave_by if self.spec.ends_itself else min(self.fall_at, self.leave_by)
+
+    @property
+    def asserts(self) -> bool:
+        """Whether whoever writes its cells has to write it pressed."""
+        return self.phase is Phase.ON and not self.paused and not self.spec.ends_itself
+
+    def retry(self, now: float) -> None:
+        """Let the next try of its release wait, longer each time."""
+        self.try_at = now + min(LONGEST_RETRY_S, RETRY_S * 2.0 ** min(self.failures, 10))
+        self.failures += 1
+
+
+@dataclass(slots=True)
+class Beat:
+    codec: CommandCodec
+    count: int = 0
+    at: float = -math.inf
+
+    @property
+    def next_count(self) -> int:
+        if self.codec.spec.action == "toggle":
+            return 1 - self.count
+        return (self.count + 1) % COUNTS or 1
+
+
+@dataclass(slots=True)
+class Cycle:
+    block: Block
+    every_s: float
+    at: float = -math.inf
+
+
+def period_s(codec: CommandCodec, written: Sequence[Written]) -> float:
+    """Return how often an output is written while it is on: its refresh, its next pulse, or the cycle of its block."""
+    spec = codec.spec
+    own = [spec.refresh_s, spec.repeat_pulse_s] if spec.action == "hold" else []
+    cycles = [every_s for block, _, every_s in written if block in codec.blocks]
+    return min((every_s for every_s in (*own, *cycles) if every_s is not None), default=math.inf)
+
+
+def put(image: dict[Cell, int], values: Mapping[Point, int]) -> None:
+    for point, value in values.items():
+        image[point.cell] = point.into(image.get(point.cell, 0), value)
+
+
+def seen(codec: CommandCodec, cells: Cells) -> Iterator[tuple[Point, int]]:
+    """Yield what the controller holds at each point of a command that was read back."""
+    for point, read in zip(codec.points, codec.read_points, strict=bool(codec.read_points)):
+        if read.cell in cells:
+            yield point, read.within(cells[read.cell])
+
+
+def match(codec: CommandCodec, cells: Cells, code: int | None) -> bool:
+    """Whether the controller holds what this code writes; of lamps, whether that of the pressed button is lit."""
+    wanted, found = codec.encode(code), dict(seen(codec, cells))
+    if codec.lamp:
+        return all(found.get(point) == value for point, value in wanted.items() if value)
+    return found == wanted
