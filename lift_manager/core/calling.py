@@ -44,10 +44,10 @@ class CallButton:
         """What ends the call that is on; empty for a pulse, or for none."""
         return self._until if self._on is not None else ""
 
-    @property
-    def holds_door(self) -> bool:
-        """Whether a call of this map keeps the door open, because it stays on while the robot boards or leaves."""
-        return not _ACKNOWLEDGEMENTS.isdisjoint({self._able.call_until, self._able.go_until})
+    def holds_door(self, floor: FloorName, *, aboard: bool) -> bool:
+        """Whether the call to a floor keeps the door open there, because it stays on while the robot boards or leaves."""
+        call = self.command(floor, aboard=aboard)
+        return call is not None and self._able.until.get(call.name) in _ACKNOWLEDGEMENTS
 
     @property
     def forgotten(self) -> bool:
@@ -62,7 +62,7 @@ class CallButton:
         if self._on is not None and self._on.name != command.name:
             self.let_go()
         self._on = command
-        self._until = self._able.go_until if command.kind is CommandKind.GO else self._able.call_until
+        self._until = self._able.until.get(command.name, "")
         if aboard and self._until == "robot_in_place":
             # it is in place already
             self._until = "arrived"

@@ -115,6 +115,14 @@ class Handshake:
         """Whether the lift has been told what it must know before it is sent on."""
         return not self._left.pending and (self.aboard is not True or self._in_place.taken)
 
+    def next_command(self, floor: FloorName) -> str:
+        """Return the command that sends the car to a floor: the call, or a word that has to come before it or does without."""
+        aboard = self.aboard is True
+        call = self._button.command(floor, aboard=aboard)
+        if call is None or (aboard and not self._in_place.taken):
+            return self._in_place.command.name
+        return call.name
+
     def door_is_open(self, sight: Sight, floor: FloorName) -> bool:
         """Whether the car stands open at a floor for the robot where it is now, as far as the lift's own signals go."""
         needs = permissions(self._able, aboard=self.aboard)
@@ -199,6 +207,7 @@ class Handshake:
         boarding, self._boarding = self._boarding, Boarding()
         if release is not None and boardings.has_left(boarding, release, session.floor, self._rules):
             self._report_left(session.floor, now)
+            self._keep_until_told()
             return False
         self.let_go()
         if boarding.who is not Who.ABOARD:
@@ -234,6 +243,12 @@ class Handshake:
             self._button.let_go()
         if not self._left.pending:
             self._after_left()
+
+    def _keep_until_told(self) -> None:
+        """Put what stays on until the lift knows that the robot left under the permit of that word: the session's is over."""
+        self._button.keep_on(self._permit)
+        if self._in_place.is_level and self._driver.given(self._in_place.command):
+            self._driver.hold(self._in_place.command, self._permit)
 
     def _after_left(self) -> None:
         """Let go of what was on for the robot aboard."""

@@ -19,7 +19,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.events import Alarm, CommandEnded, Event, SessionEnded, SessionOpened
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, barred, moving
+from lift_manager.domain.sight import Sight, barred, moving, on_fire
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode, Side
 
 _log = logging.getLogger(__name__)
@@ -39,15 +39,20 @@ class SessionKeeper:
         bus: Bus[Event],
         *,
         sight: Callable[[float], Sight | None],
+        last_sight: Callable[[], Sight | None],
         changed: Callable[[], None],
     ) -> None:
-        """`sight` gives what is known at a time unless it is too old by then; `changed` hears when there is news to publish."""
+        """`sight` gives what is known at a time unless it is too old by then, `last_sight` however old it is.
+
+        `changed` hears when there is news to publish.
+        """
         self.session: Session | None = None
         self._options = options
         self._driver = driver
         self._able = driver.capabilities
         self._bus = bus
         self._sight = sight
+        self._last_sight = last_sight
         self._changed = changed
         self._button = CallButton(driver, options, self._press)
         self._handshake = Handshake(driver, options, self._button, self._press, permit=self._why_no_word)
@@ -154,7 +159,8 @@ class SessionKeeper:
         moves_on = self._call is not None and self._call.floor != session.floor
         if moves_on and self._handshake.ready:
             self._button.let_go()
-        if moves_on or not (session.hold_spent and self._button.holds_door):
+        holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
+        if moves_on or not (session.hold_spent and holds_door):
             self._call = calls.want(self._call, session.floor, now)
         self.act(now)
         self._changed()
@@ -187,12 +193,13 @@ class SessionKeeper:
         session = self.session
         if session is not None and now >= sessions.lease_ends_at(session, self._options.lease_s):
             self._end_session(f"the lease of {self._options.lease_s:g} s ran out", now)
-        if sight is None:
-            return
         if self.session is None:
-            self._handshake.seen(sight, None, now)
+            if sight is not None:
+                self._handshake.seen(sight, None, now)
             self._handshake.act(None, now)
-            self._settle(sight, now)
+            self._settle(now)
+            return
+        if sight is None:
             return
         self._driver.hold(_ROBOT_MODE, self._why_not_now)
         self._handshake.act(self._permit, now)
@@ -200,7 +207,7 @@ class SessionKeeper:
 
     def _obey_mode(self, sight: Sight, now: float) -> None:
         mode = sight.values.mode
-        if mode is Mode.FIRE and not self._fire_latched:
+        if on_fire(sight.values) and not self._fire_latched:
             self._fire_latched = True
             self._keep_robot_mode_until = None
             self._driver.let_go(_ROBOT_MODE)
@@ -216,9 +223,11 @@ class SessionKeeper:
             return
         call = self._call = self._seen_call(call, sight, now)
         self._handshake.seen(sight, session, now)
-        if call.phase is CallPhase.WANTED and not calls.granted(sight, self._able):
+        command = self._handshake.next_command(call.floor)
+        missing = calls.missing(sight, self._able, command) if call.phase is CallPhase.WANTED else None
+        if missing:
             self._release_doors()
-            self._await_grant(session, call, now)
+            self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
             return
         if call.phase is CallPhase.WANTED and not self._handshake.ready:
             self._await_word(session, sight, now)
@@ -248,14 +257,11 @@ class SessionKeeper:
             _log.info("%s: call to %s %s %s", self._options.name, call.floor, after.phase, after.reason)
         return after
 
-    def _await_grant(self, session: Session, call: Call, now: float) -> None:
-        """Let the lease stand still while the lift has not granted robot mode, but not for ever."""
+    def _await_grant(self, session: Session, call: Call, what: str, now: float) -> None:
+        """Let the lease stand still while the lift has not granted what is needed, such as robot mode, but not for ever."""
         self.session = replace(session, lease_from=now)
         if now - call.since > self._able.granted_within_s:
-            self._end_session(
-                f"{', '.join(sorted(self._able.call_requires))} was not granted within {self._able.granted_within_s:g} s",
-                now,
-            )
+            self._end_session(f"{what} was not granted within {self._able.granted_within_s:g} s", now)
 
     def _press_call(self, call: Call, now: float) -> None:
         pressed = self._button.press(call.floor, self._permit, aboard=self._handshake.aboard is True)
@@ -316,17 +322,21 @@ class SessionKeeper:
             session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self.session = session
 
-    def _settle(self, sight: Sight, now: float) -> None:
-        """Drop robot mode after a session, once the car stands still; a car that never does keeps it for a bounded time."""
-        until = self._keep_robot_mode_until
-        if until is not None and now < until and self._handshake.reporting:
-            self._driver.hold(_ROBOT_MODE, self._why_not_now)
-            return
-        if until is not None and moving(sight) and sight.values.flags.get("robot_mode_on", False):
-            if now < until:
+    def _settle(self, now: float) -> None:
+        """Drop robot mode after a session, once the car stands still; a car that never does keeps it for a bounded time.
+
+        While the lift cannot be read, what it said last decides, and the hold is not renewed.
+        """
+        until, last = self._keep_robot_mode_until, self._last_sight()
+        under_way = last is not None and moving(last) and last.values.flags.get("robot_mode_on", False)
+        if until is not None and now < until and (under_way or self._handshake.reporting):
+            if self._sight(now) is not None:
                 self._driver.hold(_ROBOT_MODE, self._why_not_now)
-                return
-            self._alarm(f"the car has not come to rest for {self._able.arrive_within_s:g} s; robot mode is dropped")
+            return
+        if until is not None and under_way:
+            self._alarm(
+                f"nobody has seen the car come to rest for {self._able.arrive_within_s:g} s; robot mode is dropped"
+            )
         self._keep_robot_mode_until = None
         self._driver.let_go(_ROBOT_MODE)
 
@@ -351,9 +361,7 @@ class SessionKeeper:
         self._keep_robot_mode_until = now + self._able.arrive_within_s if keeps else None
         _log.info("%s: session of %s over: %s", self._options.name, session.holder, reason)
         self._bus.publish(SessionEnded(self._options.name, session.holder, reason))
-        sight = self._sight(now)
-        if sight is not None:
-            self._settle(sight, now)
+        self._settle(now)
         self._changed()
 
     def _release_doors(self) -> None:

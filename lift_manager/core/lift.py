@@ -40,7 +40,9 @@ class LiftTask:
         self._read_at = -math.inf
         """Monotonic seconds; nothing we know is older than this."""
         self._fault = "no answer yet"
-        self._keeper = SessionKeeper(driver, options, bus, sight=self._fresh_sight, changed=self._publish)
+        self._keeper = SessionKeeper(
+            driver, options, bus, sight=self._fresh_sight, last_sight=lambda: self._sight, changed=self._publish
+        )
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
         self._shown: LiftState | None = None

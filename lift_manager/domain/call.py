@@ -126,16 +126,20 @@ def may_press(call: Call, sight: Sight, able: Capabilities, now: float) -> bool:
     return call.phase is CallPhase.WANTED and (opens or not settling)
 
 
-def granted(sight: Sight, able: Capabilities) -> bool:
-    """Whether the lift grants what a call requires, such as robot mode."""
-    return all(sight.values.flags.get(flag, False) for flag in able.call_requires)
+def missing(sight: Sight, able: Capabilities, command: str) -> frozenset[str]:
+    """Return the flags that a command requires and the lift does not give, such as robot mode."""
+    needs = able.requires.get(command, frozenset())
+    return frozenset(flag for flag in needs if not sight.values.flags.get(flag, False))
 
 
 def _must_open(call: Call, sight: Sight, able: Capabilities, now: float) -> bool:
-    """Whether the door is shut where the car stands, on a lift that opens it for a call: before the press, or after it closed again."""
+    """Whether the door is shut where the car stands, on a lift that opens it for a call: before the press, or after it closed again.
+
+    A failed call waits for the next repeat or an open door: a car that merely stands there has not answered it.
+    """
     if not able.same_floor_call or any(door is not Door.CLOSED for door in sight.values.doors.values()):
         return False
-    return call.phase is CallPhase.WANTED or (
+    return call.phase in (CallPhase.WANTED, CallPhase.FAILED) or (
         call.phase is CallPhase.ARRIVED and now - call.since > able.door_opens_within_s
     )
 

@@ -10,7 +10,14 @@ from dataclasses import dataclass
 
 from drivers.model import Capabilities, FloorName, LiftReading, LiftValues
 from lift_manager.domain.state import RobotDoor
-from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Motion, Side
+from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
+
+_MUST_READ = (
+    ("robots_allowed", True, "its key switch does not allow robots"),
+    ("ready", True, "it is not ready"),
+    ("watchdog_tripped", False, "its module watchdog has tripped, so its outputs are not ours"),
+)
+"""Flags that decide whether robots may command the lift: the value that lets them, and what to say of the other one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +81,22 @@ def barred(values: LiftValues, able: Capabilities) -> str | None:
     """Say why no robot may command the lift now, by its own signals; None when one may."""
     if values.mode in ROBOT_FORBIDDEN_MODES:
         return f"its mode is {values.mode}"
-    if not values.flags.get("robots_allowed", True):
-        return "its key switch does not allow robots"
-    if not values.flags.get("ready", True):
-        return "it is not ready"
-    if values.flags.get("watchdog_tripped", False):
-        return "its module watchdog has tripped, so its outputs are not ours"
+    for flag, lets, otherwise in _MUST_READ:
+        told = values.flags.get(flag)
+        if told is not None and told is not lets:
+            return otherwise
+        if told is None and flag in able.signals:
+            raw = f" reads {values.unknown[flag]}, which its map does not list" if flag in values.unknown else ""
+            return f"its signal {flag}{raw or ' cannot be read'}; check its wiring and its entry in the map"
     if able.watched and values.watchdog_s == 0:
         return "the module watchdog is switched off: nothing would let go of the door if this manager were lost"
     return None
+
+
+def on_fire(values: LiftValues) -> bool:
+    """Whether any signal tells of fire, whatever else the mode is."""
+    flags = values.flags
+    return values.mode is Mode.FIRE or values.fire_word or flags.get("fire", False) or flags.get("fireman", False)
 
 
 def moving(sight: Sight) -> bool:
@@ -99,6 +113,8 @@ def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:
             return values.flags.get("level", False)
         case "motion_stopped":
             return values.motion is Motion.STOPPED
+        case "door_open":
+            return Door.OPEN in values.doors.values()
         case "door_limit":
             return True
         case _:

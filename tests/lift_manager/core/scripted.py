@@ -26,8 +26,7 @@ PERMITTING = replace(
     commands=frozenset({"call", "go", "robot_in_place", "robot_left"}),
     signals=frozenset({"car_floor", "door.front", "may_enter", "may_leave"}),
     evidence="position_stable",
-    call_until="robot_in_place",
-    go_until="robot_left",
+    until={"call": "robot_in_place", "go": "robot_left"},
     levels=frozenset({"call", "go"}),
     needs_occupancy=True,
 )
@@ -37,7 +36,7 @@ TWO_STOP = replace(
     commands=frozenset({"call", "robot_in_place"}),
     signals=frozenset({"car_floor", "door.front"}),
     evidence="door_limit",
-    call_until="robot_in_place",
+    until={"call": "robot_in_place"},
     levels=frozenset({"call", "robot_in_place"}),
     needs_occupancy=True,
 )
@@ -74,6 +73,8 @@ class ScriptedDriver:
     on: set[str] = field(default_factory=set)
     renewed: dict[str, float] = field(default_factory=dict)
     """When each hold was last renewed."""
+    permits: dict[str, Permit] = field(default_factory=dict)
+    """The permit each command was last given with."""
     _flying: dict[str, asyncio.Future[Outcome]] = field(default_factory=dict)
 
     async def read(self) -> LiftReading:
@@ -89,6 +90,7 @@ class ScriptedDriver:
         future: asyncio.Future[Outcome] = loop.create_future()
         self._end(command, Result.UNCONFIRMED, "replaced by a newer command")
         self._flying[command.name] = future
+        self.permits[command.name] = permit
         self.on.add(command.name)
         loop.call_later(self.delay_s, self._write, command, permit, future)
         return future
@@ -99,6 +101,7 @@ class ScriptedDriver:
         if command.name not in self.on and permit() is None:
             self.log.append(f"hold {command}")
             self.on.add(command.name)
+        self.permits[command.name] = permit
         self.renewed[command.name] = asyncio.get_running_loop().time()
 
     def let_go(self, command: Command) -> None:

@@ -252,7 +252,7 @@ def test_a_call_that_waits_for_robots_in_place_ends_on_arrival_with_the_robot_ab
     able = replace(
         PLAIN,
         commands=frozenset({"go_to", "robot_in_place", "robot_left"}),
-        call_until="robot_in_place",
+        until={"go_to": "robot_in_place"},
         levels=frozenset({"go_to"}),
     )
 
@@ -269,7 +269,7 @@ def test_a_call_that_waits_for_robots_in_place_ends_on_arrival_with_the_robot_ab
 
 
 def test_a_call_that_stays_on_until_the_robot_left_gives_way_to_the_one_that_takes_it_along() -> None:
-    able = replace(PERMITTING, call_until="robot_left", go_until="", levels=frozenset({"call"}))
+    able = replace(PERMITTING, until={"call": "robot_left"}, levels=frozenset({"call"}))
 
     async def check(made: Bench) -> None:
         await made.called_to("L1")

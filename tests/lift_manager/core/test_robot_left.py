@@ -311,3 +311,35 @@ def test_no_word_leaves_once_the_manager_is_stopping() -> None:
         assert made.driver.on == set()
 
     on_bench(check)
+
+
+def test_what_stays_on_until_the_leaving_is_told_stays_permitted_though_the_session_is_over() -> None:
+    able = replace(PERMITTING, levels=PERMITTING.levels | {"robot_in_place"})
+
+    async def check(made: Bench) -> None:
+        await boarded(made)
+        await made.ridden_to("L3")
+        made.accept("L3", LEFT, hold=False)
+        assert made.state.holder is None
+        assert made.driver.on == {"go", "robot_in_place"}
+        assert [made.driver.permits[name]() for name in ("go", "robot_in_place")] == [None, None]
+        await elapse(1)
+        assert made.driver.on == set()
+        assert made.presses[-1] == "robot_left"
+
+    on_bench(check, able)
+
+
+def test_nothing_is_held_anew_for_a_leaving_that_is_still_to_be_told() -> None:
+    able = replace(PERMITTING, levels=PERMITTING.levels | {"robot_in_place"})
+
+    async def check(made: Bench) -> None:
+        await boarded(made)
+        await made.ridden_to("L3")
+        made.driver.on.clear()
+        told = len(made.driver.log)
+        made.accept("L3", LEFT, hold=False)
+        await elapse(1)
+        assert made.driver.log[told:] == ["press robot_left"]
+
+    on_bench(check, able)

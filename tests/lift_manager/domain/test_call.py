@@ -18,11 +18,10 @@ ABLE = Capabilities(
     evidence="motion_stopped",
     evidence_for_s=0.0,
     max_age_s=1.0,
-    call_requires=frozenset(),
+    requires={},
     granted_within_s=600.0,
     arrive_within_s=120.0,
-    call_until="",
-    go_until="",
+    until={},
     levels=frozenset(),
     needs_occupancy=False,
     door_opens_within_s=10.0,
@@ -130,6 +129,16 @@ def test_a_car_that_stopped_off_level_is_called_after_a_while() -> None:
     assert calls.may_press(wanted, sight("L2"), ABLE, calls.SETTLES_WITHIN_S)
 
 
+def test_a_command_waits_for_its_own_requirements_and_an_unread_one_is_not_given() -> None:
+    able = replace(ABLE, requires={"call": frozenset({"robot_mode_on"}), "go": frozenset({"robot_mode_on", "level"})})
+    seen = sight("L1")
+    assert calls.missing(seen, able, "go") == {"robot_mode_on", "level"}
+    seen = replace(seen, values=replace(seen.values, flags={"robot_mode_on": True, "level": False}))
+    assert calls.missing(seen, able, "call") == set()
+    assert calls.missing(seen, able, "go") == {"level"}
+    assert calls.missing(seen, able, "robot_in_place") == set()
+
+
 def test_a_lift_that_opens_for_a_call_is_called_where_it_stands_with_its_door_shut() -> None:
     opens = replace(ABLE, same_floor_call=True)
     wanted = calls.want(None, "L2", 0.0)
@@ -153,4 +162,5 @@ def test_a_lift_that_opens_for_a_call_is_called_again_only_after_its_door_shut()
     assert still is arrived
     shut = calls.seen(arrived, sight("L2"), opens, 1.1 + opens.door_opens_within_s)
     assert shut.reason == "the door shut"
+    assert calls.seen(shut, sight("L2"), opens, shut.not_before) is shut
     assert calls.want(shut, "L2", shut.not_before).phase is CallPhase.WANTED

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.model import Capabilities, LiftReading, LiftValues
 from lift_manager.domain import sight as sights
-from lift_manager.domain.sight import Sight, barred, permissions, robot_door
+from lift_manager.domain.sight import Sight, barred, on_fire, permissions, robot_door
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 from tests.lift_manager.domain.test_call import ABLE
@@ -124,6 +124,33 @@ def test_a_module_whose_watchdog_has_tripped_takes_no_press() -> None:
     assert barred(replace(OPEN, flags={"watchdog_tripped": False}), ABLE) is None
     tripped = barred(replace(OPEN, flags={"watchdog_tripped": True}), ABLE)
     assert tripped == "its module watchdog has tripped, so its outputs are not ours"
+
+
+@pytest.mark.parametrize("flag", ["robots_allowed", "ready", "watchdog_tripped"])
+def test_a_signal_of_the_map_that_cannot_be_read_takes_no_robot(flag: str) -> None:
+    able = replace(ABLE, signals=ABLE.signals | {flag})
+    check = "check its wiring and its entry in the map"
+    assert barred(OPEN, able) == f"its signal {flag} cannot be read; {check}"
+    unlisted = replace(OPEN, unknown={flag: 7})
+    assert barred(unlisted, able) == f"its signal {flag} reads 7, which its map does not list; {check}"
+    assert barred(replace(OPEN, flags={flag: flag != "watchdog_tripped"}), able) is None
+    assert barred(OPEN, ABLE) is None
+
+
+@pytest.mark.parametrize(
+    ("values", "burns"),
+    [
+        (OPEN, False),
+        (replace(OPEN, mode=Mode.FIRE), True),
+        (replace(OPEN, mode=Mode.INSPECTION), False),
+        (replace(OPEN, mode=Mode.INSPECTION, fire_word=True), True),
+        (replace(OPEN, mode=Mode.INSPECTION, flags={"fire": True}), True),
+        (replace(OPEN, mode=Mode.INSPECTION, flags={"fire": False, "fireman": True}), True),
+        (replace(OPEN, flags={"fire": False, "fireman": False}), False),
+    ],
+)
+def test_fire_is_believed_from_whoever_tells_it(values: LiftValues, *, burns: bool) -> None:
+    assert on_fire(values) is burns
 
 
 @pytest.mark.parametrize(("watchdog_s", "allowed"), [(0.0, False), (5.0, True), (None, True)])
