@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from collections.abc import Set as AbstractSet
 
 from register_maps.address import HIGHEST, Place
 from register_maps.check_claims import signal_bits
@@ -111,9 +112,20 @@ def _cycle(source: RegisterMap, block: WriteBlock, cells: list[Cell]) -> Iterato
             yield f"{name} writes a time to a coil, which only function 5 can; leave it out of the block"
         elif block.every_s is not None:
             yield f"{name} is a pulse that the device ends, and each cycle would start it anew; leave it out of the block"
+        elif others := _others(source, name, inside):
+            yield f"{_anew(name, others)}; give it a write of its own, outside the block"
     if block.every_s is not None and block.every_s < source.link.min_gap_s:
         gap = f"{source.link.min_gap_s:g} s between requests (min_gap_s)"
         yield f"every_s of {block.every_s:g} s cannot be kept: the link leaves {gap}; give more than that"
+
+
+def _others(source: RegisterMap, name: str, cells: AbstractSet[Cell]) -> list[str]:
+    """Name the other commands that write to any of these addresses."""
+    return [other for other, command in source.commands.items() if other != name and cells_of(source, command) & cells]
+
+
+def _anew(name: str, others: list[str]) -> str:
+    return f"{name} is a pulse that the device ends, and each write of {', '.join(others)} would start it anew"
 
 
 def cells_of(source: RegisterMap, command: Command) -> set[Cell]:
@@ -153,8 +165,8 @@ def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
                     f"{other} lies in the same register and says `{source.commands[other].shared_word}`; say the same"
                 )
                 yield Problem((*path, "shared_word"), message)
-            elif command.shared_word == "owned" and other == name:
-                yield from _read_there(source, cell, path)
+            elif command.shared_word == "owned":
+                yield from _owned(source, name, cell, whole=other == name)
             if cell in blocked:
                 message = "a write block writes whole registers, and this is one bit of one; take the register out of the block"
                 yield Problem((*path, "shared_word"), message)
@@ -174,6 +186,16 @@ def _unsaid(source: RegisterMap, command: Command) -> str:
     )
 
 
+def _owned(source: RegisterMap, name: str, cell: Cell, *, whole: bool) -> Iterator[Problem]:
+    """Yield what a command in a word of our own cannot share it with; with `whole`, what nothing of ours in it can."""
+    path = ("commands", name, "shared_word")
+    if source.commands[name].ends_itself and (others := _others(source, name, {cell})):
+        cure = "say `mask_write` in each of them if the device knows function 22, else leave this pulse out"
+        yield Problem(path, f"{_anew(name, others)}; {cure}")
+    if whole:
+        yield from _read_there(source, cell, path)
+
+
 def _read_there(source: RegisterMap, cell: Cell, path: tuple[str | int, ...]) -> Iterator[Problem]:
     """Yield signals in a word that is said to be ours alone."""
     there = [command for command in source.commands.values() if cell in _words(source, command)]
@@ -184,4 +206,4 @@ def _read_there(source: RegisterMap, cell: Cell, path: tuple[str | int, ...]) ->
         bits = {bit for text in signal.addresses for bit in signal_bits(source, signal, text)}
         if any((space, number) == cell and bit not in ours for space, number, bit in bits):
             message = f"{name} is read from the same register, so it is not ours alone; say `mask_write` or `accepted`"
-            yield Problem((*path, "shared_word"), message)
+            yield Problem(path, message)

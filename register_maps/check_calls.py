@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from register_maps.errors import Problem
@@ -17,6 +18,7 @@ _SIDED = tuple(f"go_to.{side}" for side in Side)
 def check_calls(source: RegisterMap) -> Iterator[Problem]:
     """Yield calls that contradict each other, floors that one part has and another cannot say, and missing handshakes."""
     yield from _kinds_of_call(source)
+    yield from _sides(source)
     yield from _floors(source)
     yield from _occupancy(source)
     yield from _same_floor(source)
@@ -42,6 +44,19 @@ def _kinds_of_call(source: RegisterMap) -> Iterator[Problem]:
             "where robot_in_place itself sends it on, say that with `action: hold`"
         )
         yield Problem(("commands", "call"), message)
+
+
+def _sides(source: RegisterMap) -> Iterator[Problem]:
+    """Yield calls of one door that are given, or end, in another way than those of the other."""
+    sides = [name for name in _SIDED if name in source.commands]
+    for first, second in itertools.pairwise(sides):
+        for key in ("action", "until"):
+            one, other = (getattr(source.commands[name], key) for name in (first, second))
+            if one != other:
+                said = f"no `{key}`" if one is None else f"`{key}: {one}`"
+                message = f"{first} says {said}, and the calls of one lift are all given and ended alike; say the same in both"
+                yield Problem(("commands", second, key), message)
+                break
 
 
 def _level_in_place(source: RegisterMap) -> bool:

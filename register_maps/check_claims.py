@@ -7,13 +7,11 @@ from collections.abc import Iterator
 from register_maps.check_places import KeyPath
 from register_maps.errors import Problem
 from register_maps.schema import CALLS, SIGNALS, Command, Kind, RegisterMap, Signal
+from register_maps.vocabulary import LAMPS
 from register_maps.words import BIT_TABLES
 
 Bit = tuple[str, int, int]
 """Space, address on the wire, bit."""
-
-LAMPS = ("calls_registered", "call_accepted")
-"""Signals that may lie where a call is written: the lamp in the button shows what the controller registered."""
 
 
 class Claims:

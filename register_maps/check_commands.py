@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from register_maps.address import Place
+from register_maps.check_confirm import known
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, Command, RegisterMap
@@ -141,11 +142,13 @@ def _until(source: RegisterMap, name: str, command: Command) -> Said:
     match command.until:
         case "arrived" if name not in CALLS:
             yield ("until",), f"belongs to a call ({', '.join(CALLS)}), and {name} goes nowhere; remove it"
+        case "arrived" if not known(source, "car_floor"):
+            yield ("until",), "nobody can see the car arrive without car_floor; declare it, or remove `until`"
         case "closed" if not name.startswith("close_door."):
             yield ("until",), "`closed` ends close_door; remove it"
         case "closed":
             door = f"door.{name.partition('.')[2]}"
-            if door not in source.signals and door not in source.needs:
+            if not known(source, door):
                 yield ("until",), f"nobody can see the door closed without {door}; declare it, or remove `until`"
         case "robot_in_place" | "robot_left" as end:
             if name not in ("call", "go"):

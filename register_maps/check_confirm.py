@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from register_maps.check_claims import LAMPS, bits_at, shown_at, signal_bits
+from register_maps.check_claims import bits_at, shown_at, signal_bits
 from register_maps.errors import Problem
 from register_maps.plain import closest
-from register_maps.schema import CALLS, COMMANDS, SIGNALS, Command, Kind, RegisterMap
+from register_maps.schema import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, Command, Kind, RegisterMap
+from register_maps.vocabulary import LAMPS
+from register_maps.words import Side
 
 Said = Iterator[tuple[tuple[str | int, ...], str]]
 
@@ -19,6 +21,12 @@ _SHOWS_EFFECT: dict[str, tuple[str, ...]] = {
 }
 """Signals in which the effect of a command is seen. What a lift does once it was told about its robot differs from lift to lift."""
 
+_TROUBLE = (SAFETY_FLAGS - {"independent"}) | {
+    *("overload", "nudging", "watchdog_tripped"),
+    *(f"obstruction.{side}" for side in Side),
+}
+"""Flags whose yes is trouble: a press neither waits for it nor is proved by it. `independent` is what some lifts give to robots."""
+
 
 def check_confirm(source: RegisterMap) -> Iterator[Problem]:
     """Yield names that mean nothing here, and proofs that prove nothing."""
@@ -29,6 +37,9 @@ def check_confirm(source: RegisterMap) -> Iterator[Problem]:
         for rule in (_names, _proofs):
             for key, message in rule(source, name, command):
                 yield Problem((*path, *key), message)
+        if _only_an_open_door(source, name, command):
+            message = "the door may be open by itself, and then `effect` does not show that we hold it; add readback"
+            yield Problem((*path, "confirm"), message, warning=True)
         if command.confirm is not None or command.is_heartbeat:
             continue
         if command.action == "hold":
@@ -37,6 +48,13 @@ def check_confirm(source: RegisterMap) -> Iterator[Problem]:
             otherwise = "" if command.ends_itself else " unless it reads back"
             message = f"nothing confirms this press; say `confirm`, or it counts as unconfirmed{otherwise}"
             yield Problem(path, message, warning=True)
+
+
+def _only_an_open_door(source: RegisterMap, name: str, command: Command) -> bool:
+    """Whether an open door is all that proves a door hold, though its output can be read back."""
+    if not name.startswith("hold_door.") or command.confirm is None:
+        return False
+    return set(command.confirm.any_of) == {"effect"} and _unreadable(source, command) is None
 
 
 def known(source: RegisterMap, name: str) -> bool:
@@ -54,6 +72,9 @@ def _names(source: RegisterMap, name: str, command: Command) -> Said:
             yield place, _absent(flag, source)
         elif SIGNALS.get(flag) is not Kind.FLAG:
             yield place, f"{flag} is no flag; name one that reads yes or no"
+        elif flag in _TROUBLE:
+            why = f"`requires` waits for a yes and cannot be inverted, and a yes of {flag} is trouble"
+            yield place, f"{why}; remove it, since {flag} is heeded without being named"
     for index, other in enumerate(command.excludes):
         if other == name:
             yield ("excludes", index), "a command cannot exclude itself; remove it"
@@ -111,6 +132,8 @@ def _unfit(source: RegisterMap, name: str, command: Command, word: str) -> str |
         return _absent(word, source, "effect", "readback")
     if kind not in (Kind.FLAG, Kind.FLOOR, Kind.FLOORS):
         return f"{word} is a {kind}; only a flag or a floor confirms"
+    if word in _TROUBLE:
+        return f"a yes of {word} is trouble and proves no press, and a proof cannot be inverted; name another proof"
     if kind is Kind.FLAG:
         return None
     if name not in CALLS:

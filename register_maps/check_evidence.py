@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from collections.abc import Set as AbstractSet
 
-from register_maps.check_blocks import blocked_cells, cells_of
+from register_maps.check_blocks import Cell, blocked_cells
 from register_maps.check_confirm import known
 from register_maps.errors import Problem
 from register_maps.plain import closest
-from register_maps.schema import SIGNALS, RegisterMap, Signal
+from register_maps.schema import SIGNALS, Command, RegisterMap, Signal
+from register_maps.words import Side
 
 
 def check_evidence(source: RegisterMap) -> Iterator[Problem]:
@@ -38,6 +40,16 @@ def _at_floor(source: RegisterMap) -> Iterator[Problem]:
     if needed is not None and not known(source, needed):
         cure = f"declare `{needed}`, or use {{kind: position_stable, for_s: 1.0}}"
         yield Problem(path, f"the map has no signal {needed} to show that the car stands; {cure}")
+    if evidence.kind == "door_open" and not any(known(source, f"door.{side}") for side in Side):
+        yield Problem(path, "the map has no door to show that the car stands; declare `door.front`")
+    floor = source.signals.get("car_floor")
+    shows_the_last = floor is not None and (floor.at or floor.code_of) and not (*floor.unknown, *floor.none)
+    if evidence.kind == "position_stable" and shows_the_last and "motion" not in source.signals:
+        message = (
+            "a floor number that shows the floor last passed stays the same between floors, so it proves nothing; say "
+            "{kind: door_open}, or which code means between floors (`unknown`)"
+        )
+        yield Problem(path, message, warning=True)
     if evidence.kind == "door_limit" and not _limits_tell_the_floor(source):
         message = (
             "door_limit means that the open limit of each floor is also its floor switch: give a door `open_limits` and "
@@ -72,17 +84,32 @@ def _fire(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _watchdogs(source: RegisterMap) -> Iterator[Problem]:
-    """Yield holds that rely on a watchdog of the device which nothing keeps from tripping."""
-    if "heartbeat" in source.commands:
-        return
+    """Yield holds that the device lets go of by itself while nothing of ours keeps it from that."""
     cyclic = blocked_cells(source, cyclic=True)
     for name, command in source.commands.items():
-        if command.on_link_loss != "device_watchdog" or command.action != "hold":
+        if command.action != "hold" or command.refresh_s is not None or command.repeat_pulse_s is not None:
             continue
-        rewritten = command.refresh_s is not None or command.repeat_pulse_s is not None
-        if not rewritten and not cells_of(source, command) <= cyclic:
+        if command.on_link_loss == "device_watchdog" and not _fed(source, command, cyclic):
+            yield Problem(("commands", name, "on_link_loss"), _hungry(source))
+        if command.on_link_loss == "timed_by_device":
             message = (
-                "a device that lets go when nobody writes also lets go while we hold: say `refresh_s`, shorter than its "
-                "watchdog, or declare a heartbeat, or a write block with `every_s`"
+                "the device ends it after its own time, also while we still hold: say `refresh_s`, shorter than "
+                f"max_hold_s, {command.max_hold_s:g} s"
             )
             yield Problem(("commands", name, "on_link_loss"), message)
+
+
+def _fed(source: RegisterMap, command: Command, cyclic: AbstractSet[Cell]) -> bool:
+    """Whether the heartbeat or a cyclic block tells every device of a command that we are there."""
+    beat = source.commands.get("heartbeat")
+    heard = {source.place(text).endpoint for text in beat.addresses} if beat is not None else set()
+    places = map(source.place, command.addresses)
+    return all(place.endpoint in heard or (place.space, place.number) in cyclic for place in places)
+
+
+def _hungry(source: RegisterMap) -> str:
+    elsewhere = "the heartbeat goes to another device; " if "heartbeat" in source.commands else ""
+    return (
+        f"a device that lets go when nobody writes also lets go while we hold: {elsewhere}say `refresh_s`, shorter than its "
+        f"watchdog, or declare {'the' if elsewhere else 'a'} heartbeat at this device, or a write block with `every_s`"
+    )

@@ -185,6 +185,12 @@ def _words(kind: Kind, signal: Signal, width: int) -> Said:
     allowed = [word for word in words if word != "unknown"]
     if signal.values is None and (kind is not Kind.DOOR or width > 1):
         yield (), f"a {kind} needs `values`, a table of codes and words: {', '.join(allowed)}"
+    if kind is Kind.DOOR and signal.values is not None and len(set(signal.values.values())) < 2:
+        only = ", ".join(sorted(set(signal.values.values()))) or "no word"
+        message = (
+            f"with {only} alone the door reads alike open and shut; give at least two words, one of them not `open`"
+        )
+        yield ("values",), message
     for code, word in (signal.values or {}).items():
         if word not in allowed:
             cure = f"; say `unknown: [{code}]`" if word == "unknown" else closest(word, allowed)

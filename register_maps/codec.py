@@ -15,6 +15,7 @@ from register_maps.command_codec import CommandCodec, Written, command_codec
 from register_maps.points import UNLISTED, Block, Cell, Image, Point, Unlisted, Value
 from register_maps.schema import RegisterMap
 from register_maps.signal_codec import SignalCodec, signal_codec
+from register_maps.vocabulary import LAMPS
 from register_maps.words import BIT_TABLES, Table
 
 __all__ = [
@@ -31,8 +32,6 @@ __all__ = [
     "Value",
     "compile_map",
 ]
-
-_LAMPS = ("calls_registered", "call_accepted")
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +125,7 @@ def compile_map(source: RegisterMap, *, offset: Mapping[Table, int] | None = Non
         for block in source.write_blocks
         for point in (locate(block.at),)
     )
-    lamps = frozenset(point for name in _LAMPS if name in signals for point in signals[name].points)
+    lamps = frozenset(point for name in LAMPS if name in signals for point in signals[name].points)
     commands = {name: command_codec(name, spec, locate, written, lamps) for name, spec in source.commands.items()}
     served = {
         space: tuple(range(span.start + shift.get(space, 0), span.stop + shift.get(space, 0)) for span in spans)

@@ -24,6 +24,9 @@ _PLACES: Mapping[str, Ways] = {
     # what a call writes to and where it is read back change together
     "commands": (("at", "read_at"), ("one_of", "read_one_of")),
 }
+_LARGEST = 2**53
+"""Chosen: beyond it a number read with a fraction is no longer exact."""
+_DIGITS = len(str(_LARGEST))
 CHANGEABLE = (
     *("signals", "commands", "served", "endpoints", "write_blocks"),
     *("at_floor_evidence", "at_same_floor", "door_opens_within_s", "not_visible"),
@@ -136,12 +139,21 @@ class _Run:
             return use[0]
         self.used.add(name)
         value = self.values[name]
-        if plus is None:
+        if not isinstance(value, int | float):
+            if plus is not None:
+                self.problems.append(Problem(path, f"{name} is text, and nothing can be added to it; write {{{name}}}"))
             return value
-        if isinstance(value, str):
-            self.problems.append(Problem(path, f"{name} is text, and nothing can be added to it; write {{{name}}}"))
-            return value
-        return value + int(plus)
+        # a number of thousands of digits is one that Python refuses to read
+        result = value if plus is None else value + int(plus[: _DIGITS + 2])
+        if not usable(result):
+            self.problems.append(Problem(path, f"{use[0]} is not a number that can be used; correct {name}"))
+            return use[0]
+        return result
+
+
+def usable(number: float) -> bool:
+    """Whether a map can work with a number: finite, and exact if it is whole."""
+    return abs(number) <= _LARGEST
 
 
 def _present(entries: Mapping[Any, Any]) -> dict[Any, Any]:

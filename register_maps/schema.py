@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from register_maps import address
 from register_maps.command_schema import Command, Confirm, Payload
+from register_maps.expand import usable
 from register_maps.fields import Address, Name, ParameterName, Part, Seconds
 from register_maps.signal_schema import Signal
 from register_maps.vocabulary import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, WORDS, Kind
@@ -94,8 +95,9 @@ class WriteBlock(Part):
 class Evidence(Part):
     """How this lift shows that the car stands at the floor it reports."""
 
-    kind: Literal["level", "motion_stopped", "position_stable", "door_limit"]
-    """`door_limit`: the floor is told by the door's open limit at that floor, which is made at no other place."""
+    kind: Literal["level", "motion_stopped", "position_stable", "door_limit", "door_open"]
+    """`door_limit`: the floor is told by the door's open limit at that floor, which is made at no other place.
+    `door_open`: only an open door shows that the car stands, because the floor shown is also the one last passed."""
     for_s: Seconds | None = None
 
     @model_validator(mode="after")
@@ -152,6 +154,8 @@ class Parameter(Part):
         """Say why a value is not allowed; None when it is."""
         if self.choices is not None:
             return None if value in self.choices else f"must be one of {', '.join(self.choices)}, not {value!r}"
+        if not isinstance(value, str) and not usable(value):
+            return "is not a number that can be used; give a plain one, neither .nan nor .inf"
         if isinstance(value, str):
             return None if isinstance(self.value, str) else f"must be a number, not {value!r}"
         if isinstance(self.value, str):

@@ -75,6 +75,9 @@ COMMANDS: tuple[str, ...] = (
 )
 """Every command a map may declare: only what a passenger can do, the controller's own robot signals, and our sign of life."""
 
+LAMPS = ("calls_registered", "call_accepted")
+"""Signals that may lie where a call is written: the lamp in the button shows what the controller registered."""
+
 WORDS: dict[Kind, type[StrEnum]] = {Kind.DOOR: Door, Kind.MOTION: Motion, Kind.MODE: Mode}
 
 SAFETY_FLAGS = frozenset(

@@ -12,6 +12,13 @@ FRONT = '    at: "holding:30.0"\n    read_at: "input:10.0"\n'
 REAR_WORD = "    gap_s: 0.5\n    shared_word: mask_write\n"
 FRONT_WORD = "    on_link_loss: latches\n    shared_word: mask_write\n"
 LATCHING = "    max_hold_s: 300\n    on_link_loss: device_watchdog\n"
+OCCUPANCY = HANDSHAKE[HANDSHAKE.index("  robot_in_place:") : HANDSHAKE.index("  heartbeat:")]
+BITS = """\
+  robot_in_place:
+    {at: "holding:24.0", shared_word: WORD, action: pulse, width_s: 5, confirm: {any_of: [readback], within_s: 3}}
+  robot_left:
+    {at: "holding:24.1", shared_word: WORD, action: pulse, width_s: 5, timed_by: device, confirm: {any_of: [may_enter], within_s: 3}}
+"""
 
 BLOCKS: list[Mistake] = [
     ("strangers without their value", BLOCK, BLOCK.replace(", gaps: 0", ""), "write_blocks[0]", "holding 22, 23 in it belong to no command, and are never written; shorten or split the block, or say `gaps: 0`"),
@@ -32,6 +39,7 @@ WORDS: list[Mistake] = [
     ("a word that is shared in two ways", REAR_WORD, REAR_WORD.replace("mask_write", "accepted"), "commands.close_door.rear.shared_word", "hold_door.front lies in the same register and says `mask_write`; say the same"),
     ("a coil that is shared", "    timed_by: device\n", "    timed_by: device\n    shared_word: owned\n", "commands.close_door.front.shared_word", "belongs to a command in a bit of a register"),
     ("a register that is shared", LATCHING, LATCHING + "    shared_word: accepted\n", "commands.go.shared_word", "belongs to a command in a bit of a register"),
+    ("a pulse of the device in a word of our own with another command", OCCUPANCY, BITS.replace("WORD", "owned"), "commands.robot_left.shared_word", "robot_left is a pulse that the device ends, and each write of robot_in_place would start it anew; say `mask_write` in each of them"),
 ]  # fmt: skip
 
 
@@ -76,6 +84,24 @@ def test_a_pulse_of_the_device_is_not_in_a_block_that_is_written_again_and_again
         "write_blocks[0]",
         "close_door.front is a pulse that the device ends, and each cycle would start it anew",
     )
+
+
+def test_a_pulse_of_the_device_is_in_no_block_with_another_command(tmp_path: Path) -> None:
+    text, _ = changed(HANDSHAKE, TIMED, "    timed_by: device\n")
+    text, _ = changed(text, BLOCK, '{at: "coil:20", count: 2, function: 15, gaps: 0}')
+    assert loaded(tmp_path, text).warnings == ()
+    expect_only(
+        tmp_path,
+        changed(text, '"coil:9"', '"coil:21"')[0],
+        "write_blocks[0]",
+        "close_door.front is a pulse that the device ends, and each write of robot_left would start it anew",
+    )
+
+
+def test_a_pulse_of_the_device_is_alone_in_its_word_or_written_by_its_mask(tmp_path: Path) -> None:
+    assert loaded(tmp_path, changed(HANDSHAKE, OCCUPANCY, BITS.replace("WORD", "mask_write"))[0]).warnings == ()
+    apart = BITS.replace("24.0", "25.0").replace("WORD", "owned")
+    assert loaded(tmp_path, changed(HANDSHAKE, OCCUPANCY, apart)[0]).warnings == ()
 
 
 def test_a_block_may_lie_at_a_second_device(tmp_path: Path) -> None:

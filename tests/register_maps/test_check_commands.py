@@ -6,6 +6,7 @@ import pytest
 
 from tests.support.good_map import GOOD, HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
 
+FLOOR = 'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}'
 CALL = 'one_of: ["coil:0", "coil:1", "coil:2"]\n    action: hold\n'
 GO = 'at: "holding:20"\n    as: floor\n    action: hold\n    until: robot_left\n'
 IN_PLACE = 'robot_in_place: {at: "coil:8", action: pulse, width_s: 5, confirm: {any_of: [readback], within_s: 3}}'
@@ -37,7 +38,7 @@ MISTAKES: list[Mistake] = [
     ("a read-back of what ends by itself", TIMED, TIMED + '    read_at: "coil:50"\n', "commands.close_door.front.read_at", "the device ends this pulse by itself"),
     ("a read-back of a heartbeat", BEAT, BEAT[:-1] + ', read_at: "holding:5"}', "commands.heartbeat.read_at", "a heartbeat changes all the time"),
     # its action
-    ("a heartbeat that is a pulse", BEAT, 'heartbeat: {at: "holding:21", action: pulse, width_s: 1, confirm: {any_of: [overload], within_s: 1}}', "commands.heartbeat.action", "use `action: count` or `action: toggle`"),
+    ("a heartbeat that is a pulse", BEAT, 'heartbeat: {at: "holding:21", action: pulse, width_s: 1, confirm: {any_of: [may_enter], within_s: 1}}', "commands.heartbeat.action", "use `action: count` or `action: toggle`"),
     ("a word to the lift that counts", IN_PLACE, 'robot_in_place: {at: "coil:8", action: toggle, confirm: {any_of: [overload], within_s: 3}}', "commands.robot_in_place.action", "is for the heartbeat"),
     ("a heartbeat without its pace", BEAT, 'heartbeat: {at: "holding:21", action: count}', "commands.heartbeat", "needs `every_s`"),
     ("a heartbeat faster than the link", BEAT, BEAT.replace("0.5", "0.01"), "commands.heartbeat.every_s", "the link leaves 0.05 s between requests"),
@@ -114,8 +115,9 @@ TOGETHER: list[tuple[str, dict[str, str], list[str], str]] = [
     ("a call for every robot beside call and go", {"  heartbeat:": f"{SIDES}  heartbeat:"}, ["commands.call", "commands.go"], "keep call and go, or go_to.front"),
     ("an end that is not declared", {f"  {LEFT}\n": ""}, ["commands.go.until", "needs_occupancy"], "the map has no command robot_left"),
     ("a word to the lift that has no effect of its own", {IN_PLACE: IN_PLACE.replace("[readback]", "[effect]")}, ["commands.robot_in_place.confirm.any_of[0]"], "lifts differ in what follows robot_in_place; say `readback`"),
-    ("a door that nobody sees closed", {'  door.rear: {at: "sensor/discrete:0", active: low}\n': "", "[effect], within_s: 5}\n  close_door.rear": "[readback], within_s: 5}\n  close_door.rear", "[effect], within_s: 10": "[overload], within_s: 10"}, ["commands.close_door.rear.until"], "nobody can see the door closed without door.rear"),
-    ("a proof that is a condition", {IN_PLACE: IN_PLACE[:-1].replace("[readback]", "[overload]") + ", requires: [overload]}"}, ["commands.robot_in_place.confirm.any_of[0]"], "overload has to read yes before the press, so it proves nothing"),
+    ("a door that nobody sees closed", {'  door.rear: {at: "sensor/discrete:0", active: low}\n': "", "[effect, readback]": "[readback]", "[effect], within_s: 10": "[may_enter], within_s: 10"}, ["commands.close_door.rear.until"], "nobody can see the door closed without door.rear"),
+    ("a proof that is a condition", {IN_PLACE: IN_PLACE[:-1].replace("[readback]", "[may_enter]") + ", requires: [may_enter]}"}, ["commands.robot_in_place.confirm.any_of[0]"], "may_enter has to read yes before the press, so it proves nothing"),
+    ("a car that nobody sees arrive", {GO: GO.replace("robot_left", "arrived"), f"  {FLOOR}\n": "", "door_limit": "motion_stopped"}, ["commands.go.until"], "nobody can see the car arrive without car_floor; declare it"),
     ("a call to a floor that is never shown", {CALL: CALL.replace('"coil:2"', '"coil:2", "coil:3"')}, ["commands.call.one_of", "commands.call.confirm.any_of[0]"], "has 4 outputs, one per floor, and car_floor only says codes 0 to 2"),
     ("a lamp of a floor that is never shown", {'"coil:2"]}': '"coil:2", "coil:50"]}'}, ["signals.calls_registered.each_of"], "has 4 bits, one per floor, and car_floor only says codes 0 to 2"),
     ("too few lamps to confirm every call", {', "coil:2"]}': "]}"}, ["commands.call.confirm.any_of[0]"], "has 2 bits for 3 outputs, and cannot confirm the last"),
@@ -157,6 +159,59 @@ def test_a_robot_in_place_that_is_a_level_stands_for_go_and_for_robot_left(tmp_p
 def test_what_the_site_has_to_add_counts_as_declared(tmp_path: Path) -> None:
     text, _ = changed(FREE, '  door.rear: {at: "sensor/discrete:0", active: low}\n', "")
     assert loaded(tmp_path, text + "needs: {door.rear: a second device says it}\n").warnings == ()
+    text, _ = changed(FREE.replace("door_limit", "motion_stopped"), f"  {FLOOR}\n", "")
+    text, _ = changed(text, GO, GO.replace("robot_left", "arrived"))
+    assert loaded(tmp_path, text + "needs: {car_floor: a second device says it}\n").warnings == ()
+
+
+SAME_HOLD = "action: hold, until: arrived, max_hold_s: 60, refresh_s: 2, on_link_loss: latches,"
+
+
+@pytest.mark.parametrize(
+    ("front", "rear", "key", "words"),
+    [
+        ("action: pulse, width_s: 1,", SAME_HOLD, "action", "go_to.front says `action: pulse`"),
+        (SAME_HOLD.replace("until: arrived, ", ""), SAME_HOLD, "until", "go_to.front says no `until`"),
+        (SAME_HOLD, SAME_HOLD.replace("until: arrived, ", ""), "until", "go_to.front says `until: arrived`"),
+    ],
+)
+def test_the_calls_of_both_doors_are_given_and_ended_alike(
+    tmp_path: Path, front: str, rear: str, key: str, words: str
+) -> None:
+    go_to = GOOD[GOOD.index("  go_to:") : GOOD.index("  hold_door")]
+    one, other = SIDES.splitlines(keepends=True)
+    pulse = "action: pulse, width_s: 1,"
+    text, _ = changed(GOOD, go_to, one.replace(pulse, front) + other.replace(pulse, rear))
+    expect_only(tmp_path, text, f"commands.go_to.rear.{key}", f"{words}, and the calls of one lift are all given")
+    alike, _ = changed(GOOD, go_to, one.replace(pulse, front) + other.replace(pulse, front))
+    assert loaded(tmp_path, alike).warnings == ()
+
+
+TROUBLE = [
+    *("fire", "fireman", "emergency_power", "passenger_alarm", "inspection", "out_of_service", "fault", "attendant"),
+    *("overload", "nudging", "watchdog_tripped", "obstruction.front", "obstruction.rear"),
+]
+
+
+@pytest.mark.parametrize("flag", TROUBLE)
+def test_no_press_waits_for_trouble_or_is_proved_by_it(tmp_path: Path, flag: str) -> None:
+    text = (
+        FREE
+        if f"  {flag}:" in FREE
+        else changed(FREE, "signals:\n", f'signals:\n  {flag}: {{at: "holding:13.0"}}\n')[0]
+    )
+    waits, _ = changed(text, IN_PLACE, f"{IN_PLACE[:-1]}, requires: [{flag}]}}")
+    words = f"cannot be inverted, and a yes of {flag} is trouble; remove it"
+    expect_only(tmp_path, waits, "commands.robot_in_place.requires[0]", words)
+    proved, _ = changed(text, IN_PLACE, IN_PLACE.replace("readback", flag))
+    words = f"a yes of {flag} is trouble and proves no press"
+    expect_only(tmp_path, proved, "commands.robot_in_place.confirm.any_of[0]", words)
+
+
+def test_the_independent_key_may_be_what_a_lift_gives_to_robots(tmp_path: Path) -> None:
+    text, _ = changed(FREE, "signals:\n", 'signals:\n  independent: {at: "holding:13.0"}\n')
+    text, _ = changed(text, IN_PLACE, f"{IN_PLACE[:-1]}, requires: [independent]}}")
+    assert loaded(tmp_path, text).warnings == ()
 
 
 def test_an_output_that_no_floor_can_use_is_a_warning(tmp_path: Path) -> None:
@@ -177,7 +232,7 @@ def test_a_timed_pulse_without_a_proof_is_not_said_to_be_read_back(tmp_path: Pat
     [
         (BEAT, 'heartbeat: {at: "coil:30", action: toggle, every_s: 0.5}'),
         (BEAT, 'heartbeat: {at: "holding:30.7", action: toggle, every_s: 0.5, shared_word: mask_write}'),
-        (BEAT, 'heartbeat: {at: "sensor/holding:2", action: count, every_s: 0.5, rest: 0}'),
+        (BEAT, 'heartbeat: {at: "holding:22", action: count, every_s: 0.5, rest: 0}'),
         (READ_AT, 'read_at: "sensor/discrete:7"'),
         (CALL, CALL + '    read_one_of: ["coil:32", "holding:5.0", "discrete:50"]\n'),
         (SECONDS, "payload: {time: max_hold_s, unit_s: 0.1}"),

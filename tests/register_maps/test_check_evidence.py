@@ -11,6 +11,7 @@ LIMITS = 'door.front: {open_limits: ["discrete:0", "discrete:1", "discrete:2"]}'
 FLOOR = 'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}'
 MAY_ENTER = '  may_enter: {at: "discrete:10"}\n'
 OCCUPANCY = "needs_occupancy: true\n"
+TIMED = "    refresh_s: 1\n    on_link_loss: timed_by_device\n"
 
 MISTAKES: list[Mistake] = [
     ("limits that are not the floor switches", LIMITS, LIMITS.replace("discrete:2", "discrete:30"), "at_floor_evidence", "give a door `open_limits` and car_floor `one_of` with the same addresses"),
@@ -18,6 +19,9 @@ MISTAKES: list[Mistake] = [
     ("a need of nothing", OCCUPANCY, OCCUPANCY + "needs: {levle: by a second device}\n", "needs.levle", "did you mean `level`?"),
     ("a need of nobody", OCCUPANCY, OCCUPANCY + "needs: {qqq: by a second device}\n", "needs.qqq", "signals are car_floor"),
     ("a need without a reason", OCCUPANCY, OCCUPANCY + 'needs: {level: " "}\n', "needs.level", "give the reason why a site has to add it"),
+    ("a hold that the device ends while we hold on", TIMED, "    on_link_loss: timed_by_device\n", "commands.hold_door.rear.on_link_loss", "also while we still hold: say `refresh_s`, shorter than max_hold_s, 5 s"),
+    ("a hold that the device ends before it is written again", TIMED, TIMED.replace("1", "5"), "commands.hold_door.rear.refresh_s", "5 s is not before max_hold_s, 5 s; refresh sooner"),
+    ("a watchdog that hears no heartbeat", TIMED, "    on_link_loss: device_watchdog\n", "commands.hold_door.rear.on_link_loss", "the heartbeat goes to another device; say `refresh_s`, shorter than its watchdog, or declare the heartbeat at this device"),
 ]  # fmt: skip
 
 
@@ -60,6 +64,20 @@ needs: {car_floor: no input here, door.front: no input here, fire: no input here
 """
     text = changed(GOOD, signals, outputs)[0].replace("{kind: level}", "{kind: position_stable, for_s: 1}")
     assert loaded(tmp_path, text + "at_same_floor: call\n").warnings == ()
+
+
+def test_a_watchdog_is_fed_by_a_heartbeat_at_its_own_device(tmp_path: Path) -> None:
+    text, _ = changed(HANDSHAKE, TIMED, "    on_link_loss: device_watchdog\n")
+    assert loaded(tmp_path, changed(text, '"holding:21", action', '"sensor/holding:2", action')[0]).warnings == ()
+
+
+def test_an_open_door_alone_as_proof_of_a_hold_that_can_be_read_back_is_warned_about(tmp_path: Path) -> None:
+    text, _ = changed(HANDSHAKE, "[effect, readback]", "[effect]")
+    (warning,) = loaded(tmp_path, text).warnings
+    assert warning.key == "commands.hold_door.rear.confirm"
+    assert "the door may be open by itself, and then `effect` does not show that we hold it" in warning.message
+    pulses = changed(text, "    refresh_s: 1\n", "    repeat_pulse_s: 1\n    width_s: 0.5\n")[0]
+    assert loaded(tmp_path, pulses).warnings == ()
 
 
 def test_a_way_out_that_needs_permission_and_a_way_in_that_does_not_are_warned_about(tmp_path: Path) -> None:

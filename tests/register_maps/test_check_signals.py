@@ -35,6 +35,7 @@ FORMS: list[Mistake] = [
     ("Gray code with a sign", CODE, 'destination: {at: "input:0", as: floor, type: int16, code: gray}', "signals.destination.code", "use `type: uint16`"),
     ("an inverted floor number", CODE, 'destination: {at: "input:0", as: floor, active: low}', "signals.destination.active", "the bits of a position code"),
     ("an inverted word", REAR, 'door.rear: {at: "sensor/holding:1", values: {0: closed, 1: open}, active: low}', "signals.door.rear.active", "change the `values`"),
+    ("a door that is open either way", REAR, 'door.rear: {at: "sensor/discrete:0", values: {0: open, 1: open}}', "signals.door.rear.values", "with open alone the door reads alike open and shut"),
     ("an inverted motion word", MOTION, 'motion: {at: "discrete:8", values: {0: stopped, 1: moving}, active: low}', "signals.motion.active", "change the `values`"),
     ("a reserved code beyond the position code", CODE, CODE.replace("[3]", "[4]"), "signals.destination.none[0]", "2 bits of uint16 hold 0 to 3"),
     ("a position code with two meanings", CODE, CODE.replace("none: [3]", "none: [3], unknown: [3]"), "signals.destination.none[0]", "code 3 means unknown already"),

@@ -1,5 +1,6 @@
 """Parameters are filled in, and a site's changes laid over a map, before anything is validated."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,10 @@ def test_a_site_sets_parameters(tmp_path: Path) -> None:
         ({"first": 91}, "parameters.first: must be 0 to 90, not 91 (the first input)"),
         ({"first": "x"}, "parameters.first: must be a number, not 'x'"),
         ({"level": "hihg"}, "parameters.level: must be one of high, low, not 'hihg'"),
+        ({"first": math.nan}, "parameters.first: is not a number that can be used; give a plain one"),
+        ({"first": -math.inf}, "parameters.first: is not a number that can be used; give a plain one"),
+        ({"first": 10**400}, "parameters.first: is not a number that can be used; give a plain one"),
+        ({"level": math.nan}, "parameters.level: must be one of high, low, not nan"),
         ({"frist": 4}, "parameters.frist: template has no parameter frist; did you mean `first`?"),
     ],
 )
@@ -117,6 +122,39 @@ def test_a_fraction_in_an_address_is_refused_because_it_would_name_a_bit(tmp_pat
     told = findings(tmp_path, parameters={"floor_at": 1.5})
     assert "template.yaml: signals.car_floor.at: floor_at is 1.5, and only a whole number fits in here" in told
     assert changed(tmp_path, parameters={"floor_at": 3.0}).map.signals["car_floor"].at == "holding:3"
+
+
+@pytest.mark.parametrize("value", [".nan", ".inf", "-.inf", "9" * 400])
+def test_a_number_that_nothing_can_be_done_with_is_a_mistake_of_the_map(tmp_path: Path, value: str) -> None:
+    told = findings(tmp_path, MAP.replace("default: 4, range: [0, 90]", f"default: {value}"))
+    assert (
+        "template.yaml: signals.door.front.open_limit: {first} is not a number that can be used; correct first" in told
+    )
+    assert "template.yaml: signals.fire.at: {first+2} is not a number that can be used; correct first" in told
+    assert any(words.startswith("template.yaml: parameters.first: is not a number that can be used") for words in told)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        *(
+            (value, text)
+            for value in (math.nan, math.inf, 1e300, 10**400)
+            for text in ("{a}", "{a+1}", "holding:{a-1}")
+        ),
+        *((value, "{a+" + "9" * 5000 + "}") for value in (1, 0.5)),
+    ],
+)
+def test_what_is_no_number_after_the_sum_is_told_where_it_stands(value: float, text: str) -> None:
+    (problem,) = fill({"parameters": {"a": {"default": value}}, "x": [text]}).problems
+    assert problem.path == ("x", 0)
+    assert problem.message.endswith("is not a number that can be used; correct a")
+
+
+@pytest.mark.parametrize("value", [[1], {"b": 1}, True, 2**53])
+def test_what_can_be_used_or_is_no_number_at_all_is_left_to_the_schema(value: object) -> None:
+    filled = fill({"parameters": {"a": {"default": value}}, "x": "{a}"})
+    assert (filled.data["x"], filled.problems) == (value, ())
 
 
 def test_a_timing_is_changed_and_the_rest_stays(tmp_path: Path) -> None:
@@ -191,7 +229,8 @@ def test_a_second_device_may_count_in_its_own_way(tmp_path: Path) -> None:
 
 
 def test_data_that_is_no_map_goes_through_unchanged() -> None:
-    for data in (None, [], "text", 3):
+    others: tuple[Any, ...] = (None, [], "text", 3)
+    for data in others:
         assert overlay(data, {"signals": {}}) == data
         assert fill(data).data == data
         assert unused(data) == []

@@ -136,7 +136,7 @@ commands:
     refresh_s: 1
     on_link_loss: timed_by_device
     payload: {time: max_hold_s, unit_s: 1}
-    confirm: {any_of: [effect], within_s: 5}
+    confirm: {any_of: [effect, readback], within_s: 5}
   close_door.rear:
     at: "holding:30.1"
     action: hold

@@ -28,6 +28,8 @@ from tests.support.virtual_time import elapse, run_virtual
 ANSWER_S = 0.004
 START_S = 2.5
 """From the start to the first word of a test: more than two polls of the slowest map."""
+POLL_TAKES_S = 0.1
+"""From the first request of a poll to its last, and less than from poll to poll."""
 LOOK_S = 0.1
 """Between two looks at the published state."""
 ROBOT = Holder("rmf", "fleet/robot1")
@@ -45,6 +47,8 @@ class Truth:
     """Where it stands level with its door fully open."""
     may_enter: bool
     may_leave: bool
+    asked: frozenset[str] = frozenset()
+    """Commands that its outputs hold."""
 
 
 class Plant(Protocol):
@@ -121,11 +125,14 @@ class Trip:
 
     async def invited_to(self, floor: str) -> None:
         """Wait for the invitation to drive at a floor, and check that it lasts while the robot drives for 6 s."""
+        commands = self.site.codec.map.commands
+        spent = {name for name in commands if name.startswith("go_to") and commands[name].until in (None, "arrived")}
         await self.until(lambda state: (state.robot_door, state.floor) == (RobotDoor.OPEN, floor), asking=floor)
         for _ in range(6):
             await elapse(1)
             assert (self.state.robot_door, self.state.floor) == (RobotDoor.OPEN, floor)
             assert self.state.standing
+            assert self.exchanges[-1].truth.asked.isdisjoint(spent), "a call that ends on arrival is let go there"
             self.ask(floor)
 
     async def make(self, *, pickup: str, destination: str) -> None:
@@ -162,18 +169,19 @@ class Trip:
             self.wrong.append(f"offline: {state.reason}")
             return
         now = asyncio.get_running_loop().time()
-        truth = self._truth_at(now - state.age_s)
+        truths = self._truths(now - state.age_s, now - state.age_s + POLL_TAKES_S)
         index = list(self.site.floors).index(state.floor) if state.floor is not None else None
-        said = f"at {now:.2f} s {state.robot_door} at {state.floor}, on the way to {state.destination}: {truth}"
-        # a floor that has not changed for a while may still be one that the car creeps towards
-        by_time = self.site.codec.map.at_floor_evidence.kind == "position_stable"
-        there = truth.near if by_time else truth.level_at
-        if state.holder is not None and state.floor == state.destination and there != index:
-            self.wrong.append(f"not arrived: {said}")
+        said = f"at {now:.2f} s {state.robot_door} at {state.floor}, on the way to {state.destination}: {truths}"
+        arrived = state.holder is not None and state.floor == state.destination
+        if (arrived or (state.standing and self._tells_passing)) and not self._stands(index, now - state.age_s):
+            self.wrong.append(f"not there: {said}")
         if state.robot_door is RobotDoor.OPEN:
             self.opened += 1
-            if not self._invites(truth, state, index):
+            if not any(self._invites(truth, state, index) for truth in truths):
                 self.wrong.append(f"not open: {said}")
+            holds = {name for name in self.site.codec.commands if name.startswith("hold_door.")}
+            if state.holder is not None and not holds <= self.exchanges[-1].truth.asked:
+                self.wrong.append(f"not held: {said}")
 
     def _invites(self, truth: Truth, state: LiftState, index: int | None) -> bool:
         permitted = {"may_enter": truth.may_enter, "may_leave": truth.may_leave}
@@ -183,15 +191,30 @@ class Trip:
         mine = state.holder is None or state.floor == state.destination
         return index is not None and truth.open_at == index and mine and (not permitted or any(permitted.values()))
 
-    def _truth_at(self, read_at: float) -> Truth:
-        """Return what the lift did when the first request of a poll reached it."""
-        latest = self.exchanges[-1]
+    @property
+    def _tells_passing(self) -> bool:
+        """Whether a car between floors can be told from one that stands; a number that stays until the next floor tells nothing."""
+        source = self.site.codec.map
+        return source.at_floor_evidence.for_s is None or self.site.codec.signals["car_floor"].per_floor
+
+    def _stands(self, index: int | None, read_at: float) -> bool:
+        """Whether the car stood at a floor by the evidence of its map: of time, that it may still creep towards it."""
+        stable_s = self.site.codec.map.at_floor_evidence.for_s
+        if stable_s is None:
+            return index in {truth.level_at for truth in self._truths(read_at, read_at + POLL_TAKES_S)}
+        stable_s = stable_s if self._tells_passing else 0.0
+        since = self._truths(read_at - stable_s + min(stable_s, POLL_TAKES_S), read_at + POLL_TAKES_S)
+        return all(truth.near == index for truth in since)
+
+    def _truths(self, since: float, until: float) -> list[Truth]:
+        """Return what the lift did as each request that read something in this time reached it."""
+        found = []
         for exchange in reversed(self.exchanges):
-            if exchange.at < read_at - 1e-9:
+            if exchange.at < since - 1e-9:
                 break
-            if not exchange.is_write:
-                latest = exchange
-        return latest.truth
+            if not exchange.is_write and exchange.at < until:
+                found.append(exchange.truth)
+        return found
 
     async def watch(self, heard: Subscription[Event]) -> None:
         """Judge every state that is published."""
@@ -261,7 +284,8 @@ async def trip(site: Site, plant: Plant, *, in_words: bool = True, poll_s: float
             for one in running:
                 one.cancel()
             ended = await asyncio.gather(*running, return_exceptions=True)
-            assert [error for error in ended if not isinstance(error, asyncio.CancelledError)] == []
+            failed = [error for error in ended if not isinstance(error, asyncio.CancelledError)]
+            assert not failed, failed
             assert heard.lost == 0
 
 

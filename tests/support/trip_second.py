@@ -28,7 +28,8 @@ class SecondPlant:
         self.devices[""].run_to(now)
         shows = self.lift.shows
         near = shows.floor if shows.at_floor else None
-        return Truth(near, near if shows.level else None, shows.open_at, shows.may_enter, shows.may_leave)
+        asked = frozenset(self.devices[""].asked())
+        return Truth(near, near if shows.level else None, shows.open_at, shows.may_enter, shows.may_leave, asked)
 
 
 def naive_lift(site: Site) -> Lift:

@@ -31,6 +31,8 @@ class SimulatedPlant:
 
     def __post_init__(self) -> None:
         self.face = simulated_lift(self.site.codec, self.site.floors)
+        self._mirror = Mirror(self.site)
+        self._asked: frozenset[str] = frozenset()
         self._devices = {"": SimulatedDevice(self.face)} | {
             name: SimulatedDevice(self.face.endpoint(name)) for name in self.site.codec.map.endpoints
         }
@@ -40,6 +42,8 @@ class SimulatedPlant:
             replies = self._devices[device].answer(frame)
         except BadRequest as refusal:
             replies = [(0.0, frames.exception_answer(frame, refusal.code))]
+        else:
+            self._asked = frozenset(self._mirror.take(now, device, frames.parse_request(frame, timed_coils=True)))
         self.shown.append(self.face.picture)
         return replies[0][1]
 
@@ -47,7 +51,9 @@ class SimulatedPlant:
         self.face.advance(now)
         picture = self.face.picture
         near = picture.floor if picture.in_door_zone else None
-        return Truth(near, picture.level_floor, picture.door_open_floor, picture.may_enter, picture.may_leave)
+        return Truth(
+            near, picture.level_floor, picture.door_open_floor, picture.may_enter, picture.may_leave, self._asked
+        )
 
 
 @cache

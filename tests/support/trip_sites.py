@@ -82,15 +82,10 @@ class Site:
     floors: Mapping[str, int]
     """Names and codes, lowest floor first."""
 
-    @property
-    def needs_words(self) -> bool:
-        """Whether the lift must hear who is aboard."""
-        return self.codec.map.needs_occupancy
 
-
-def site_of(name: str) -> Site:
+def site_of(name: str, completions: Mapping[str, Completion] = COMPLETIONS) -> Site:
     """Return a shipped map as it is used here. Raises Incomplete if it lacks something still."""
-    added = COMPLETIONS.get(name, Completion())
+    added = completions.get(name, Completion())
     loaded = load(name, changes=Changes(added.parameters, added.override))
     codec = compile_map(loaded.map)
     lacks = [f"parameter {parameter}" for parameter in loaded.unset]

@@ -69,6 +69,9 @@ class NaiveLift:
         self._floors = floors
         self._key = robot_mode
         self._sends_on = in_place_sends_on
+        self.mistaken_s = 0.0
+        """For so long after its door has opened it gives the wrong permission."""
+        self._open_for_s = 0.0
         self._now = 0.0
         self._height = 0.0
         self._door = 0.0
@@ -162,6 +165,8 @@ class NaiveLift:
         door = "opening" if self._door > door_before else "closing"
         door = {0.0: "closed", 1.0: "open"}.get(self._door, door)
         waits = door == "open" and away < 1e-6 and awaited == nearest
+        self._open_for_s = self._open_for_s + BEAT_S if waits else 0.0
+        for_leaving = self._occupied is not (self._open_for_s <= self.mistaken_s and waits)
         self.shows = Shows(
             floor=nearest if away < 0.05 else self.shows.floor,
             at_floor=away < 0.05,
@@ -171,7 +176,7 @@ class NaiveLift:
             robot_mode=self._robot_for_s > 0.3,
             accepted=self.shows.accepted if self._target is not None else None,
             destination=self._target,
-            may_enter=waits and not self._occupied,
-            may_leave=waits and self._occupied,
+            may_enter=waits and not for_leaving,
+            may_leave=waits and for_leaving,
             beat=int(self._now * 2) % 65536,
         )
