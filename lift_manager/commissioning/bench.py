@@ -52,11 +52,12 @@ class Bench:
         self._lines = lines
         self._writer = Writer(codec, codec.commands, lines, settings)
         self._heard = heard
+        self._devices = ("", *codec.map.endpoints)
 
     @property
     def output_blocks(self) -> tuple[Block, ...]:
         """What is read to see what all outputs hold."""
-        return self._writer.all_read_blocks
+        return tuple(self._writer.read_blocks(self._devices))
 
     async def read(self, block: Block) -> list[Heard]:
         """Read a block."""

@@ -20,6 +20,7 @@ EVIDENCE = {
     "motion_stopped": "the car does not move",
     "position_stable": "floor unchanged for {for_s:g} s",
     "door_limit": "fully-open limit of that floor",
+    "door_open": "an open door",
 }
 """What shows that the car stands at the floor it reports."""
 

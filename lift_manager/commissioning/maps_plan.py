@@ -114,7 +114,7 @@ async def _plan(codec: Codec, floors: Mapping[str, int]) -> Plan:
 async def _poll(codec: Codec, on: Bench) -> Part:
     sent: list[Sent] = []
     for block in on.poll_blocks:
-        names = ", ".join(dict.fromkeys(name for name, _ in named_at(codec, block)))
+        names = ", ".join(dict.fromkeys(name for name, _ in named_at(codec, block) if name in codec.signals))
         purpose = f"what the lift says of {names}" if names else "one of our outputs, to see that the device is there"
         sent += _all("each poll", purpose, await on.read(block))
     return Part("One poll", tuple(sent), _cost(codec, sent))
@@ -200,13 +200,13 @@ async def _command(codec: Codec, command: CommandCodec, code: int, on: Bench) ->
     written: list[Group] = []
     now, repeated, let_go = 0.0, False, False
     for _ in range(_MOST_WRITES):
-        step = outputs.next(now)
+        step = outputs.next(now, command.endpoint)
         if step is None:
             if outputs.at_rest:
                 return written
-            now = outputs.wake_at()
+            now = outputs.wake_at(command.endpoint)
             continue
-        if step.name != command.name or (step.kind is StepKind.REFRESH and repeated):
+        if step.name != command.name or (step.kind in _REPEATED and repeated):
             # a heartbeat or a cyclic block, which go on whatever is pressed; or one repetition of many
             outputs.written(step, now)
             continue
@@ -218,13 +218,14 @@ async def _command(codec: Codec, command: CommandCodec, code: int, on: Bench) ->
             outputs.looked(step, holds=True, now=now)
         when = "at the end" if let_go and step.kind is StepKind.RELEASE else f"{now:g} s"
         written.append(tuple(_step(step, when, heard, seen)))
-        repeated = repeated or step.kind is StepKind.REFRESH
+        repeated = repeated or step.kind in _REPEATED
         if repeated and command.spec.action == "hold" and not let_go:
             outputs.let_go(command.name)
             let_go = True
     raise ValueError(f"{command.name}: something is written so often that it never ends; look at the times of the map")
 
 
+_REPEATED = frozenset({StepKind.REFRESH, StepKind.LOOK})
 _PURPOSE: Mapping[StepKind, str] = {
     StepKind.PRESS: "press",
     StepKind.REFRESH: "written again",

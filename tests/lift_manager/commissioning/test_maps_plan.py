@@ -169,9 +169,10 @@ commands:
         "0 s read afresh, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
         "0 s press: 00 00 00 06 01 06 00 05 00 01",
         "0 s read back: 00 00 00 06 01 03 00 05 00 01",
-        "30 s read afresh, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
-        "30 s let go: 00 00 00 06 01 06 00 05 00 00",
-        "30 s read back: 00 00 00 06 01 03 00 05 00 01",
+        "2 s read back: 00 00 00 06 01 03 00 05 00 01",
+        "at the end read afresh, because others use this register too: 00 00 00 06 01 03 00 05 00 01",
+        "at the end let go: 00 00 00 06 01 06 00 05 00 00",
+        "at the end read back: 00 00 00 06 01 03 00 05 00 01",
     ]
 
 
@@ -190,10 +191,10 @@ commands:
 
 def test_a_heartbeat_is_planned_with_two_of_its_beats_and_beside_no_command() -> None:
     assert sent_by("""\
-signals: {overload: {at: "holding:5"}}
+signals: {ready: {at: "holding:5"}}
 commands:
   heartbeat: {at: "holding:41", action: count, every_s: 0.5}
-  close_door.front: {at: "coil:3", action: pulse, width_s: 1, confirm: {any_of: [overload], within_s: 2}}
+  close_door.front: {at: "coil:3", action: pulse, width_s: 1, confirm: {any_of: [ready], within_s: 2}}
 """) == [
         "0 s heartbeat, every 0.5 s: 00 00 00 06 01 06 00 29 00 01",
         "0.5 s heartbeat, every 0.5 s: 00 00 00 06 01 06 00 29 00 02",
@@ -205,10 +206,10 @@ commands:
 
 def test_a_press_that_must_be_an_edge_is_preceded_by_its_rest_value() -> None:
     assert sent_by("""\
-signals: {overload: {at: "holding:5"}}
+signals: {ready: {at: "holding:5"}}
 commands:
   close_door.front:
-    {at: "coil:3", action: pulse, width_s: 1, reset_first_s: 0.5, confirm: {any_of: [overload], within_s: 2}}
+    {at: "coil:3", action: pulse, width_s: 1, reset_first_s: 0.5, confirm: {any_of: [ready], within_s: 2}}
 """)[:2] == [
         "0 s rest first, so that the press is an edge: 00 00 00 06 01 05 00 03 00 00",
         "0.5 s press: 00 00 00 06 01 05 00 03 FF 00",
@@ -217,11 +218,11 @@ commands:
 
 def test_a_hold_made_of_pulses_shows_the_end_of_a_pulse_and_the_next_one() -> None:
     assert sent_by("""\
-signals: {overload: {at: "holding:5"}}
+signals: {ready: {at: "holding:5"}}
 commands:
   hold_door.front:
     {at: "coil:3", action: hold, max_hold_s: 30, repeat_pulse_s: 4, width_s: 1, on_link_loss: latches,
-     confirm: {any_of: [overload], within_s: 2}}
+     confirm: {any_of: [ready], within_s: 2}}
 """) == [
         "0 s press: 00 00 00 06 01 05 00 03 FF 00",
         "1 s end of one press: 00 00 00 06 01 05 00 03 00 00",
@@ -281,10 +282,10 @@ def test_a_floor_that_a_map_cannot_express_is_refused_with_its_reason() -> None:
 
 def test_a_command_that_is_written_again_without_end_is_refused() -> None:
     text = """\
-signals: {overload: {at: "holding:5"}}
+signals: {ready: {at: "holding:5"}}
 commands:
   heartbeat: {at: "holding:41", action: count, every_s: 0.000001}
-  close_door.front: {at: "coil:3", action: pulse, width_s: 1, confirm: {any_of: [overload], within_s: 2}}
+  close_door.front: {at: "coil:3", action: pulse, width_s: 1, confirm: {any_of: [ready], within_s: 2}}
 """
     with pytest.raises(ValueError, match="so often that it never ends"):
         plan(written_map(text).map)

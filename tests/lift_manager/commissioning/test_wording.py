@@ -82,9 +82,9 @@ COMMANDS = [
         "held until the car is there, at most 60 s unless wanted anew; written again every 2 s",
     ),
     (
-        "hold_door.front: {at: 'holding:1', action: hold, max_hold_s: 5, on_link_loss: timed_by_device, payload: {time: max_hold_s, unit_s: 0.5}}",
+        "hold_door.front: {at: 'holding:1', action: hold, max_hold_s: 5, refresh_s: 2, on_link_loss: timed_by_device, payload: {time: max_hold_s, unit_s: 0.5}}",
         "the time it is to last (10 counts of 0.5 s) is written; 0 lets go",
-        "held until let go, at most 5 s unless wanted anew",
+        "held until let go, at most 5 s unless wanted anew; written again every 2 s",
     ),
     (
         "hold_door.front: {at: 'coil:1', action: hold, max_hold_s: 30, repeat_pulse_s: 4, width_s: 1, on_link_loss: latches}",
@@ -103,7 +103,7 @@ COMMANDS = [
     ),
     ("heartbeat: {at: 'coil:1', action: toggle, every_s: 1}", "0 and 1 in turn", "always written, every 1 s"),
 ]
-OTHER = "overload: {at: 'input:9'}, car_floor: {at: 'input:10', as: floor}"
+OTHER = "ready: {at: 'input:9'}, car_floor: {at: 'input:10', as: floor}"
 
 
 @pytest.mark.parametrize(("text", "words"), SIGNALS, ids=[text for text, _ in SIGNALS])
@@ -117,7 +117,7 @@ def test_a_signal_is_coded_in_these_words(text: str, words: str) -> None:
 @pytest.mark.parametrize(("text", "coding", "action"), COMMANDS, ids=[text for text, _, _ in COMMANDS])
 def test_a_command_is_coded_and_given_in_these_words(text: str, coding: str, action: str) -> None:
     name = text.split(":", maxsplit=1)[0]
-    confirm = "" if name == "heartbeat" else ", confirm: {any_of: [overload], within_s: 2}"
+    confirm = "" if name == "heartbeat" else ", confirm: {any_of: [ready], within_s: 2}"
     if name == "go_to":
         confirm = ", confirm: {any_of: [effect], within_s: 2}"
     codec = written_map(f"signals: {{{OTHER}}}\ncommands:\n  {text[:-1]}{confirm}}}\n")
@@ -128,15 +128,15 @@ def test_a_command_is_coded_and_given_in_these_words(text: str, coding: str, act
 
 def test_what_surrounds_a_press_is_told() -> None:
     codec = written_map("""\
-signals: {fault: {at: "coil:7"}, ready: {at: "coil:9"}, robot_mode_on: {at: "coil:8"}}
+signals: {may_enter: {at: "coil:7"}, ready: {at: "coil:9"}, robot_mode_on: {at: "coil:8"}}
 commands:
   robot_mode:
     {at: "coil:1", action: hold, max_hold_s: 60, refresh_s: 1, on_link_loss: device_watchdog, granted_by: robot_mode_on,
      requires: [ready], confirm: {any_of: [effect], within_s: 600}}
   hold_door.front:
     {at: "coil:2", action: hold, max_hold_s: 30, on_link_loss: latches, excludes: [close_door.front], gap_s: 0.5,
-     requires: [ready, robot_mode_on], confirm: {any_of: [fault, readback], within_s: 2}}
-  close_door.front: {at: "coil:3", action: pulse, width_s: 1, confirm: {any_of: [fault], within_s: 2}}
+     requires: [ready, robot_mode_on], confirm: {any_of: [may_enter, readback], within_s: 2}}
+  close_door.front: {at: "coil:3", action: pulse, width_s: 1, confirm: {any_of: [may_enter], within_s: 2}}
 """)
     mode, hold, close = (codec.commands[name].spec for name in ("robot_mode", "hold_door.front", "close_door.front"))
     assert wording.conditions(mode) == "only while ready reads yes; granted by robot_mode_on, within 600 s"
@@ -145,7 +145,7 @@ commands:
     )
     assert wording.conditions(close) == ""
     assert wording.confirmation(mode) == "the lift does it, within 600 s"
-    assert wording.confirmation(hold) == "fault shows it or the output reads back as written, within 2 s"
+    assert wording.confirmation(hold) == "may_enter shows it or the output reads back as written, within 2 s"
     assert wording.link_loss(mode) == "the watchdog of the controller lets go"
     assert wording.link_loss(hold) == "STAYS ON: nothing lets go"
     assert wording.link_loss(close) == "a press that is on STAYS ON until the manager is back"
