@@ -17,6 +17,7 @@ echo "python $*" >>"$LOG"
 case "$*" in
     *version_info*) echo "{version}" ;;
     *ensurepip*) exit {no_venv} ;;
+    *sysconfig*) exit {no_headers} ;;
     *hashlib*) exec "{real}" "$@" ;;
     "-m venv --clear "*)
         rm -rf "$4" && mkdir -p "$4/bin" && echo "#!$4/bin/python" >"$4/bin/pip"
@@ -59,8 +60,9 @@ class Machine:
         path.chmod(0o755)
         return path
 
-    def add_python(self, name: str, *, version: str = "3.11", has_venv: bool = True) -> Path:
-        script = FAKE_PYTHON.format(version=version, no_venv=int(not has_venv), real=sys.executable)
+    def add_python(self, name: str, *, version: str = "3.11", has_venv: bool = True, has_headers: bool = True) -> Path:
+        lacks = {"no_venv": int(not has_venv), "no_headers": int(not has_headers)}
+        script = FAKE_PYTHON.format(version=version, real=sys.executable, **lacks)
         return self.add(name, script)
 
     def run(
@@ -290,16 +292,18 @@ def run_ci(machine: Machine, **more: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_ci_installs_what_is_missing_and_runs_the_command_of_the_readme(ci_machine: Machine) -> None:
-    ci_machine.add_python("python3", has_venv=False)
+    ci_machine.add_python("python3", has_venv=False, has_headers=False)
     ci_machine.add("tshark", FAKE_TOOL)
     done = run_ci(ci_machine)
     assert done.returncode == 0, done.stderr
-    assert ci_machine.lines("apt-get")[-1].endswith(" python3 python3-venv curl mbpoll chromium")
+    assert ci_machine.lines("apt-get")[-1].endswith(
+        " python3 python3-venv curl mbpoll chromium gcc libc6-dev python3-dev"
+    )
     assert ci_machine.lines("tests") == ["tests 0"]
 
 
 def test_ci_asks_nothing_of_apt_when_everything_is_there(ci_machine: Machine) -> None:
-    for name in ("curl", "mbpoll", "tshark", "chromium"):
+    for name in ("curl", "mbpoll", "tshark", "chromium", "cc"):
         ci_machine.add(name, FAKE_TOOL)
     assert run_ci(ci_machine).returncode == 0
     assert ci_machine.lines("apt-get") == []
