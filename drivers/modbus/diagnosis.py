@@ -7,7 +7,7 @@ import logging
 from drivers.errors import ControllerException, PointsRefused, UnitOffline
 from drivers.modbus.lines import Lines
 from drivers.model import LiftValues
-from register_maps.codec import Block, Codec, Point
+from register_maps.codec import Block, Cell, Codec, Point
 from register_maps.words import BIT_TABLES
 
 _log = logging.getLogger(__name__)
@@ -53,7 +53,10 @@ class Diagnosis:
         """Ask for each address of a refused block by itself and say which ones the device does not serve."""
         codec = self._codec
         refused: list[str] = []
-        for name, point in {point.cell: (name, point) for name, point in reversed(named_at(codec, block))}.values():
+        first: dict[Cell, tuple[str, Point]] = {}
+        for name, point in named_at(codec, block):
+            first.setdefault(point.cell, (name, point))
+        for name, point in first.values():
             one = Block(point.table, point.address, 1, point.endpoint)
             try:
                 await self._lines.link(one.endpoint).read(self._lines.request(one))
@@ -62,8 +65,7 @@ class Diagnosis:
                     raise
                 refused.append(f"{name} ({_printed(codec, name, point)})")
         if refused:
-            told = ", ".join(reversed(refused))
-            return f"the controller serves less than map {codec.map.name} says: it refuses {told}"
+            return f"the controller serves less than map {codec.map.name} says: it refuses {', '.join(refused)}"
         size = f"{block.count} {'bits' if block.table in BIT_TABLES else 'registers'}"
         return (
             f"the controller serves each signal of this block by itself, but not {size} from {block.start} in one request; "

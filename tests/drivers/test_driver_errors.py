@@ -10,7 +10,7 @@ from drivers.errors import ControllerException, DriverError, LinkDown, Sent, Uni
 
 def tree(root: type[Exception], depth: int = 0) -> list[tuple[int, str]]:
     found = [(depth, root.__name__)]
-    for each in root.__subclasses__():
+    for each in (each for each in root.__subclasses__() if each.__module__ == drivers.errors.__name__):
         found += tree(each, depth + 1)
     return found
 
