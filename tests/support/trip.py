@@ -173,7 +173,7 @@ class Trip:
         index = list(self.site.floors).index(state.floor) if state.floor is not None else None
         said = f"at {now:.2f} s {state.robot_door} at {state.floor}, on the way to {state.destination}: {truths}"
         arrived = state.holder is not None and state.floor == state.destination
-        if (arrived or (state.standing and self._tells_passing)) and not self._stands(index, now - state.age_s):
+        if (arrived or state.standing) and not self._stands(index, now - state.age_s):
             self.wrong.append(f"not there: {said}")
         if state.robot_door is RobotDoor.OPEN:
             self.opened += 1
@@ -191,18 +191,11 @@ class Trip:
         mine = state.holder is None or state.floor == state.destination
         return index is not None and truth.open_at == index and mine and (not permitted or any(permitted.values()))
 
-    @property
-    def _tells_passing(self) -> bool:
-        """Whether a car between floors can be told from one that stands; a number that stays until the next floor tells nothing."""
-        source = self.site.codec.map
-        return source.at_floor_evidence.for_s is None or self.site.codec.signals["car_floor"].per_floor
-
     def _stands(self, index: int | None, read_at: float) -> bool:
         """Whether the car stood at a floor by the evidence of its map: of time, that it may still creep towards it."""
         stable_s = self.site.codec.map.at_floor_evidence.for_s
         if stable_s is None:
             return index in {truth.level_at for truth in self._truths(read_at, read_at + POLL_TAKES_S)}
-        stable_s = stable_s if self._tells_passing else 0.0
         since = self._truths(read_at - stable_s + min(stable_s, POLL_TAKES_S), read_at + POLL_TAKES_S)
         return all(truth.near == index for truth in since)
 
