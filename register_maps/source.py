@@ -247,7 +247,7 @@ class _Builder:
             return text
         self.written[tuple(map(str, path))] = text
         try:
-            value = _CONSTRUCT[kind](node)
+            value = _usable(_CONSTRUCT[kind](node))
         except (ValueError, OverflowError):
             self._say(path, line, f"{text[:20]} is not a number that can be used")
             self.spoiled.add(path)
@@ -258,6 +258,13 @@ class _Builder:
 
     def _say(self, path: KeyPath, line: int, message: str) -> None:
         self.findings.append(Finding(self._file, line, key_text(path), message))
+
+
+def _usable(value: object) -> object:
+    """Refuse, by OverflowError, a whole number that no field of ours could hold and JSON might not even print."""
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        raise OverflowError
+    return value
 
 
 _SAFE = yaml.constructor.SafeConstructor()

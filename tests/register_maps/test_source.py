@@ -224,3 +224,11 @@ def test_a_good_file_is_data_with_its_digest(tmp_path: Path) -> None:
     assert len(source.sha256) == 64
     house = validate(source, House)
     assert (house.name, house.rooms["b"].code, house.rooms["b"].size_m) == ("2026-01-02", 9, 2.0)
+
+
+@pytest.mark.parametrize("number", ["0x" + "f" * 5000, "9" * 30, "-9223372036854775809"])
+def test_a_number_that_nothing_can_hold_is_a_finding(tmp_path: Path, number: str) -> None:
+    path = tmp_path / "huge.yaml"
+    path.write_text(f"a: {number}\n")
+    (finding,) = read(path).findings
+    assert str(finding).endswith("is not a number that can be used")
