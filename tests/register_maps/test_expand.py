@@ -124,7 +124,7 @@ def test_a_fraction_in_an_address_is_refused_because_it_would_name_a_bit(tmp_pat
     assert changed(tmp_path, parameters={"floor_at": 3.0}).map.signals["car_floor"].at == "holding:3"
 
 
-@pytest.mark.parametrize("value", [".nan", ".inf", "-.inf", "9" * 400])
+@pytest.mark.parametrize("value", [".nan", ".inf", "-.inf", str(1 << 60)])
 def test_a_number_that_nothing_can_be_done_with_is_a_mistake_of_the_map(tmp_path: Path, value: str) -> None:
     told = findings(tmp_path, MAP.replace("default: 4, range: [0, 90]", f"default: {value}"))
     assert (
