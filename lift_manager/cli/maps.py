@@ -21,7 +21,7 @@ from lift_manager.cli.common import (
     say_json,
 )
 from lift_manager.commissioning import maps_check, maps_list, maps_plan, maps_show, maps_text
-from lift_manager.commissioning.iolist import as_csv, as_html, as_xlsx
+from lift_manager.commissioning.iolist import as_csv, as_html
 from lift_manager.commissioning.iolist.build import io_list
 from lift_manager.commissioning.iolist.model import IoList
 from lift_manager.commissioning.output import OutputRefused, check_ending, save
@@ -32,8 +32,15 @@ from register_maps.errors import MapFileError
 
 app = typer.Typer(help="List, show and check register maps; plan what they send; print I/O lists and PLC programs.")
 
+
+def _as_xlsx(found: IoList) -> bytes:
+    from lift_manager.commissioning.iolist import as_xlsx  # noqa: PLC0415  every other command would wait for its library
+
+    return as_xlsx.render(found)
+
+
 _IO_LISTS: Mapping[str, Callable[[IoList], bytes]] = {
-    ".xlsx": as_xlsx.render,
+    ".xlsx": _as_xlsx,
     ".csv": as_csv.render,
     ".html": as_html.render,
 }

@@ -8,12 +8,11 @@ from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift
 from register_maps.load import LoadedMap
 from register_maps.schema import CALLS, Parameter, RegisterMap
+from register_maps.vocabulary import HANDSHAKE
 from register_maps.words import Side
 
 _FREED_FROM_GROUP = frozenset({"robot_mode_on", "independent"})
 """Flags of which one shows that a car answers to us alone, and not to the landing calls of its group."""
-
-_HANDSHAKE = frozenset({"call", "go", "robot_in_place", "robot_left"})
 
 
 def unsaid(key: Key, lift: Lift, loaded: LoadedMap) -> Iterator[Problem]:
@@ -37,7 +36,7 @@ def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
         yield Problem(
             (*key, "override", "signals", "car_floor"), f"{_missing(source, 'car_floor')}; {_add('car_floor')}"
         )
-    if lift.infer_occupancy and not source.needs_occupancy and not _HANDSHAKE & source.commands.keys():
+    if lift.infer_occupancy and not source.needs_occupancy and not HANDSHAKE & source.commands.keys():
         message = f"{source.name} is told nothing about a robot aboard, so there is nothing to infer; remove this line"
         yield Problem((*key, "infer_occupancy"), message)
     if lift.access == "control":

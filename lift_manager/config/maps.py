@@ -79,7 +79,8 @@ class _Plain:
         self._source = source
         self._near = near
         self._named = named
-        self._known: dict[str, LoadedMap | tuple[Finding, ...]] = {}
+        self._read: dict[str, LoadedMap | tuple[Finding, ...]] = {}
+        """By the name or path that controllers give; many controllers are of one sort."""
 
     def load(self, controller: str, findings: list[Finding]) -> LoadedMap | None:
         """Return the map of a controller; where it has mistakes, they are added to `findings`."""
@@ -90,14 +91,16 @@ class _Plain:
         return None
 
     def known(self, controller: str) -> LoadedMap | tuple[Finding, ...]:
-        if controller not in self._known:
+        named = self._named[controller]
+        if named not in self._read:
             try:
-                self._known[controller] = load(self._named[controller], near=self._near)
+                self._read[named] = load(named, near=self._near)
             except MapFileError as error:
-                self._known[controller] = tuple(
-                    _at_map_key(self._source, controller, finding) for finding in error.findings
-                )
-        return self._known[controller]
+                self._read[named] = error.findings
+        read = self._read[named]
+        if isinstance(read, LoadedMap):
+            return read
+        return tuple(_at_map_key(self._source, controller, finding) for finding in read)
 
 
 def _load_changed(place: _Place, named: str, changes: Changes, plain: _Plain, found: Maps) -> None:
