@@ -20,6 +20,7 @@ from enum import StrEnum, unique
 
 from register_maps.errors import EXCEPTION_NAMES
 
+ILLEGAL_ADDRESS = 2
 ACCEPTED = 5
 """Not an error: the controller has taken the command and needs time for it."""
 BUSY = 6

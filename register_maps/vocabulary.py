@@ -75,15 +75,24 @@ COMMANDS: tuple[str, ...] = (
 )
 """Every command a map may declare: only what a passenger can do, the controller's own robot signals, and our sign of life."""
 
+HANDSHAKE = frozenset({"call", "go", "robot_in_place", "robot_left"})
+"""Commands that tell the empty car from the occupied one."""
+
 LAMPS = ("calls_registered", "call_accepted")
 """Signals that may lie where a call is written: the lamp in the button shows what the controller registered."""
 
 WORDS: dict[Kind, type[StrEnum]] = {Kind.DOOR: Door, Kind.MOTION: Motion, Kind.MODE: Mode}
 
-SAFETY_FLAGS = frozenset(
-    {
-        *("fire", "fireman", "emergency_power", "passenger_alarm", "inspection"),
-        *("out_of_service", "fault", "independent", "attendant"),
-    }
+FLAG_MODES: tuple[tuple[Mode, tuple[str, ...]], ...] = (
+    (Mode.INSPECTION, ("inspection",)),
+    (Mode.FIRE, ("fire", "fireman")),
+    (Mode.EMERGENCY, ("emergency_power", "passenger_alarm")),
+    (Mode.OUT_OF_SERVICE, ("out_of_service", "fault")),
+    (Mode.INDEPENDENT, ("independent",)),
+    (Mode.ATTENDANT, ("attendant",)),
+    (Mode.ROBOT, ("robot_mode_on",)),
 )
+"""The modes that flags tell, highest first: the table in README.md."""
+
+SAFETY_FLAGS = frozenset(flag for mode, flags in FLAG_MODES if mode is not Mode.ROBOT for flag in flags)
 """Flags that put the lift in a mode without robots; one that cannot be read counts against robots."""

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import logging
 
-from drivers.errors import ControllerException, PointsRefused, UnitOffline
+from drivers.errors import ILLEGAL_ADDRESS, ControllerException, PointsRefused, UnitOffline
 from drivers.modbus.lines import Lines
 from drivers.model import LiftValues
 from register_maps.codec import Block, Cell, Codec, Point
 from register_maps.words import BIT_TABLES
 
 _log = logging.getLogger(__name__)
-
-ILLEGAL_ADDRESS = 2
 
 
 class Diagnosis:

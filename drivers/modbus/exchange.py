@@ -9,6 +9,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 
+from drivers.driver import Permit
 from drivers.errors import (
     BUSY,
     PATH_UNAVAILABLE,
@@ -25,9 +26,6 @@ from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
 from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request, check, describe_answer, frame, tid_of
-
-Permit = Callable[[], str | None]
-"""Asked immediately before a press leaves: None lets it go, a text says why not. It only looks: no call to the link."""
 
 _Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int]
 """(whom to tell, what to ask, whether it may leave, how often it may still be asked again)."""

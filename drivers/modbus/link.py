@@ -12,13 +12,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from enum import StrEnum, unique
 
+from drivers.driver import Permit
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
-from drivers.modbus.exchange import Exchange, Permit
+from drivers.modbus.exchange import Exchange
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
 from register_maps.frames import Request
 
-__all__ = ["Link", "LinkSettings", "LinkState", "LinkStats", "Permit"]
+__all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
 
 _logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.errors import TARGET_SILENT, ConnectFailed, ConnectProblem
+from drivers.errors import ILLEGAL_ADDRESS, TARGET_SILENT, ConnectFailed, ConnectProblem
 from drivers.modbus.wire import CLOSED_BY_CONTROLLER, NOT_MODBUS, OnBytes, OnFrame, OnLost
 from register_maps import frames
 from register_maps.errors import BadRequest, FrameError
@@ -23,8 +23,6 @@ Answer = Callable[[bytes], Iterable[Reply]]
 """What a device makes of one request frame."""
 Admit = Callable[[], ConnectProblem | None]
 """Why a connection is not made; None: it is."""
-
-_ILLEGAL_ADDRESS = 2
 
 
 def _everyone() -> ConnectProblem | None:
@@ -269,7 +267,7 @@ class MemoryDevice:
         last = request.address + request.count - 1
         if any(low <= request.address and last <= high for low, high in self._served.get(request.table, ())):
             return None
-        return _ILLEGAL_ADDRESS
+        return ILLEGAL_ADDRESS
 
     def _write(self, request: Request) -> None:
         cells = self.values[request.table]

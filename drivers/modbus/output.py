@@ -78,6 +78,13 @@ class Output:
         return looks and math.isinf(self.every_s) and not self.codec.is_call
 
     @property
+    def let_go_at(self) -> float:
+        """When it is next written to rest, for good or between two pulses; infinity while nothing asks for that."""
+        if self.phase is Phase.LETTING_GO:
+            return self.try_at
+        return self.pause_at if self.phase is Phase.ON else math.inf
+
+    @property
     def give_up_at(self) -> float:
         """When a press or hold that waits to be written is given up."""
         return self.leave_by if self.spec.ends_itself else min(self.fall_at, self.leave_by)

@@ -6,21 +6,10 @@ from collections.abc import Mapping
 
 from drivers.model import FloorName, LiftValues
 from register_maps.codec import Value
-from register_maps.schema import SAFETY_FLAGS
+from register_maps.vocabulary import FLAG_MODES, SAFETY_FLAGS
 from register_maps.words import Door, Mode, Motion, Side
 
-_FLAG_MODES: tuple[tuple[Mode, tuple[str, ...]], ...] = (
-    (Mode.INSPECTION, ("inspection",)),
-    (Mode.FIRE, ("fire", "fireman")),
-    (Mode.EMERGENCY, ("emergency_power", "passenger_alarm")),
-    (Mode.OUT_OF_SERVICE, ("out_of_service", "fault")),
-    (Mode.INDEPENDENT, ("independent",)),
-    (Mode.ATTENDANT, ("attendant",)),
-    (Mode.ROBOT, ("robot_mode_on",)),
-)
-"""Highest first: the table in register_maps/README.md."""
-
-_RANK = {mode: rank for rank, (mode, _) in enumerate(reversed(_FLAG_MODES), start=1)}
+_RANK = {mode: rank for rank, (mode, _) in enumerate(reversed(FLAG_MODES), start=1)}
 _FLOORS = ("car_floor", "destination", "call_accepted")
 
 
@@ -72,7 +61,7 @@ def lift_mode(signals: Mapping[str, Value]) -> Mode:
 
     A mode word or safety flag that cannot be read makes it UNKNOWN, unless a flag tells a mode without robots.
     """
-    told = [mode for mode, flags in _FLAG_MODES if any(signals.get(flag) is True for flag in flags)]
+    told = [mode for mode, flags in FLAG_MODES if any(signals.get(flag) is True for flag in flags)]
     if any(flag in signals and signals[flag] is None for flag in SAFETY_FLAGS):
         told.append(Mode.UNKNOWN)
     if "mode" in signals:

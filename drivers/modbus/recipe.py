@@ -140,31 +140,22 @@ class Outputs:
 
     def _release_due(self, now: float, endpoint: str) -> Step | None:
         """Return the release that has waited longest: one that fails again and again does not keep others waiting."""
-        due = [
-            (name, output)
-            for name, output in self._outputs.items()
-            if output.codec.endpoint == endpoint
-            and (
-                (output.phase is Phase.LETTING_GO and now >= output.try_at)
-                or (output.phase is Phase.ON and now >= output.pause_at)
-            )
-        ]
+        due = [(name, output) for name, output in self._at(endpoint) if now >= output.let_go_at]
         if not due:
             return None
-        name, output = min(
-            due, key=lambda item: item[1].try_at if item[1].phase is Phase.LETTING_GO else item[1].pause_at
-        )
-        if output.phase is Phase.ON:
-            return Step(StepKind.PAUSE, name, None, was=output.code)
-        return Step(StepKind.RELEASE, name, None, was=output.code)
+        name, output = min(due, key=lambda item: item[1].let_go_at)
+        kind = StepKind.PAUSE if output.phase is Phase.ON else StepKind.RELEASE
+        return Step(kind, name, None, was=output.code)
+
+    def _at(self, endpoint: str) -> Iterator[tuple[str, Output]]:
+        """Yield the outputs that are written to one device."""
+        return ((name, output) for name, output in self._outputs.items() if output.codec.endpoint == endpoint)
 
     def _others(self, now: float, endpoint: str) -> Iterator[Step]:
         for name, beat in self._beats.items():
             if beat.codec.endpoint == endpoint and now >= beat.at:
                 yield Step(StepKind.BEAT, name, beat.next_count)
-        for name, output in self._outputs.items():
-            if output.codec.endpoint != endpoint:
-                continue
+        for name, output in self._at(endpoint):
             if output.phase is Phase.DUE and now >= self._free_at(name):
                 armed = output.armed_at is not None or not output.spec.reset_first_s
                 yield Step(StepKind.PRESS, name, output.code) if armed else Step(StepKind.RESET, name, None)
@@ -179,17 +170,14 @@ class Outputs:
         """Earliest time at which `next` may have something; infinity when only an event can change that."""
         times = [math.inf, *(beat.at for beat in self._beats.values() if beat.codec.endpoint == endpoint)]
         times += [cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._idle(cycle.block)]
-        for name, output in self._outputs.items():
-            if output.codec.endpoint != endpoint:
-                continue
-            if output.phase is Phase.LETTING_GO:
-                times.append(output.try_at)
-            elif output.phase is Phase.DUE:
-                times += [self._free_at(name), output.give_up_at]
-            if output.again:
+        for name, output in self._at(endpoint):
+            times.append(output.let_go_at)
+            if output.phase is Phase.DUE:
+                times.append(self._free_at(name))
+            if output.phase is Phase.DUE or output.again:
                 times.append(output.give_up_at)
             if output.phase is Phase.ON:
-                times.append(min(output.fall_at, output.refresh_at, output.pause_at))
+                times += [output.fall_at, output.refresh_at]
         return min(times)
 
     def cells(self, step: Step) -> Cells:
@@ -206,11 +194,9 @@ class Outputs:
 
     def neighbours(self, step: Step) -> tuple[str, ...]:
         """Other outputs that a step writes as pressed, because they are on and lie in its cells."""
-        codec = None if step.block is not None else self._codec(step)
-        if codec is not None and codec.shared:
+        if step.block is None and self._codec(step).shared:
             return ()
-        blocks = [step.block] if codec is None else codec.blocks
-        cells = {cell for block in blocks if block is not None for cell in block.cells}
+        cells = set(self._covered(step))
         return tuple(
             name
             for name, output in self._outputs.items()
@@ -219,11 +205,9 @@ class Outputs:
 
     def written(self, step: Step, now: float) -> None:
         """The controller echoed the write. That proves nothing yet."""
+        self._restart_cycles(self._covered(step), now)
         if step.block is not None:
-            self._restart_cycles(step.block.cells, now)
             return
-        codec = self._codec(step)
-        self._restart_cycles([cell for block in codec.blocks for cell in block.cells], now)
         if step.kind is StepKind.BEAT:
             beat = self._beats[step.name]
             beat.count, beat.at = step.code or 0, now + (beat.codec.spec.every_s or math.inf)
@@ -328,6 +312,11 @@ class Outputs:
         output.gone = not output.verified
         output.refresh_at = min(now, output.refresh_at)
         return output.verified or not output.codec.is_call
+
+    def _covered(self, step: Step) -> list[Cell]:
+        """List every address that the writes of a step cover."""
+        blocks = self._codec(step).blocks if step.block is None else (step.block,)
+        return [cell for block in blocks for cell in block.cells]
 
     def _codec(self, step: Step) -> CommandCodec:
         return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec

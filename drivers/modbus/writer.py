@@ -8,7 +8,7 @@ from drivers.driver import Permit
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lines import Lines
-from drivers.modbus.output import Cells
+from drivers.modbus.output import Cells, match
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import Step, StepKind
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
@@ -99,12 +99,7 @@ class Writer:
             release or step.kind is StepKind.LOOK or command.shared or "readback" in self.confirm(step.name).any_of
         ):
             return None
-        cells = await self._lines.cells(self._read_blocks[step.name])
-        wanted = command.encode(step.code)
-        return all(
-            read.within(cells[read.cell]) == wanted[point]
-            for point, read in zip(command.points, command.read_points, strict=True)
-        )
+        return match(command, await self._lines.cells(self._read_blocks[step.name]), step.code)
 
     async def _write_block(
         self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells, permit: Permit | None

@@ -20,12 +20,13 @@ from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.events import Alarm, CommandEnded, Event, SessionEnded, SessionOpened
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, barred, moving, on_fire
+from register_maps.vocabulary import CALLS
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode, Side
 
 _log = logging.getLogger(__name__)
 
 _ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
-_CALLS = frozenset({"go_to", "go_to.front", "go_to.rear", "call"})
+_CALLS = frozenset(CALLS) - {CommandKind.GO}
 """Commands that bring the empty car."""
 
 

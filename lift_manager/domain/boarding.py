@@ -11,8 +11,7 @@ from enum import StrEnum, unique
 
 from drivers.model import Capabilities, FloorName
 from lift_manager.domain.asking import Ask, RobotWord
-
-_HANDSHAKE = frozenset({"call", "go", "robot_in_place", "robot_left"})
+from register_maps.vocabulary import HANDSHAKE
 
 
 @unique
@@ -63,7 +62,7 @@ class Rules:
 
 def matters(able: Capabilities) -> bool:
     """Whether this lift is told something else for an occupied car than for an empty one."""
-    return able.needs_occupancy or bool(able.commands & _HANDSHAKE)
+    return able.needs_occupancy or bool(able.commands & HANDSHAKE)
 
 
 def aboard(boarding: Boarding, rules: Rules) -> bool | None:
