@@ -9,6 +9,7 @@ from math import ceil
 
 from register_maps.words import Door, Mode, Motion, Side
 from simulator import handshake, network, shaft
+from simulator.faults import MachineFault
 from simulator.modes import Key, RobotGrant
 from simulator.shaft import NEGLIGIBLE_S
 
@@ -97,6 +98,8 @@ class Inputs:
     """What the network asks for."""
     signs_of_life: int = 0
     """A number that changes with every sign of life from the network: each change renews the watchdog."""
+    faults: frozenset[MachineFault] = frozenset()
+    """What goes wrong with the machine while these inputs are present."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,213 @@
+"""What a lift and its controller do other than right, or other than expected: values, acted out elsewhere. Pure.
+
+A fault is present from the moment it is given to a `RegisterFace` until it is taken away again. The machine acts out
+`MachineFault` in its scans, the registers act out `RegisterFault`, and the server acts out `NetworkFault`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from register_maps.words import Mode, Side, Table
+
+# -- the machine: car, doors and the program that moves them
+
+
+@dataclass(frozen=True, slots=True)
+class StuckDoor:
+    """A door stays where it is, whatever is ordered; the controller believes its limits."""
+
+    side: Side = Side.FRONT
+
+
+@dataclass(frozen=True, slots=True)
+class ReopeningDoor:
+    """A closing door turns round before it is shut, again and again, as with something small in its sill."""
+
+    side: Side = Side.FRONT
+
+
+@dataclass(frozen=True, slots=True)
+class NudgingDoor:
+    """The doors close slowly and reverse for nobody, not even for the open button; the controller says that it nudges."""
+
+
+@dataclass(frozen=True, slots=True)
+class WrongFloor:
+    """The car is sent to the floor next to the one that was called."""
+
+    by: int = 1
+    """How many floors too high; too low when below 0. At the end of the shaft it is the other side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Relevelling:
+    """The car sinks while it stands open, and drives back level with its doors open; normal on rope lifts."""
+
+    every_s: float = 2.0
+    sinks_m: float = 0.012
+    """More than the level tolerance, well within the door zone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Homing:
+    """The car does not know where it is: it drives to the lowest floor with its doors shut, and takes no call before."""
+
+
+@dataclass(frozen=True, slots=True)
+class CallsCancelled:
+    """The controller forgets every call, at the moment this begins: anti-nuisance, or a change of mode."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotModeWithdrawn:
+    """Robot mode is refused, and taken away where it was granted."""
+
+
+@dataclass(frozen=True, slots=True)
+class InMode:
+    """A mode without robots: a fire alarm, emergency power, a key switch, a lift out of service."""
+
+    mode: Mode
+    """fire, emergency, inspection, independent or out_of_service."""
+
+
+@dataclass(frozen=True, slots=True)
+class Overload:
+    """Too much load: the doors stay open and the car does not start."""
+
+
+MachineFault = (
+    StuckDoor
+    | ReopeningDoor
+    | NudgingDoor
+    | WrongFloor
+    | Relevelling
+    | Homing
+    | CallsCancelled
+    | RobotModeWithdrawn
+    | InMode
+    | Overload
+)
+
+
+# -- the registers: what is read, and what becomes of what is written
+
+
+@dataclass(frozen=True, slots=True)
+class SaysWrongFloor:
+    """The floor that is shown is another one; a sensor or a coding that is off by one."""
+
+    by: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class FloorAhead:
+    """The floor that is shown changes as the car leaves: it is that of the next stop, as on an indicator that runs ahead."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContradictingLimits:
+    """A door says open and closed at once; a door that is told as one word says a code that its map does not list."""
+
+    side: Side = Side.FRONT
+
+
+@dataclass(frozen=True, slots=True)
+class FrozenRegisters:
+    """What is read stands still, heartbeat and all, while the lift goes on and writes take effect."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrozenHeartbeat:
+    """Only the alive counter stands still."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The program is in STOP: the device answers, what is read stands still, writes are stored, and nothing acts on them.
+
+    The car brakes and stands, and the doors stay as they are.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class LostPress:
+    """The next writes that ask for something are answered and stored, and the program does not see them."""
+
+    times: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class IgnoredWrites:
+    """Writes are answered as if they had been carried out, and are not."""
+
+    stored: bool = False
+    """Whether they can be read back all the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignWriter:
+    """Somebody else writes one of our commands, over and over."""
+
+    command: str
+    floor: int | None = None
+    """The index of the floor for a call. A command that is no call is pressed, or let go as `pressed` says."""
+    pressed: bool = True
+    every_s: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignCell:
+    """Somebody else writes one cell of the controller, over and over, by its address on the wire."""
+
+    table: Table
+    address: int
+    value: int
+    every_s: float = 1.0
+    endpoint: str = ""
+
+
+RegisterFault = (
+    SaysWrongFloor
+    | FloorAhead
+    | ContradictingLimits
+    | FrozenRegisters
+    | FrozenHeartbeat
+    | Stopped
+    | LostPress
+    | IgnoredWrites
+    | ForeignWriter
+    | ForeignCell
+)
+
+
+# -- the device on its network
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """The controller restarts: it is not on the network while this lasts, forgets calls and outputs, and begins with its homing run.
+
+    The car brakes and stands meanwhile.
+    """
+
+    homes: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class PowerLoss:
+    """The communication module loses its power and is not on the network while this lasts; the lift itself goes on."""
+
+    outputs_held: bool = False
+    """Whether what it was told last stays on meanwhile and after; otherwise all outputs are at rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlotKept:
+    """The device thinks that a connection which went away is still there, and lets nobody else in while this lasts."""
+
+
+NetworkFault = Reboot | PowerLoss | SlotKept
+
+Fault = MachineFault | RegisterFault | NetworkFault
