@@ -16,7 +16,7 @@ from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.settings import LinkSettings
-from drivers.modbus.wire import PymodbusWire
+from drivers.modbus.wire import PymodbusWire, Wire
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
@@ -52,11 +52,16 @@ class Building:
     links: tuple[Link, ...]
 
 
-def build(loaded: LoadedSite) -> Building:
+def over_tcp(controller: Controller) -> Wire:
+    """Make the wire to a controller on the network."""
+    return PymodbusWire(controller.host, controller.port)
+
+
+def build(loaded: LoadedSite, make_wire: Callable[[Controller], Wire] = over_tcp) -> Building:
     """Make one link per controller and hand it to the lifts on it."""
     bus: Bus[Event] = Bus()
     ticker = Ticker()
-    links = {name: _link(name, spec, loaded.links[name]) for name, spec in loaded.controllers.items()}
+    links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
     lifts = []
     for index, name in enumerate(loaded.site.lifts):
         driver = _driver(name, loaded, links)
@@ -141,7 +146,7 @@ async def _let_go(manager: LiftManager) -> bool:
     return True
 
 
-def _link(name: str, spec: Controller, needs: LinkDefaults) -> Link:
+def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[[Controller], Wire]) -> Link:
     settings = LinkSettings(
         timeout_s=needs.timeout_s,
         connect_timeout_s=spec.connect_timeout_s,
@@ -151,7 +156,7 @@ def _link(name: str, spec: Controller, needs: LinkDefaults) -> Link:
         max_connections=needs.max_connections,
         tid_echo=needs.tid_echo,
     )
-    return Link(lambda: PymodbusWire(spec.host, spec.port), settings, name=f"{name} ({spec.host}:{spec.port})")
+    return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
 def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
