@@ -12,6 +12,7 @@ import re
 import stat
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -124,7 +125,7 @@ def try_validate(
             # JSON mode is the one in which `strict` takes lists for tuples and words for enums, yet no "1" or yes for 1
             return model.model_validate_json(json.dumps(data), strict=True), tuple(findings)
         except ValidationError as error:
-            schema = model.model_json_schema()
+            schema = _json_schema(model)
             dropped: set[KeyPath] = set()
             for entry in error.errors(include_url=False):
                 path, message = plain_words(entry, schema, source.data, source.written)
@@ -137,6 +138,12 @@ def try_validate(
                 break
             data = _without(data, (), dropped)
     return None, tuple(findings)
+
+
+@cache
+def _json_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """Making one takes as long as reading a map does."""
+    return model.model_json_schema()
 
 
 def _without(data: object, path: KeyPath, dropped: Collection[KeyPath]) -> object:

@@ -2,13 +2,18 @@
 
 import os
 import re
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from register_maps.errors import MapFileError
+from register_maps.load import MAPS
 from register_maps.source import MAX_BYTES, Finding, Source, read, try_validate, validate
 
 
@@ -232,3 +237,50 @@ def test_a_number_that_nothing_can_hold_is_a_finding(tmp_path: Path, number: str
     path.write_text(f"a: {number}\n")
     (finding,) = read(path).findings
     assert str(finding).endswith("is not a number that can be used")
+
+
+def outcome(folder: Path, text: str) -> object:
+    try:
+        return replace(read(written(folder, text)), sha256="")
+    except MapFileError as error:
+        return error.findings
+
+
+def both_parsers(folder: Path, text: str) -> tuple[object, object]:
+    """What a text is read as by libyaml, and by PyYAML's own parser, which reads whatever holds a question mark."""
+    return outcome(folder, f"# .\n{text}"), outcome(folder, f"# ?\n{text}")
+
+
+@pytest.mark.parametrize("path", sorted(MAPS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_both_parsers_of_yaml_read_a_shipped_map_alike(path: Path, tmp_path: Path) -> None:
+    quick, slow = both_parsers(tmp_path, path.read_text("utf-8"))
+    assert isinstance(quick, Source)
+    assert quick == slow
+
+
+LISTED = "a: 1\nb: {c: [1, 2], d: e f}\ng:\n  - h: 1\n    i: 'j'\n  - \"k l\"\nm: >\n  n\n  o\n"
+SPOILERS = [
+    *":,-[]{}#&*!|>'\"%@`~= \n\t\\",
+    ": ",
+    "- ",
+    "---\n",
+    "&a ",
+    "*a",
+    "<<: ",
+    "a:1",
+    "[a:b]",
+    "\r\n",
+    "\u2028",
+    "\ufeff",
+]
+
+
+@settings(max_examples=300)
+@given(st.lists(st.tuples(st.integers(0, len(LISTED)), st.integers(0, 3), st.sampled_from(SPOILERS)), max_size=3))
+def test_both_parsers_of_yaml_read_a_spoiled_file_alike(changes: list[tuple[int, int, str]]) -> None:
+    text = LISTED
+    for where, length, spoiler in changes:
+        text = text[:where] + spoiler + text[where + length :]
+    with tempfile.TemporaryDirectory() as folder:
+        quick, slow = both_parsers(Path(folder), text)
+    assert quick == slow

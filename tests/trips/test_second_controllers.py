@@ -127,19 +127,22 @@ def agree(plant: SimulatedPlant, trip: Trip) -> list[str]:
     for number, (exchange, request) in enumerate(zip(trip.exchanges, requests(trip.exchanges), strict=True)):
         still.shows = shown(plant.shown[number], exchange.at)
         said = second.answer(exchange.device, exchange.request, exchange.at)
-        words = f"{site.name} at {exchange.at:.3f} s, {request[2]}, while {plant.shown[number]}"
-        assert said == exchange.answer, words
+        assert said == exchange.answer, _at(plant, number, request)
         meant = mirror.take(*request)
         if not exchange.is_write:
             continue
         asked = second.devices[""].asked()
-        assert asked == meant, words
+        assert asked == meant, _at(plant, number, request)
         for call in asked.keys() & CALLS:
             if before.get(call) != asked[call]:
                 heard.append(f"{call} {asked[call]}")
-                assert _follows(asked[call], number, plant, trip), words
+                assert _follows(asked[call], number, plant, trip), _at(plant, number, request)
         before = asked
     return heard
+
+
+def _at(plant: SimulatedPlant, number: int, request: tuple[float, str, Request]) -> str:
+    return f"{plant.site.name} at {request[0]:.3f} s, {request[2]}, while {plant.shown[number]}"
 
 
 def _follows(floor: int, number: int, plant: SimulatedPlant, trip: Trip) -> bool:

@@ -1,11 +1,14 @@
 import json
 import math
+from functools import cache
 
+from fastapi import FastAPI
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lift_manager.domain.asking import Ask
-from tests.lift_manager.web.fake import REQUEST, STATE, FakeManager, ask
+from lift_manager.web.app import make_app
+from tests.lift_manager.web.fake import REQUEST, STATE, FakeManager, ask_app
 
 BOUNDED = settings(max_examples=150, derandomize=True, deadline=None, database=None)
 
@@ -18,9 +21,17 @@ near_requests = st.fixed_dictionaries(
 )
 
 
-def answered(body: bytes, url: str = REQUEST) -> list[Ask]:
+@cache
+def served() -> tuple[FakeManager, FastAPI]:
+    """One for all examples, because making an application takes longer than its answer."""
     manager = FakeManager()
-    answer = ask(manager, "POST", url, content=body)
+    return manager, make_app(manager)
+
+
+def answered(body: bytes, url: str = REQUEST) -> list[Ask]:
+    manager, app = served()
+    manager.asked.clear()
+    answer = ask_app(app, "POST", url, content=body)
     assert answer.status_code == 200
     envelope = json.loads(answer.content)
     assert list(envelope) == ["data", "success", "msg"]
@@ -75,6 +86,7 @@ def has_surrogate(value: object) -> bool:
 @BOUNDED
 def test_an_arbitrary_query_gets_an_envelope(query: bytes) -> None:
     quoted = "".join(f"%{byte:02x}" for byte in query)
-    answer = ask(FakeManager(), "GET", f"{STATE}?lift_name={quoted}")
+    _, app = served()
+    answer = ask_app(app, "GET", f"{STATE}?lift_name={quoted}")
     assert answer.status_code == 200
     assert list(answer.json()) == ["data", "success", "msg"]

@@ -42,7 +42,7 @@ def test_a_parser_for_twincat_takes_it_and_refuses_it_once_it_is_broken(layout: 
     whole, broken = tmp_path / "whole.st", tmp_path / "broken.st"
     text = program(layout).st
     whole.write_text(text)
-    broken.write_text(text.replace("END_IF;", "", 1))
+    broken.write_text(text.replace(" THEN", "", 1))  # without an END_IF it would read on for seconds to the end
     assert (
         subprocess.run([sys.executable, "-m", "blark", "parse", whole], check=False, capture_output=True).returncode
         == 0
