@@ -9,6 +9,7 @@ import asyncio
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from drivers.errors import ILLEGAL_ADDRESS, TARGET_SILENT, ConnectFailed, ConnectProblem
 from drivers.modbus.wire import CLOSED_BY_CONTROLLER, NOT_MODBUS, OnBytes, OnFrame, OnLost
@@ -39,8 +40,10 @@ class MemoryWire:
         self._peer = peer
         self._open = False
         self._rest = b""
+        self._rest_is_old = False
         # Rises with every opening and end; what was scheduled under an earlier number no longer arrives.
         self._generation = 0
+        self._is_half_open = False
         self._on_frame: OnFrame
         self._on_lost: OnLost
 
@@ -63,7 +66,9 @@ class MemoryWire:
             raise ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
         self._on_frame, self._on_lost = on_frame, on_lost
         self._rest = b""
+        self._rest_is_old = False
         self._open = True
+        self._is_half_open = False
 
     def close(self) -> None:
         self._generation += 1
@@ -74,6 +79,9 @@ class MemoryWire:
             return
         if self.on_bytes is not None:
             self.on_bytes(True, frame)
+        self._rest_is_old = bool(self._rest)
+        if self._is_half_open:
+            return
         loop = asyncio.get_running_loop()
         for delay_s, data in self._answer(frame):
             if delay_s > 0:
@@ -88,6 +96,9 @@ class MemoryWire:
         except FrameError as error:
             self.drop(f"{NOT_MODBUS}: {error}")
             return
+        if whole and self._rest_is_old:
+            self._rest_is_old = False
+            del whole[0]
         generation = self._generation
         for frame in whole:
             if generation != self._generation:
@@ -102,8 +113,12 @@ class MemoryWire:
             self.close()
             self._on_lost(reason)
 
+    def go_half_open(self) -> None:
+        """The other end is gone without a word: this connection stays open, and nothing goes or comes over it any more."""
+        self._is_half_open = self._open
+
     def _arrive(self, generation: int, data: bytes | None) -> None:
-        if generation != self._generation:
+        if generation != self._generation or self._is_half_open:
             return
         if data is None:
             self.drop()
@@ -146,6 +161,37 @@ def exception(code: int) -> Fault:
     return Fault(lambda request, _answer: ((0.0, frames.exception_answer(request, code)),), executes=False)
 
 
+def in_pieces(*cuts: int, every_s: float = 0.0) -> Fault:
+    """The right answer in segments that end at these bytes, so many seconds apart."""
+    ends = (0, *cuts, None)
+    return Fault(lambda _request, answer: ((i * every_s, answer[a:b]) for i, (a, b) in enumerate(pairwise(ends))))
+
+
+def after(bytes_before: bytes) -> Fault:
+    """Other bytes and the right answer behind them, in one segment."""
+    return edited(lambda answer: bytes_before + answer)
+
+
+def reordered() -> tuple[Fault, Fault]:
+    """For two requests: the answer to the first comes behind that to the second, in one segment."""
+    return _kept(lambda held, answer: answer + held)
+
+
+def merged() -> tuple[Fault, Fault]:
+    """For two requests: the answer to the first comes only with that to the second, before it, in one segment."""
+    return _kept(lambda held, answer: held + answer)
+
+
+def _kept(together: Callable[[bytes, bytes], bytes]) -> tuple[Fault, Fault]:
+    held: list[bytes] = []
+
+    def keep(_request: bytes, answer: bytes) -> Iterable[Reply]:
+        held.append(answer)
+        return ()
+
+    return Fault(keep), Fault(lambda _request, answer: ((0.0, together(held[-1], answer)),))
+
+
 def hang_up(*, executes: bool = True) -> Fault:
     """The connection is closed instead of an answer."""
     return Fault(lambda _request, _answer: ((0.0, None),), executes=executes)
@@ -159,6 +205,15 @@ class Heard:
     """On the loop's clock."""
     request: Request
     executed: bool
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A fault, the requests that it is meant for, and how many of them it still takes."""
+
+    fault: Fault
+    applies: Callable[[Request], bool]
+    times: int
 
 
 class MemoryDevice:
@@ -192,7 +247,8 @@ class MemoryDevice:
         self._peer = peer
         self._timed_coils = timed_coils
         self._wires: list[MemoryWire] = []
-        self._faults: list[tuple[Fault, Callable[[Request], bool]]] = []
+        self._silent_until: float | None = None
+        self._faults: list[_Waiting] = []
 
     def wire(self) -> MemoryWire:
         """A new wire to this device: what a link takes as its factory."""
@@ -202,11 +258,21 @@ class MemoryDevice:
 
     def fail_next(self, fault: Fault, *, times: int = 1, on: Callable[[Request], bool] = lambda _request: True) -> None:
         """Treat the next requests (those for which `on` holds) like this; faults queue up."""
-        self._faults.extend([(fault, on)] * times)
+        if times > 0:
+            self._faults.append(_Waiting(fault, on, times))
 
     def clear_faults(self) -> None:
         """Behave again."""
         self._faults.clear()
+
+    def fall_silent(self, for_s: float) -> None:
+        """Hear and answer nothing for so long; connections stay open, and new ones are made."""
+        self._silent_until = asyncio.get_running_loop().time() + for_s
+
+    def go_half_open(self) -> None:
+        """Vanish without a word from every connection there is; new ones work."""
+        for wire in self._wires:
+            wire.go_half_open()
 
     def disconnect(self) -> None:
         """Close every connection."""
@@ -231,6 +297,8 @@ class MemoryDevice:
 
     def answer(self, frame: bytes) -> list[Reply]:
         """Carry out one request and say what comes back."""
+        if self._silent_until is not None and asyncio.get_running_loop().time() < self._silent_until:
+            return []
         try:
             request = frames.parse_request(frame, timed_coils=self._timed_coils)
         except BadRequest as error:
@@ -253,10 +321,12 @@ class MemoryDevice:
         return self.turns_away
 
     def _take_fault(self, request: Request) -> Fault | None:
-        for place, (fault, applies) in enumerate(self._faults):
-            if applies(request):
-                del self._faults[place]
-                return fault
+        for place, waiting in enumerate(self._faults):
+            if waiting.applies(request):
+                waiting.times -= 1
+                if not waiting.times:
+                    del self._faults[place]
+                return waiting.fault
         return None
 
     def _objection(self, request: Request) -> int | None:

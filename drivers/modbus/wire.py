@@ -57,7 +57,11 @@ class Wire(Protocol):
         """
 
     def send(self, frame: bytes) -> None:
-        """Send one frame. Never waits and never raises: a connection that is gone is told by `OnLost`."""
+        """Send one frame. Never waits and never raises: a connection that is gone is told by `OnLost`.
+
+        A frame of which a part has come before this is thrown away when it is whole: nobody answers what it was not asked
+        yet, and with a device that returns no transaction ids it would pass for the answer.
+        """
 
 
 class PymodbusWire:
@@ -122,6 +126,8 @@ class _Connection(ModbusProtocol):
         self._on_frame = on_frame
         self._on_lost = on_lost
         self._rest = b""
+        self._rest_is_old = False
+        """The frame that is coming in began before the last request left, so it cannot be the answer to it."""
         self._aborted = False
         self.announced = False
         """Whether `open` has returned; a loss before that is its failure."""
@@ -129,6 +135,7 @@ class _Connection(ModbusProtocol):
     def write(self, frame: bytes) -> None:
         # Not `ModbusProtocol.send`: it forgets the first half of an answer that is still coming in, and keeps every
         # frame in a list that the whole process shares.
+        self._rest_is_old = bool(self._rest)
         if self.transport is not None:
             self.transport.write(frame)  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
 
@@ -168,6 +175,9 @@ class _Connection(ModbusProtocol):
             if self.announced:
                 self._on_lost(f"{NOT_MODBUS}: {error}")
             return
+        if frames and self._rest_is_old:
+            self._rest_is_old = False
+            del frames[0]
         for frame in frames:
             if self._aborted:
                 return

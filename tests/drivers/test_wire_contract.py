@@ -155,10 +155,28 @@ def test_a_frame_in_pieces_is_handed_over_once_and_whole(run: Runner) -> None:
     async def contract(far: FarEnd, near: NearEnd) -> None:
         wire = far.wire()
         await near.open(wire)
+        wire.send(ASK)
+        await far.heard.get()
         for place in range(len(ANSWER)):
-            wire.send(ASK)
-            await far.heard.get()
             far.say(ANSWER[place : place + 1])
+        assert await near.frames.get() == ANSWER
+        assert near.frames.empty()
+        wire.close()
+
+    run(contract)
+
+
+def test_a_frame_that_began_before_a_request_was_sent_is_no_answer_to_it(run: Runner) -> None:
+    async def contract(far: FarEnd, near: NearEnd) -> None:
+        wire = far.wire()
+        await near.open(wire)
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(ANSWER + OTHER[:5])
+        assert await near.frames.get() == ANSWER
+        wire.send(ASK)
+        await far.heard.get()
+        far.say(OTHER[5:] + ANSWER)
         assert await near.frames.get() == ANSWER
         assert near.frames.empty()
         wire.close()
