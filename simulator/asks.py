@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import inf
 
 from register_maps.codec import Codec, Image
 from simulator import handshake
@@ -44,7 +45,12 @@ def watchdog_s(codec: Codec) -> float | None:
 
 
 def as_the_map_says(parameters: Parameters, codec: Codec) -> Parameters:
-    """Set a controller to what its map says of watchdog, robot mode and handshake."""
+    """Set a controller to what its map says of watchdog, robot mode and handshake.
+
+    A `hold_watchdog_s` that is given goes before that of the map, and infinity is no watchdog at all. What is given as
+    `watched` is watched beside what the map says.
+    """
+    limit_s = watchdog_s(codec) if parameters.hold_watchdog_s is None else parameters.hold_watchdog_s
     commands = codec.map.commands
     rules = None
     if handshake.IN_PLACE in commands:
@@ -57,8 +63,8 @@ def as_the_map_says(parameters: Parameters, codec: Codec) -> Parameters:
         )
     return replace(
         parameters,
-        hold_watchdog_s=watchdog_s(codec),
-        watched=_watched(codec),
+        hold_watchdog_s=None if limit_s == inf else limit_s,
+        watched=_watched(codec) | parameters.watched,
         robot_mode_only=frozenset(name for name, spec in commands.items() if "robot_mode_on" in spec.requires),
         handshake=rules,
     )

@@ -27,6 +27,10 @@ class Objection(Exception):
         self.code = code
 
 
+class Silence(Exception):
+    """The device is not on its network: no answer comes at all, and no connection lasts."""
+
+
 class Cells:
     """Every cell of one map, behind all of its devices."""
 
@@ -34,8 +38,19 @@ class Cells:
         """All outputs at rest, and every other cell 0."""
         self._served = codec.served
         self.written = codec.empty_image()
-        """What clients wrote; commands are read from here."""
+        """What clients wrote, and can read back where nothing else is shown."""
+        self.seen = self.written
+        """What the program sees of it; commands are read from here."""
+        self.stale = True
+        """Something was written where it is not for the client alone to say what is shown."""
+        self.next_end = inf
+        """When the device next lets something go by itself; infinity when nothing is on that it ends."""
         self._shown = codec.empty_image()
+        self._read = self._shown
+        """What clients get to read."""
+        self._pretended: dict[_Place, int] = {}
+        """What was answered as if it had been written."""
+        self._rest: list[tuple[Point, int]] = []
         self._timed: dict[_Place, list[tuple[Point, CommandCodec]]] = {}
         """Points that the device lets go by itself."""
         self._ends: dict[Point, tuple[float, int]] = {}
@@ -45,8 +60,7 @@ class Cells:
         """Outputs that are read back elsewhere: where they are written and where they are read."""
         outputs: set[_Place] = set()
         for command in codec.commands.values():
-            for point, value in command.encode(None).items():
-                self._put(self.written, point, value)
+            self._rest += command.encode(None).items()
             outputs |= {_place(point) for point in command.points}
             self._note(command)
         speaks = {point for signal in codec.signals.values() for point in signal.points}
@@ -57,8 +71,7 @@ class Cells:
         self._inputs = [point for point, _ in self._echoes if point.table is Table.COIL and point not in speaks]
         """Where such an output is written, reading shows the input of the same number (WAGO 750)."""
         self._echoes = [(point, read_point) for point, read_point in self._echoes if read_point not in speaks]
-        for name, cells in self.written.items():
-            self._shown[name][:] = cells
+        self.rest()
 
     def _note(self, command: CommandCodec) -> None:
         for point in command.points:
@@ -71,51 +84,101 @@ class Cells:
 
     def read(self, endpoint: str, table: Table, address: int, count: int) -> list[int]:
         """Return what is shown. Raises Objection outside what the map serves."""
-        return self._served_cells(self._shown, endpoint, table, address, count)[address : address + count]
+        return self._served_cells(self._read, endpoint, table, address, count)[address : address + count]
 
     def stored(self, endpoint: str, table: Table, address: int) -> int:
-        """Return what was written to one cell. Raises Objection outside what the map serves."""
-        return self._served_cells(self.written, endpoint, table, address, 1)[address]
+        """Return what was written to one cell, or seems to be. Raises Objection outside what the map serves."""
+        cell = self._served_cells(self.written, endpoint, table, address, 1)[address]
+        return self._pretended.get((space(endpoint, table), address), cell) if self._pretended else cell
 
     def write(self, endpoint: str, table: Table, address: int, values: Sequence[int], now: float) -> None:
         """Write cells. Raises Objection outside what the map serves, and for a coil that takes durations only."""
+        cells = self.writable(endpoint, table, address, values)
+        name = space(endpoint, table)
+        before = cells[address : address + len(values)]
+        for image in (self.written, self._shown):
+            image[name][address : address + len(values)] = values
+        for place, old in enumerate(before, start=address):
+            self.stale = self.stale or (name, place) in self._spoken
+            for point, command in self._timed.get((name, place), ()):
+                self._time(point, command, point.within(old), now)
+            if (name, place) in self._timed_coils:
+                self._ends.pop(self._timed_coils[name, place][0], None)
+        self._note_next_end()
+
+    def pretend(self, endpoint: str, table: Table, address: int, values: Sequence[int]) -> None:
+        """Write nothing, and answer as if it had been written. Raises Objection as `write` does."""
+        self.writable(endpoint, table, address, values)
+        name = space(endpoint, table)
+        self._pretended |= {(name, place): value for place, value in enumerate(values, start=address)}
+
+    def writable(self, endpoint: str, table: Table, address: int, values: Sequence[int]) -> list[int]:
+        """Return the cells of a table in which these values may be written. Raises Objection where they may not."""
         cells = self._served_cells(self.written, endpoint, table, address, len(values))
         name = space(endpoint, table)
-        if any(value and (name, address + place) in self._timed_coils for place, value in enumerate(values)):
+        if any(value and (name, place) in self._timed_coils for place, value in enumerate(values, start=address)):
             raise Objection(ILLEGAL_VALUE)
-        before = cells[address : address + len(values)]
-        cells[address : address + len(values)] = values
-        self._shown[name][address : address + len(values)] = values
-        for offset, old in enumerate(before):
-            for point, command in self._timed.get((name, address + offset), ()):
-                self._time(point, command, point.within(old), now)
-            if (name, address + offset) in self._timed_coils:
-                self._ends.pop(self._timed_coils[name, address + offset][0], None)
+        return cells
 
     def pulse(self, endpoint: str, table: Table, address: int, counts: int, now: float) -> None:
         """Set a coil for so many counts of its device. Raises Objection where no coil takes a duration."""
-        cells = self._served_cells(self.written, endpoint, table, address, 1)
+        point, command = self.timed_coil(endpoint, table, address)
+        unit_s = command.spec.payload.unit_s if command.spec.payload is not None else 0.0
+        for image in (self.written, self._shown):
+            image[point.space][address] = 1
+        self.stale = self.stale or _place(point) in self._spoken
+        self._ends[point] = now + counts * unit_s, command.spec.rest & 1
+        self._note_next_end()
+
+    def timed_coil(self, endpoint: str, table: Table, address: int) -> tuple[Point, CommandCodec]:
+        """Return the coil that takes a duration here. Raises Objection where there is none."""
+        self._served_cells(self.written, endpoint, table, address, 1)
         timed = self._timed_coils.get((space(endpoint, table), address))
         if timed is None or timed[1].spec.payload is None:
             raise Objection(ILLEGAL_VALUE)
-        point, command = timed
-        cells[address] = self._shown[point.space][address] = 1
-        self._ends[point] = now + counts * timed[1].spec.payload.unit_s, command.spec.rest & 1
-
-    @property
-    def next_end(self) -> float:
-        """When the device next lets something go by itself; infinity when nothing is on that it ends."""
-        return min((at for at, _ in self._ends.values()), default=inf)
+        return timed
 
     def end_next(self) -> None:
         """Let the device end what it ends next."""
         point, (_, rest) = min(self._ends.items(), key=lambda item: item[1][0])
         del self._ends[point]
-        self._put(self.written, point, rest)
-        self._put(self._shown, point, rest)
+        self._note_next_end()
+        self._let_go(point, rest)
+
+    def rest(self) -> None:
+        """Put all outputs at rest, as after power came on."""
+        self.stale = True
+        self._ends.clear()
+        self._note_next_end()
+        self._pretended.clear()
+        for image in (self.written, self.seen, self._shown):
+            for name in image:
+                image[name][:] = [0] * len(image[name])
+        for point, value in self._rest:
+            self._let_go(point, value)
+
+    def turn_away(self) -> None:
+        """From here on the program does not see what is written."""
+        self.seen = _copy(self.written)
+
+    def look_again(self, *, stored: bool) -> None:
+        """Take back `turn_away` where it was `stored`, otherwise `pretend`; the program sees what was stored meanwhile."""
+        if stored:
+            self.seen = self.written
+        else:
+            self._pretended.clear()
+
+    def freeze(self) -> None:
+        """From here on clients read what is shown now."""
+        self._read = _copy(self._shown)
+
+    def thaw(self) -> None:
+        """Clients read what is shown."""
+        self._read = self._shown
 
     def show(self, say: Callable[[dict[str, list[int]]], None]) -> None:
         """Bring what is shown up to date; `say` puts the lift's signals into it."""
+        self.stale = False
         for (name, address), is_output in self._spoken.items():
             self._shown[name][address] = self.written[name][address] if is_output else 0
         say(self._shown)
@@ -136,6 +199,14 @@ class Cells:
             raise Objection(ILLEGAL_ADDRESS)
         return image[name]
 
+    def _let_go(self, point: Point, rest: int) -> None:
+        self.stale = self.stale or _place(point) in self._spoken
+        for image in (self.written, self.seen, self._shown):
+            self._put(image, point, rest)
+
+    def _note_next_end(self) -> None:
+        self.next_end = min((at for at, _ in self._ends.values()), default=inf)
+
     def _time(self, point: Point, command: CommandCodec, before: int, now: float) -> None:
         spec = command.spec
         value, rest = point.within(self.written[point.space][point.address]), spec.rest & point.mask
@@ -151,6 +222,10 @@ class Cells:
     def _put(image: dict[str, list[int]], point: Point, value: int) -> None:
         cells = image[point.space]
         cells[point.address] = point.into(cells[point.address], value)
+
+
+def _copy(image: dict[str, list[int]]) -> dict[str, list[int]]:
+    return {name: list(cells) for name, cells in image.items()}
 
 
 def _place(point: Point) -> _Place:

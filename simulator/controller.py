@@ -4,8 +4,7 @@ Like the real thing it works in scans. At each scan instant the car and doors ha
 once, and the outputs follow; between two scans nothing changes. So what `picture` shows is that of the last scan,
 a pulse that falls between two scans is missed, and how time is cut into steps makes no difference at all.
 
-Faults come in from outside: a stuck button, or one that is dropped, is a change of `Inputs`; a wrong floor or a stuck
-door is a change of what `_orders` returns.
+Faults of the machine are inputs too. A stuck button, or one that is dropped, is a change of the other inputs.
 """
 
 from __future__ import annotations
@@ -14,12 +13,24 @@ from dataclasses import replace
 
 from register_maps.schema import CALLS
 from register_maps.words import Door, Mode, Motion, Side
-from simulator import dispatch, handshake, modes, network, shaft
-from simulator.modes import SERVICE, Key, RobotGrant
+from simulator import dispatch, handshake, levelling, machine_faults, modes, network, shaft
+from simulator.doors import JAMMED_AT
+from simulator.levelling import NOT_SINKING
+from simulator.machine_faults import NOTHING
+from simulator.modes import NO_GRANT, SERVICE, Key, RobotGrant
 from simulator.shaft import NEGLIGIBLE_S
 from simulator.state import Inputs, Parameters, Picture, SameFloorCall, State
 
-__all__ = ["Inputs", "Parameters", "Picture", "SameFloorCall", "State", "initial", "picture", "step"]
+__all__ = [
+    "Inputs",
+    "Parameters",
+    "Picture",
+    "SameFloorCall",
+    "State",
+    "initial",
+    "picture",
+    "step",
+]
 
 
 def initial(parameters: Parameters, *, floor_index: int = 0, key: Key = Key.NORMAL) -> State:
@@ -44,23 +55,25 @@ def step(state: State, inputs: Inputs, dt: float, parameters: Parameters) -> Sta
     """
     if dt < 0:
         raise ValueError(f"time does not run backwards: dt is {dt}")
-    since_scan_s = state.since_scan_s + dt
+    since_scan_s, ticks = state.since_scan_s + dt, parameters.ticks_per_scan
     while since_scan_s >= parameters.scan_s - NEGLIGIBLE_S:
         since_scan_s -= parameters.scan_s
-        after = _scan(state, inputs, parameters)
-        if after == state:  # and so it will be after each further scan: an idle night costs nothing
+        after = _scan(state, inputs, ticks, parameters)
+        if after is state or after == state:  # and so it will be after each further scan: an idle night costs nothing
             since_scan_s -= int((since_scan_s + NEGLIGIBLE_S) / parameters.scan_s) * parameters.scan_s
         state = after
-    return replace(state, since_scan_s=since_scan_s)
+    return state._replace(since_scan_s=since_scan_s)
 
 
 def picture(state: State, parameters: Parameters) -> Picture:
     level = shaft.level_floor(state.shaft, parameters.shaft)
     doors = {side: leaf.word for side, leaf in state.shaft.doors.items()}
     all_open = level is not None and all(doors[side] is Door.OPEN for side in parameters.doors_at[level])
-    awaited = all_open and level == state.handshake.awaits_at
+    awaited = all_open and level == _awaits_at(state, parameters)
     return Picture(
         floor=state.shaft.floor,
+        floor_known=state.homes_from is None,
+        last_known_floor=state.shaft.floor if state.homes_from is None else state.homes_from,
         level_floor=level,
         in_door_zone=shaft.zone_floor(state.shaft, parameters.shaft) is not None,
         motion=state.shaft.motion,
@@ -75,7 +88,7 @@ def picture(state: State, parameters: Parameters) -> Picture:
         obstruction=state.image.obstruction,
         overload=state.image.overload,
         fault=state.image.fault,
-        nudging=False,
+        nudging=state.acting.trouble.nudging,
         occupied=state.handshake.occupied,
         may_enter=awaited and not state.handshake.occupied,
         may_leave=awaited and state.handshake.occupied,
@@ -88,39 +101,78 @@ def picture(state: State, parameters: Parameters) -> Picture:
 # -- one scan
 
 
-def _scan(state: State, inputs: Inputs, parameters: Parameters) -> State:
-    ticks = parameters.ticks_per_scan
+def _scan(state: State, inputs: Inputs, ticks: int, parameters: Parameters) -> State:
     dt = parameters.scan_s * parameters.speed / ticks
     for tick in range(1, ticks + 1):
         moved = shaft.step(state.shaft, _orders(state, parameters), dt, parameters.shaft)
-        state = state if moved is state.shaft else replace(state, shaft=moved)
+        if moved is not state.shaft:
+            state = state._replace(shaft=moved)
+        landing = levelling.landing(state.shaft, parameters.shaft)
         if tick == ticks:
-            state = _sample(state, inputs, parameters)
-        state = _serve(state, parameters)
-        state = _dispatch(state, parameters)
-        state = _time_doors(state, dt, parameters)
+            state = _sample(state, inputs, landing, parameters)
+        state = _serve(state, landing, parameters)
+        state = _dispatch(state, landing, parameters)
+        state = _time_doors(state, landing, dt, parameters)
+        if state.levelling is not NOT_SINKING or state.acting.relevelling is not None:
+            state = state._replace(
+                levelling=levelling.step(state.levelling, state.acting.relevelling, state.shaft, dt, parameters.shaft)
+            )
     return state
 
 
 def _orders(state: State, parameters: Parameters) -> shaft.Orders:
     target_m = None if state.destination is None else parameters.shaft.heights_m[state.destination]
-    return shaft.Orders(target_m=target_m, open_doors=frozenset(state.dwell_s))
+    open_doors = frozenset(state.dwell_s)
+    if state.acting is NOTHING and state.levelling is NOT_SINKING:
+        return shaft.Orders(target_m, open_doors)
+    return shaft.Orders(
+        target_m,
+        open_doors,
+        levels=state.levelling.drives and state.mode is not Mode.INSPECTION,
+        sinks_m=levelling.sinks_m(state.levelling, state.acting.relevelling),
+        trouble=state.acting.trouble,
+    )
 
 
 # -- inputs
 
 
-def _sample(state: State, inputs: Inputs, parameters: Parameters) -> State:
+def _sample(state: State, inputs: Inputs, landing: int | None, parameters: Parameters) -> State:
     previous = state.image
+    forgets = False
+    changed = inputs is not state.inputs and inputs != state.inputs
+    if changed and inputs.faults != state.inputs.faults:
+        state, forgets = _suffer(state, inputs)
     robot_mode = state.mode is Mode.ROBOT
     heard = network.listen(state.heard, inputs.asked, inputs.signs_of_life, parameters, robot_mode=robot_mode)
-    if inputs != state.inputs or heard != state.heard:
+    if changed or heard.given != state.heard.given:
         image = _image(inputs, heard.given, parameters)
+        if state.acting is not NOTHING:
+            image = machine_faults.upon(image, state.acting)
         called = next((heard.given[name] for name in CALLS if name in heard.given), state.called)
-        state = replace(state, inputs=inputs, heard=heard, image=image, called=called)
+        state = state._replace(inputs=inputs, heard=heard, image=image, called=called)
+    elif heard != state.heard:
+        state = state._replace(heard=heard)
     state = _change_mode(state, parameters)
-    state, sent = _shake_hands(state, parameters)
-    return _register(state, previous, sent, parameters)
+    forgets = forgets or state.homes_from is not None
+    sent: frozenset[int] = frozenset()
+    if parameters.handshake is not None:
+        state, sent = _shake_hands(state, parameters.handshake, len(parameters.shaft.floors), forgets=forgets)
+    if forgets:
+        return state._replace(car_calls=frozenset(), landing_calls=frozenset())
+    return _register(state, previous, sent, landing, parameters)
+
+
+def _suffer(state: State, inputs: Inputs) -> tuple[State, bool]:
+    """Take up a change of faults; returns also whether all calls are forgotten because of it."""
+    before, acting = state.acting, machine_faults.acting(inputs.faults)
+    homes_from = state.homes_from
+    if acting.homes and not before.homes:
+        homes_from = state.shaft.floor
+    elif before.homes and not acting.homes:
+        homes_from = None
+    forgets = acting.cancels_calls and not before.cancels_calls
+    return state._replace(acting=acting, homes_from=homes_from), forgets
 
 
 def _image(inputs: Inputs, given: network.Given, parameters: Parameters) -> Inputs:
@@ -142,11 +194,13 @@ def _sides(given: network.Given, command: str) -> frozenset[Side]:
 
 
 def _change_mode(state: State, parameters: Parameters) -> State:
-    image, standing = state.image, state.shaft.standing
+    image, standing = state.image, state.shaft.speed_m_s == 0.0
     overriding = modes.overriding_mode(image.key, fire=image.fire, emergency=image.emergency, fault=image.fault)
     if overriding is not None:
-        return replace(state, mode=overriding, robot=RobotGrant())
-    if image.key is Key.ROBOT or image.robot_mode_request:
+        return state._replace(mode=overriding, robot=NO_GRANT)
+    if state.acting.withdraws_robot_mode:
+        robot = NO_GRANT
+    elif image.key is Key.ROBOT or image.robot_mode_request:
         robot = modes.next_grant(
             state.robot,
             standing=standing,
@@ -158,105 +212,143 @@ def _change_mode(state: State, parameters: Parameters) -> State:
     else:
         robot = modes.after_request(state.robot, standing=standing)
     mode = Mode.ROBOT if robot.granted else Mode.NORMAL
-    return state if (mode, robot) == (state.mode, state.robot) else replace(state, mode=mode, robot=robot)
+    if mode is state.mode and (robot is state.robot or robot == state.robot):
+        return state
+    return state._replace(mode=mode, robot=robot)
 
 
-def _shake_hands(state: State, parameters: Parameters) -> tuple[State, frozenset[int]]:
+def _shake_hands(state: State, rules: handshake.Rules, floors: int, *, forgets: bool) -> tuple[State, frozenset[int]]:
     """Take what is said about the robot; returns the floors to which the car is sent by it."""
-    if parameters.handshake is None:
-        return state, frozenset()
-    floors = len(parameters.shaft.floors)
-    shaken, sent = handshake.step(state.handshake, state.heard.given, state.shaft.floor, floors, parameters.handshake)
-    if not SERVICE[state.mode].car_calls:
+    shaken, sent = handshake.step(state.handshake, state.heard.given, state.shaft.floor, floors, rules)
+    if forgets or not SERVICE[state.mode].car_calls:
         shaken = replace(shaken, enter_at=None, leave_at=None)
-    return (state if shaken == state.handshake else replace(state, handshake=shaken)), sent
+    return (state if shaken == state.handshake else state._replace(handshake=shaken)), sent
 
 
-def _register(state: State, previous: Inputs, sent: frozenset[int], parameters: Parameters) -> State:
+def _register(
+    state: State, previous: Inputs, sent: frozenset[int], landing: int | None, parameters: Parameters
+) -> State:
     """Calls are registered when a button goes down, and dropped where the mode does not serve them."""
-    service = SERVICE[state.mode]
-    level = shaft.level_floor(state.shaft, parameters.shaft)
-    silent = level if parameters.same_floor_call is SameFloorCall.SILENT else None
-    pressed = _new_calls(state.image.car_buttons, previous.car_buttons, silent, parameters) | (sent - {silent})
-    called = _new_calls(state.image.landing_buttons, previous.landing_buttons, silent, parameters)
+    service, image = SERVICE[state.mode], state.image
+    if image is previous and not sent and service.car_calls and service.landing_calls:
+        return state  # no button has gone down
+    silent = landing if parameters.same_floor_call is SameFloorCall.SILENT else None
+    pressed = _new_calls(image.car_buttons, previous.car_buttons, silent, parameters) | (sent - {silent})
+    called = _new_calls(image.landing_buttons, previous.landing_buttons, silent, parameters)
     car_calls = state.car_calls | pressed if service.car_calls else frozenset()
     landing_calls = state.landing_calls | called if service.landing_calls else frozenset()
     if car_calls != state.car_calls or landing_calls != state.landing_calls:
-        state = replace(state, car_calls=car_calls, landing_calls=landing_calls)
-    if state.mode is Mode.INDEPENDENT and pressed - {level}:
-        state = replace(state, dwell_s=dict.fromkeys(state.dwell_s, 0.0))  # the car call is the word to go
+        state = state._replace(car_calls=car_calls, landing_calls=landing_calls)
+    if pressed and state.mode is Mode.INDEPENDENT and pressed - {landing}:
+        state = state._replace(dwell_s=dict.fromkeys(state.dwell_s, 0.0))  # the car call is the word to go
     return state
 
 
 def _new_calls(
     buttons: frozenset[int], before: frozenset[int], silent: int | None, parameters: Parameters
 ) -> frozenset[int]:
-    return frozenset(call for call in buttons - before if call in parameters.shaft.floors and call != silent)
+    down = buttons - before
+    return frozenset(call for call in down if call in parameters.shaft.floors and call != silent) if down else down
 
 
 # -- car
 
 
-def _serve(state: State, parameters: Parameters) -> State:
-    """A call for the floor at which the car stands level is answered by opening the doors."""
-    level = shaft.level_floor(state.shaft, parameters.shaft)
-    if level is None or level not in state.car_calls | state.landing_calls:
+def _serve(state: State, landing: int | None, parameters: Parameters) -> State:
+    """A call for the floor at which the car stands is answered by opening the doors."""
+    if landing is None or not (state.car_calls or state.landing_calls):
         return state
-    return replace(
-        state,
-        car_calls=state.car_calls - {level},
-        landing_calls=state.landing_calls - {level},
-        dwell_s={side: parameters.dwell_s for side in Side if side in parameters.doors_at[level]},
+    served = frozenset(
+        call for call in state.car_calls | state.landing_calls if _sent_to(call, state, parameters) == landing
+    )
+    if not served or (state.acting.trouble.nudging and not state.shaft.doors_closed):
+        return state
+    return state._replace(
+        car_calls=state.car_calls - served,
+        landing_calls=state.landing_calls - served,
+        dwell_s={side: parameters.dwell_s for side in Side if side in parameters.doors_at[landing]},
     )
 
 
-def _dispatch(state: State, parameters: Parameters) -> State:
+def _sent_to(call: int, state: State, parameters: Parameters) -> int:
+    off = state.acting.floors_off
+    return machine_faults.sent_to(call, off, len(parameters.shaft.heights_m)) if off else call
+
+
+def _awaits_at(state: State, parameters: Parameters) -> int | None:
+    """Floor at which the car stands open until a robot gets in, or out, by the handshake."""
+    floor = state.handshake.awaits_at
+    return None if floor is None else _sent_to(floor, state, parameters)
+
+
+def _dispatch(state: State, landing: int | None, parameters: Parameters) -> State:
     if state.mode is Mode.INSPECTION:
-        return replace(state, destination=None, direction=Motion.STOPPED)  # stops where it is
-    calls = state.car_calls | state.landing_calls
-    if state.mode is Mode.FIRE:
+        if state.destination is None and state.direction is Motion.STOPPED:
+            return state
+        return state._replace(destination=None, direction=Motion.STOPPED)  # stops where it is
+    if state.levelling is not NOT_SINKING and shaft.level_floor(state.shaft, parameters.shaft) != landing:
+        return state  # open, and a little out of level: it has not left
+    homes_from = state.homes_from
+    if homes_from is not None:
+        calls = frozenset({0})
+        if landing == 0 and state.shaft.doors_closed:
+            homes_from = None
+    elif state.mode is Mode.FIRE:
         calls = frozenset({parameters.fire_floor})
+    else:
+        calls = state.car_calls | state.landing_calls
+        if state.acting.floors_off:
+            calls = frozenset(_sent_to(call, state, parameters) for call in calls)
     destination, direction = dispatch.next_stop(state.shaft, calls, state.direction, parameters.shaft)
-    if destination == state.destination and direction is state.direction:
+    if (destination, direction, homes_from) == (state.destination, state.direction, state.homes_from):
         return state
-    return replace(state, destination=destination, direction=direction)
+    return state._replace(destination=destination, direction=direction, homes_from=homes_from)
 
 
 # -- doors
 
 
-def _time_doors(state: State, dt: float, parameters: Parameters) -> State:
+def _time_doors(state: State, landing: int | None, dt: float, parameters: Parameters) -> State:
     """Which doors are to be open, and for how long still."""
-    level = shaft.level_floor(state.shaft, parameters.shaft)
     dwell_s: dict[Side, float] = {}
-    if level is not None:
+    if landing is not None:
         for side in state.shaft.doors:
-            if side in parameters.doors_at[level]:
-                left_s = _dwell(state, side, level, dt, parameters)
+            if side in parameters.doors_at[landing]:
+                left_s = _dwell(state, side, landing, dt, parameters)
                 if left_s is not None:
                     dwell_s[side] = left_s
-    return state if dwell_s == state.dwell_s else replace(state, dwell_s=dwell_s)
+    return state if dwell_s == state.dwell_s else state._replace(dwell_s=dwell_s)
 
 
-def _dwell(state: State, side: Side, level: int, dt: float, parameters: Parameters) -> float | None:
+def _dwell(state: State, side: Side, landing: int, dt: float, parameters: Parameters) -> float | None:
     """Mechanical seconds for which one door of this floor stays open still; None: it is to close or stay closed."""
     image, mode, leaf = state.image, state.mode, state.shaft.doors[side]
-    buttons = SERVICE[mode].door_buttons
-    held = buttons and side in image.hold_door
-    awaited = level == state.handshake.awaits_at
-    blocked = side in image.obstruction and leaf.fraction > 0
-    recalled = mode is Mode.EMERGENCY or (mode is Mode.FIRE and state.destination is None)
-    overloaded = image.overload and mode is not Mode.INSPECTION
-    if held or blocked or recalled or awaited or overloaded:
+    if _is_kept_open(state, side, landing, parameters):
         return parameters.dwell_s
     left_s = state.dwell_s.get(side)
-    if left_s is None or mode is Mode.FIRE:
-        return None  # on the way to the fire floor doors close at once
+    if left_s is None or state.homes_from is not None or mode is Mode.FIRE:
+        return None  # on the way home or to the fire floor doors close at once
     if leaf.fraction < 1 or mode is Mode.INSPECTION:
         return left_s
-    if buttons and side in image.close_door:
+    if side in image.close_door and SERVICE[mode].door_buttons:
         return None
     if mode is Mode.INDEPENDENT and state.destination is None:
         return left_s
     left_s -= dt
     return left_s if left_s > NEGLIGIBLE_S else None
+
+
+def _is_kept_open(state: State, side: Side, landing: int, parameters: Parameters) -> bool:
+    """Whether a door is to open, or to stay open, whatever its timer says."""
+    image, mode, fraction = state.image, state.mode, state.shaft.doors[side].fraction
+    trouble, knows_floor = state.acting.trouble, state.homes_from is None
+    if image.overload and mode is not Mode.INSPECTION:
+        return True
+    if knows_floor and (mode is Mode.EMERGENCY or (mode is Mode.FIRE and state.destination is None)):
+        return True
+    if trouble.nudging:
+        return False
+    if fraction > 0 and (side in image.obstruction or (fraction <= JAMMED_AT and side in trouble.jammed)):
+        return True
+    held = side in image.hold_door and SERVICE[mode].door_buttons
+    return knows_floor and (held or landing == _awaits_at(state, parameters))

@@ -29,7 +29,10 @@ class ReopeningDoor:
 
 @dataclass(frozen=True, slots=True)
 class NudgingDoor:
-    """The doors close slowly and reverse for nobody, not even for the open button; the controller says that it nudges."""
+    """The doors close slowly and reverse for nobody, not even for the open button; the controller says that it nudges.
+
+    A call for the floor where they close is served when they are shut. Too much load and a recall still hold them open.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,19 +42,31 @@ class WrongFloor:
     by: int = 1
     """How many floors too high; too low when below 0. At the end of the shaft it is the other side."""
 
+    def __post_init__(self) -> None:
+        if self.by == 0:
+            raise ValueError("WrongFloor: by must not be 0, which is the right floor")
+
 
 @dataclass(frozen=True, slots=True)
 class Relevelling:
     """The car sinks while it stands open, and drives back level with its doors open; normal on rope lifts."""
 
     every_s: float = 2.0
+    """Mechanical seconds for which it stands level before it sinks again."""
     sinks_m: float = 0.012
-    """More than the level tolerance, well within the door zone."""
+    """More than the level tolerance, well within the door zone; half the door zone at most is acted out."""
+
+    def __post_init__(self) -> None:
+        if self.every_s <= 0 or self.sinks_m <= 0:
+            raise ValueError(f"Relevelling: every_s and sinks_m must be above 0, not {self.every_s} and {self.sinks_m}")
 
 
 @dataclass(frozen=True, slots=True)
 class Homing:
-    """The car does not know where it is: it drives to the lowest floor with its doors shut, and takes no call before."""
+    """The car does not know where it is: it drives to the lowest floor with its doors shut, and takes no call before.
+
+    One run for as long as this is present; taken away before its end, the car knows where it is again.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +79,20 @@ class RobotModeWithdrawn:
     """Robot mode is refused, and taken away where it was granted."""
 
 
+_MODES_WITHOUT_ROBOTS = (Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE)
+
+
 @dataclass(frozen=True, slots=True)
 class InMode:
     """A mode without robots: a fire alarm, emergency power, a key switch, a lift out of service."""
 
     mode: Mode
     """fire, emergency, inspection, independent or out_of_service."""
+
+    def __post_init__(self) -> None:
+        if self.mode not in _MODES_WITHOUT_ROBOTS:
+            listed = ", ".join(_MODES_WITHOUT_ROBOTS)
+            raise ValueError(f"InMode: {self.mode} is not one of the modes that a lift can be put into: {listed}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,16 +122,27 @@ class SaysWrongFloor:
     """The floor that is shown is another one; a sensor or a coding that is off by one."""
 
     by: int = 1
+    """How many floors too high; too low when below 0. At the end of the shaft it is the other side."""
+
+    def __post_init__(self) -> None:
+        if self.by == 0:
+            raise ValueError("SaysWrongFloor: by must not be 0, which is the right floor")
 
 
 @dataclass(frozen=True, slots=True)
 class FloorAhead:
-    """The floor that is shown changes as the car leaves: it is that of the next stop, as on an indicator that runs ahead."""
+    """The floor that is shown changes as the car leaves: it is that of the next stop, as on an indicator that runs ahead.
+
+    Where each floor has a switch of its own, that of the next stop is made all the way, between two floors too.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class ContradictingLimits:
-    """A door says open and closed at once; a door that is told as one word says a code that its map does not list."""
+    """A door says open and closed at once; a door that is told as one word says a code that its map does not list.
+
+    Where only open limits are told, those of two floors are made. One bit, of which both values are words, stays true.
+    """
 
     side: Side = Side.FRONT
 
@@ -127,34 +161,50 @@ class FrozenHeartbeat:
 class Stopped:
     """The program is in STOP: the device answers, what is read stands still, writes are stored, and nothing acts on them.
 
-    The car brakes and stands, and the doors stay as they are.
+    The car brakes and stands, and the doors stay as they are. What is written can be read back where the lift says nothing. The
+    program goes on where it stood, with what is written by then.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class LostPress:
-    """The next writes that ask for something are answered and stored, and the program does not see them."""
+    """The next writes that ask for something are answered and stored, and the program does not see them.
+
+    A press that is lost stays lost for as long as it lasts, however often it is written again.
+    """
 
     times: int = 1
+
+    def __post_init__(self) -> None:
+        if self.times < 1:
+            raise ValueError(f"LostPress: times must be 1 or more, not {self.times}")
 
 
 @dataclass(frozen=True, slots=True)
 class IgnoredWrites:
-    """Writes are answered as if they had been carried out, and are not."""
+    """Writes are answered as if they had been carried out, and are not; they are no sign of life either."""
 
     stored: bool = False
-    """Whether they can be read back all the same."""
+    """Whether they can be read back all the same; the program sees what is stored once this is over."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForeignWriter:
-    """Somebody else writes one of our commands, over and over."""
+    """Somebody else writes one of our commands, over and over, from the moment this begins.
+
+    Of a command with one output per floor all outputs are written. It is no sign of life of ours unless it is the heartbeat,
+    which it counts up. What is written while the device is off the network is gone.
+    """
 
     command: str
     floor: int | None = None
     """The index of the floor for a call. A command that is no call is pressed, or let go as `pressed` says."""
     pressed: bool = True
     every_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.every_s <= 0:
+            raise ValueError(f"ForeignWriter: every_s must be above 0, not {self.every_s}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +216,10 @@ class ForeignCell:
     value: int
     every_s: float = 1.0
     endpoint: str = ""
+
+    def __post_init__(self) -> None:
+        if self.every_s <= 0:
+            raise ValueError(f"ForeignCell: every_s must be above 0, not {self.every_s}")
 
 
 RegisterFault = (
@@ -189,10 +243,11 @@ RegisterFault = (
 class Reboot:
     """The controller restarts: it is not on the network while this lasts, forgets calls and outputs, and begins with its homing run.
 
-    The car brakes and stands meanwhile.
+    The car brakes and stands meanwhile, and its doors stay as they are.
     """
 
     homes: bool = True
+    """Whether it drives to the lowest floor before it takes a call."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +260,10 @@ class PowerLoss:
 
 @dataclass(frozen=True, slots=True)
 class SlotKept:
-    """The device thinks that a connection which went away is still there, and lets nobody else in while this lasts."""
+    """The device thinks that a connection which went away is still there, and lets nobody else in while this lasts.
+
+    A server with a number of slots counts: each connection that ends while this lasts keeps its slot.
+    """
 
 
 NetworkFault = Reboot | PowerLoss | SlotKept

@@ -23,6 +23,10 @@ class Key(StrEnum):
     """Robot mode is requested for as long as the key is there."""
 
 
+KEYS_BY_RANK = (Key.NORMAL, Key.ROBOT, Key.INDEPENDENT, Key.OUT_OF_SERVICE, Key.INSPECTION)
+"""Of several key switches the last one that is turned sets the mode."""
+
+
 @dataclass(frozen=True, slots=True)
 class Service:
     """What a mode serves."""
@@ -74,6 +78,9 @@ class RobotGrant:
     """Real seconds since nothing stood against the grant; None: something still does."""
 
 
+NO_GRANT = RobotGrant()
+
+
 def next_grant(
     grant: RobotGrant,
     *,
@@ -102,4 +109,4 @@ def next_grant(
 
 def after_request(grant: RobotGrant, *, standing: bool) -> RobotGrant:
     """One scan further without the request: a trip under way is finished in robot mode."""
-    return grant if grant.granted and not standing else RobotGrant()
+    return grant if grant.granted and not standing else NO_GRANT

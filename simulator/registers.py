@@ -6,18 +6,22 @@ instant: a press and its release are two events, however close they are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from operator import attrgetter
 
 from register_maps.codec import Codec
+from register_maps.schema import Kind
 from register_maps.words import Table
-from simulator import asks, controller
+from simulator import asks, controller, shaft
 from simulator.asks import WATCHDOG_REFRESHES
-from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, Objection
+from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, Objection, Silence
+from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
+from simulator.register_faults import Tale, Troubles, restarted, stand
 from simulator.says import Says
 from simulator.shaft import NEGLIGIBLE_S
-from simulator.state import Inputs, Parameters, Picture
+from simulator.state import Inputs, Parameters, Picture, State
 
 __all__ = [
     "ILLEGAL_ADDRESS",
@@ -27,16 +31,24 @@ __all__ = [
     "Endpoint",
     "Objection",
     "RegisterFace",
+    "Silence",
 ]
 
 BEATS_PER_S = 2
 """How often the alive counter counts. Chosen: twice as often as the generic map asks for."""
 
 
+_remembered = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
+"""What a picture is made of; the time since the last scan shows nowhere."""
+_sayable = attrgetter(*(field.name for field in fields(Picture) if field.name not in ("position_m", "speed_m_s")))
+"""What a map can say of a picture."""
+
+
 class RegisterFace:
     """One simulated lift behind the registers of its map; by itself it is the controller, one of its devices.
 
-    `floor_codes` are the codes of the floors, lowest first; raises ValueError for one that the map cannot express.
+    `floor_codes` are the codes of the floors, lowest first; raises ValueError for one that the map cannot express. Where
+    `parameters` leave the watchdog open it is that of the map; a `hold_watchdog_s` of infinity is none at all.
     """
 
     def __init__(
@@ -50,17 +62,34 @@ class RegisterFace:
                 command.encode(code)
         self._state = controller.initial(self.parameters, floor_index=start, key=key)
         self._inputs = Inputs(key=key)
+        self._peoples_faults: frozenset[MachineFault] = frozenset()
         self._now = 0.0
         self._cells = Cells(codec)
-        self._beat = asks.beat(codec, self._cells.written)
+        self._beat = asks.beat(codec, self._cells.seen)
         self._says = Says(codec, self._codes, self.parameters.hold_watchdog_s)
-        self._shown: tuple[Picture, int] | None = None
+        self._shown: State | None = None
+        """The state when the registers were last brought up to date, what of it they were made of, and what they say."""
+        self._made_of: object = None
+        self._said: object = None
+        self._counts = any(signal.kind is Kind.COUNTER for signal in codec.signals.values())
+        self._beats = 0
+        """What the alive counter stood at when it was last looked at."""
+        self._beats_from = 0.0
+        self._troubles = Troubles(codec, self._codes, self._cells)
+        self._homes = False
+        """The program has begun, and does not know yet where its car is."""
+        self._watchers: list[Callable[[], None]] = []
         self._show()
 
     @property
     def picture(self) -> Picture:
         """What the lift really does, by its own physics."""
         return controller.picture(self._state, self.parameters)
+
+    @property
+    def asked(self) -> Mapping[str, int]:
+        """Return what the controller is asked for over the network: the index of the floor for a call, 1 for others."""
+        return self._inputs.asked
 
     def endpoint(self, name: str) -> Endpoint:
         """One of the map's further devices. Raises ValueError for a name that the map does not have."""
@@ -71,33 +100,110 @@ class RegisterFace:
 
     def advance(self, now: float) -> None:
         """Step the lift to `now` (seconds, never backwards)."""
-        ended = False
-        while (at := self._cells.next_end) <= now + NEGLIGIBLE_S:
+        cells, foreign = self._cells, self._troubles.foreign
+        while (at := min(cells.next_end, foreign.next_at)) <= now + NEGLIGIBLE_S:
             self._step(min(at, now))
-            self._cells.end_next()
-            self._take_inputs()
-            ended = True
+            if at == cells.next_end:
+                cells.end_next()
+                self._take_inputs()
+            else:
+                self._write_foreign(at)
         self._step(now)
-        self._show(anyway=ended)
+        self._show()
 
     def people(self, now: float, inputs: Inputs) -> None:
-        """Change what people press, hold and turn, beside what comes over the network."""
+        """Change what people press, hold and turn, beside what comes over the network and what `begin` began."""
         self.advance(now)
-        self._inputs = replace(inputs, asked=self._inputs.asked, signs_of_life=self._inputs.signs_of_life)
+        self._peoples_faults = inputs.faults
+        asked, signs_of_life = self._inputs.asked, self._inputs.signs_of_life
+        self._inputs = replace(inputs, asked=asked, signs_of_life=signs_of_life, faults=self._machine_faults)
+
+    # -- faults
+
+    @property
+    def faults(self) -> frozenset[Fault]:
+        """Those that were begun and not ended."""
+        return self._troubles.present
+
+    def begin(self, fault: Fault, now: float) -> None:
+        """Let a fault begin; one that is present stays as it is.
+
+        Raises ValueError for a foreign writer that this map cannot have.
+        """
+        self.advance(now)
+        if fault in self.faults:
+            return
+        self._troubles.begin(fault, now, self._troubles.tale(Tale(self.picture, self._beats)))
+        match fault:
+            case LostPress():
+                self._troubles.lose(fault, asks.asked(self._codec, self._cells.seen, self._codes))
+            case Reboot():
+                self._state = restarted(self._state, self._inputs.key, self.parameters)
+                self._homes = False
+            case _:
+                pass
+        self._change(fault, now)
+
+    def end(self, fault: Fault, now: float) -> None:
+        """Take a fault away; one that is not present is none to take away."""
+        self.advance(now)
+        if fault not in self.faults:
+            return
+        self._troubles.end(fault)
+        match fault:
+            case LostPress():
+                self._troubles.keep(fault)
+            case Reboot():
+                self._beats_from = now
+                self._homes = fault.homes and not self._is_home()
+            case Stopped():
+                self._beats_from = now - self._beats / BEATS_PER_S
+            case _:
+                pass
+        self._change(fault, now)
+
+    def _change(self, fault: Fault, now: float) -> None:
+        """Take and show what follows from a fault that has begun or ended."""
+        self._inputs = replace(self._inputs, faults=self._machine_faults)
+        self._shown = self._made_of = self._said = None
+        self._take_inputs()
+        self.advance(now)
+        if isinstance(fault, NetworkFault):
+            for watcher in self._watchers:
+                watcher()
+
+    @property
+    def on_network(self) -> bool:
+        """Whether it answers at all; otherwise reading and writing raise Silence."""
+        return not self._troubles.off
+
+    def admits(self, now: float) -> bool:
+        """Whether it lets a further connection in; existing ones end when it is no longer on the network."""
+        self.advance(now)
+        return self.on_network and SlotKept() not in self.faults
+
+    def watch(self, watcher: Callable[[], None]) -> None:
+        """Call this whenever a fault of the network has begun or ended."""
+        self._watchers.append(watcher)
+
+    # -- what clients do
 
     def read(self, table: Table, address: int, count: int, now: float, *, endpoint: str = "") -> list[int]:
         """Read cells by their address on the wire. Raises Objection outside what the map serves."""
-        self.advance(now)
+        self._answer(now)
         return self._cells.read(endpoint, table, address, count)
 
     def stored(self, table: Table, address: int, now: float, *, endpoint: str = "") -> int:
         """Return what was last written to a cell, whatever it shows: a mask write starts from it."""
-        self.advance(now)
+        self._answer(now)
         return self._cells.stored(endpoint, table, address)
 
     def write(self, table: Table, address: int, values: Sequence[int], now: float, *, endpoint: str = "") -> None:
         """Write cells by their address on the wire; takes effect at `now`."""
-        self.advance(now)
+        self._answer(now)
+        if self._troubles.drops_writes:
+            self._cells.pretend(endpoint, table, address, values)
+            return
         self._cells.write(endpoint, table, address, values, now)
         self._written()
 
@@ -108,35 +214,88 @@ class RegisterFace:
 
     def pulse(self, address: int, counts: int, now: float, *, endpoint: str = "") -> None:
         """Set a coil for so many counts of its device. Raises Objection where the map has no such coil."""
-        self.advance(now)
-        self._cells.pulse(endpoint, Table.COIL, address, counts, now)
-        self._written()
+        self._answer(now)
+        self._cells.timed_coil(endpoint, Table.COIL, address)
+        if not self._troubles.drops_writes:
+            self._cells.pulse(endpoint, Table.COIL, address, counts, now)
+            self._written()
 
-    def _step(self, now: float) -> None:
-        if now > self._now:
-            self._state = controller.step(self._state, self._inputs, now - self._now, self.parameters)
-            self._now = now
+    def _answer(self, now: float) -> None:
+        self.advance(now)
+        if self._troubles.off:
+            raise Silence
 
     def _written(self) -> None:
         """A client wrote: that, or a heartbeat that moved on, is a sign of life."""
-        beat = asks.beat(self._codec, self._cells.written)
-        if beat is None or beat != self._beat:
-            self._beat = beat
-            self._inputs = replace(self._inputs, signs_of_life=self._inputs.signs_of_life + 1)
+        troubles = self._troubles
+        beat = asks.beat(self._codec, self._cells.seen)
+        if (beat is None or beat != self._beat) and not (troubles.deaf or troubles.stands):
+            self._sign_of_life(beat)
         self._take_inputs()
-        self._show(anyway=True)
+        self._show()
 
-    def _take_inputs(self) -> None:
-        asked = asks.asked(self._codec, self._cells.written, self._codes)
-        if asked != self._inputs.asked:
-            self._inputs = replace(self._inputs, asked=asked)
+    def _write_foreign(self, now: float) -> None:
+        """Somebody else wrote: a sign of life only if it is the heartbeat."""
+        fault = self._troubles.foreign.take()
+        if self._troubles.off or self._troubles.drops_writes:
+            return
+        self._troubles.foreign.write(fault, now)
+        beat = asks.beat(self._codec, self._cells.seen)
+        if beat != self._beat:
+            self._sign_of_life(beat)
+        self._take_inputs(ours=False)
 
-    def _show(self, *, anyway: bool = False) -> None:
-        """Bring what the registers show up to date."""
-        shown = (self.picture, int(self._now * BEATS_PER_S) & 0xFFFF)
-        if shown != self._shown or anyway:
-            self._shown = shown
-            self._cells.show(lambda image: self._says.into(image, *shown))
+    def _sign_of_life(self, beat: int | None) -> None:
+        self._beat = beat
+        self._inputs = replace(self._inputs, signs_of_life=self._inputs.signs_of_life + 1)
+
+    def _take_inputs(self, *, ours: bool = True) -> None:
+        asked = asks.asked(self._codec, self._cells.seen, self._codes)
+        heard = self._troubles.heard(asked, ours=ours)
+        if heard != self._inputs.asked:
+            self._inputs = replace(self._inputs, asked=heard)
+
+    # -- time
+
+    def _step(self, now: float) -> None:
+        if now <= self._now:
+            return
+        dt, self._now = now - self._now, now
+        if self._troubles.stands:
+            self._state = stand(self._state, dt, self.parameters)
+            return
+        self._state = controller.step(self._state, self._inputs, dt, self.parameters)
+        if self._homes and self._is_home():
+            self._homes = False
+            self._inputs = replace(self._inputs, faults=self._machine_faults)
+
+    def _is_home(self) -> bool:
+        return shaft.level_floor(self._state.shaft, self.parameters.shaft) == 0
+
+    @property
+    def _machine_faults(self) -> frozenset[MachineFault]:
+        begun = frozenset(fault for fault in self.faults if isinstance(fault, MachineFault))
+        return self._peoples_faults | begun | ({Homing()} if self._homes else frozenset())
+
+    def _show(self) -> None:
+        """Bring what the registers show up to date, if that can have changed."""
+        state, stale = self._state, self._cells.stale
+        if state is self._shown and not stale:
+            return
+        self._shown = state
+        if self._counts and not self._troubles.stands:
+            self._beats = int((self._now - self._beats_from) * BEATS_PER_S) & 0xFFFF
+        made_of = _remembered(state), self._beats
+        if made_of == self._made_of and not stale:
+            return
+        self._made_of = made_of
+        tale = Tale(self.picture, self._beats)
+        if self._troubles.lies:
+            tale = self._troubles.tale(tale)
+        said = _sayable(tale.picture), tale.beat, tale.lies
+        if said != self._said or stale:
+            self._said = said
+            self._cells.show(lambda image: self._says.into(image, *tale))
 
 
 class Endpoint:
@@ -165,3 +324,21 @@ class Endpoint:
     def pulse(self, address: int, counts: int, now: float) -> None:
         """Set a coil for so many counts of its device."""
         self._face.pulse(address, counts, now, endpoint=self._name)
+
+    @property
+    def on_network(self) -> bool:
+        """Whether the devices of this lift answer at all."""
+        return self._face.on_network
+
+    @property
+    def faults(self) -> frozenset[Fault]:
+        """What is the matter with the lift of this device."""
+        return self._face.faults
+
+    def admits(self, now: float) -> bool:
+        """Whether a further connection is let in."""
+        return self._face.admits(now)
+
+    def watch(self, watcher: Callable[[], None]) -> None:
+        """Call this whenever a fault of the network has begun or ended."""
+        self._face.watch(watcher)

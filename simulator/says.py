@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from register_maps.codec import Codec, SignalCodec, Value
+from register_maps.codec import UNLISTED, Codec, Point, SignalCodec, Value
 from register_maps.schema import Kind
 from register_maps.words import Door, Mode, Motion, Side
 from simulator.state import Picture
@@ -17,6 +18,19 @@ _MODES = {
     "out_of_service": Mode.OUT_OF_SERVICE,
 }
 """Flags that tell one mode."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lies:
+    """What is said otherwise than the picture has it."""
+
+    floor_between: bool = False
+    """The floor shows between two floors too, where each floor has a switch of its own."""
+    contradicting: frozenset[Side] = frozenset()
+    """Doors that say open and closed at once."""
+
+
+NO_LIES = Lies()
 
 
 class Says:
@@ -34,16 +48,33 @@ class Says:
         floor = codec.signals.get("car_floor")
         limits = {signal.points for signal in codec.signals.values() if signal.kind is Kind.DOOR and signal.per_floor}
         self._floor_is_door = floor is not None and floor.points in limits
+        self._signals = [
+            (signal, [(point.space, point) for point in signal.points]) for signal in codec.signals.values()
+        ]
+        self._raw: dict[str, dict[Value, int | None]] = {name: {} for name in codec.signals}
+        """What each value was found to be in raw bits; None: there are none for it."""
+        self._says_unknown_floor = floor is not None and self._encoded(floor, None) is not None
 
-    def into(self, image: dict[str, list[int]], picture: Picture, beat: int) -> None:
+    def into(self, image: dict[str, list[int]], picture: Picture, beat: int, lies: Lies = NO_LIES) -> None:
         """Put every signal into a register image; `beat` is what a counter stands at."""
-        for signal in self._codec.signals.values():
-            self._insert(signal, image, self._value(signal, picture, beat))
+        for signal, places in self._signals:
+            value = self._value(signal, picture, beat, lies)
+            known = self._raw[signal.name]
+            if signal.kind is Kind.COUNTER:
+                raw: int | None = signal.encode(value)
+            elif value in known:
+                raw = known[value]
+            else:
+                raw = known[value] = self._encoded(signal, value)
+            if raw is not None:
+                _insert(image, places, raw)
+        for side in lies.contradicting:
+            self._contradict(image, side)
 
-    def _value(self, signal: SignalCodec, picture: Picture, beat: int) -> Value:
+    def _value(self, signal: SignalCodec, picture: Picture, beat: int, lies: Lies) -> Value:
         match signal.kind:
             case Kind.FLOOR:
-                return self._floor(signal, picture)
+                return self._floor(signal, picture, lies)
             case Kind.FLOORS:
                 return frozenset(self._codes[index] for index in picture.car_calls)
             case Kind.DOOR:
@@ -59,7 +90,7 @@ class Says:
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
-    def _floor(self, signal: SignalCodec, picture: Picture) -> int | None:
+    def _floor(self, signal: SignalCodec, picture: Picture, lies: Lies) -> int | None:
         index: int | None = picture.floor
         if signal.name == "destination":
             index = picture.destination
@@ -68,8 +99,10 @@ class Says:
         elif self._floor_is_door:
             # its bits are door limits, which are made at an open door only
             index = picture.door_open_floor
-        elif signal.per_floor and not picture.in_door_zone:
+        elif signal.per_floor and not (picture.in_door_zone or lies.floor_between):
             index = None  # a switch at each floor is made in the door zone only
+        elif signal.name == "car_floor" and not (picture.floor_known or signal.per_floor):
+            index = None if self._says_unknown_floor else picture.last_known_floor
         return None if index is None else self._codes[index]
 
     def _door(self, signal: SignalCodec, picture: Picture) -> Value:
@@ -98,19 +131,32 @@ class Says:
             "ready": in_service,
             "robots_allowed": True,
             "overload": picture.overload,
+            "nudging": picture.nudging,
             "fault": picture.fault,
             "watchdog_tripped": picture.watchdog_tripped,
         }
         return flags.get(name, False)
 
-    def _insert(self, signal: SignalCodec, image: dict[str, list[int]], value: Value) -> None:
-        """Say a value in the nearest word this map has; a word it has no code for at all reads as 0."""
+    def _encoded(self, signal: SignalCodec, value: Value) -> int | None:
+        """Return the bits of the nearest word this map has; None for a word it has no code for at all."""
         for candidate in (value, *self._nearest(signal, value)):
             try:
-                signal.insert(image, candidate)
+                return signal.encode(candidate)
             except ValueError:
                 continue
-            return
+        return None
+
+    def _contradict(self, image: dict[str, list[int]], side: Side) -> None:
+        """Say what no door can be; where every code is a word of the map, the truth stays."""
+        for signal, places in self._signals:
+            if signal.name == f"door.{side}":
+                spec = self._codec.map.signals[signal.name]
+                raw: int | None = signal.encode(Door.FAULT) if spec.open_limit or spec.open_limits else None
+                if raw is None:
+                    codes = range(1 << signal.width)
+                    raw = next((code for code in codes if signal.decode(code) is UNLISTED), None)
+                if raw is not None:
+                    _insert(image, places, raw)
 
     def _nearest(self, signal: SignalCodec, value: Value) -> tuple[Value, ...]:
         if value in (Door.OPENING, Door.CLOSING):
@@ -122,3 +168,11 @@ class Says:
         if value in (Motion.UP, Motion.DOWN):
             return (Motion.MOVING,)
         return (Mode.NORMAL,) if value is Mode.ROBOT else ()
+
+
+def _insert(image: dict[str, list[int]], places: Sequence[tuple[str, Point]], raw: int) -> None:
+    """Put raw bits where a signal is; each place is a space and a point in it, lowest bits first."""
+    for space, point in places:
+        cells = image[space]
+        cells[point.address] = point.into(cells[point.address], raw)
+        raw >>= point.width

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import struct
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusIOException, NoSuchIdException
@@ -18,7 +19,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from register_maps import frames
 from register_maps.errors import BadRequest, FrameError
 from register_maps.words import Table
-from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection
+from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection, Silence
+from simulator.faults import Fault, SlotKept
 
 _FUNCTION_AT = 7
 """Where the function code is in a frame."""
@@ -34,6 +36,9 @@ _TABLES = {1: Table.COIL, 5: Table.COIL, 15: Table.COIL, 2: Table.DISCRETE, 4: T
 
 _WRITES_THAT_ASK = (frames.WRITE_COIL, frames.WRITE_REGISTER, frames.MASK_WRITE)
 """Writes for which pymodbus reads the cell again: to answer, or to mask it."""
+
+
+_NO_LINGER = struct.pack("ii", 1, 0)
 
 
 class Device(Protocol):
@@ -54,6 +59,76 @@ class Device(Protocol):
     def pulse(self, address: int, counts: int, now: float) -> None:
         """Set a coil for so many counts of the device, or raise Objection."""
         ...
+
+
+@runtime_checkable
+class Networked(Protocol):
+    """A device that is not always on its network."""
+
+    @property
+    def on_network(self) -> bool:
+        """Whether it answers at all; otherwise every access raises Silence."""
+        ...
+
+    @property
+    def faults(self) -> frozenset[Fault]:
+        """What is the matter with it; of these the server acts out SlotKept."""
+        ...
+
+    def watch(self, watcher: Callable[[], None]) -> None:
+        """Call this whenever one of the two has changed."""
+        ...
+
+
+class _Slots:
+    """Who is connected to a controller, and who may be."""
+
+    def __init__(self, devices: Mapping[int, Device], most: int | None) -> None:
+        self._devices = tuple(devices.values())
+        self._networked = [device for device in self._devices if isinstance(device, Networked)]
+        self._most = most
+        self._connected: set[_Connection] = set()
+        self._kept = 0
+        """Slots of connections that went away unnoticed."""
+        for device in self._networked:
+            device.watch(self._look)
+
+    def take(self, connection: _Connection) -> None:
+        """Somebody has connected; where there is no slot the connection is reset."""
+        keeps = self._keeps_slots
+        is_full = keeps if self._most is None else len(self._connected) + self._kept >= self._most
+        if is_full or not self._on_network:
+            connection.reset()
+        else:
+            self._connected.add(connection)
+
+    def leave(self, connection: _Connection) -> None:
+        """Somebody has gone."""
+        if connection in self._connected:
+            self._connected.remove(connection)
+            self._kept += self._keeps_slots
+
+    def clear(self) -> None:
+        """The controller listens anew."""
+        self._connected.clear()
+        self._kept = 0
+
+    def _look(self) -> None:
+        """A fault of the network has begun or ended."""
+        if not self._keeps_slots:
+            self._kept = 0
+        if not self._on_network:
+            self._kept = 0
+            for connection in tuple(self._connected):
+                connection.reset()
+
+    @property
+    def _on_network(self) -> bool:
+        return len(self._networked) < len(self._devices) or any(device.on_network for device in self._networked)
+
+    @property
+    def _keeps_slots(self) -> bool:
+        return any(SlotKept() in device.faults for device in self._networked)
 
 
 class _Context:
@@ -81,6 +156,8 @@ class _Context:
             return self._device(device_id).read(_TABLES[func_code], address, count, self._clock())
         except Objection as objection:
             return ExcCodes(objection.code)
+        except Silence as silence:
+            raise NoSuchIdException(f"unit {device_id} is off") from silence
 
     async def async_setValues(  # noqa: N802 - pymodbus's name
         self, device_id: int, func_code: int, address: int, values: list[int]
@@ -89,6 +166,8 @@ class _Context:
             self._device(device_id).write(_TABLES[func_code], address, [int(value) for value in values], self._clock())
         except Objection as objection:
             return ExcCodes(objection.code)
+        except Silence as silence:
+            raise NoSuchIdException(f"unit {device_id} is off") from silence
         return None
 
     def pulse(self, frame: bytes) -> bytes:
@@ -98,7 +177,7 @@ class _Context:
             self._device(request.unit).pulse(request.address, request.duration or 0, self._clock())
         except (BadRequest, Objection) as refusal:
             return frames.exception_answer(frame, refusal.code)
-        except NoSuchIdException:
+        except (NoSuchIdException, Silence):
             return frames.exception_answer(frame, ExcCodes.GATEWAY_NO_RESPONSE)
         return frames.answer(request, frames.tid_of(frame))
 
@@ -115,12 +194,31 @@ class _Connection(ServerRequestHandler):
     notes S1 and S2), and what it cannot decode it answers for function 80.
     """
 
-    def __init__(self, owner: ModbusTcpServer, context: _Context) -> None:
+    def __init__(self, owner: ModbusTcpServer, context: _Context, slots: _Slots) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._context = context
+        self._slots = slots
         self._waiting: deque[ModbusPDU | bytes] = deque()
         """Requests in their order; as bytes those that pymodbus cannot read."""
         self._worker: asyncio.Task[None] | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self._slots.take(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._slots.leave(self)
+        self._waiting.clear()
+
+    def reset(self) -> None:
+        """End the connection with a RST, and whatever still waits with it."""
+        self._waiting.clear()
+        if self.is_active():
+            # without a time to linger a close is a reset
+            self.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
+            # asyncio's and uvloop's connections share no class that can be aborted
+            self.transport.abort()  # type: ignore[attr-defined]
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
         try:
@@ -164,20 +262,25 @@ class _Connection(ServerRequestHandler):
 class _Server(ModbusTcpServer):
     """pymodbus's server with context and connections of ours."""
 
-    def __init__(self, context: _Context, address: tuple[str, int]) -> None:
+    def __init__(self, context: _Context, slots: _Slots, address: tuple[str, int]) -> None:
         placeholder = SimDevice(0, simdata=[SimData(0, values=0, datatype=DataType.UINT16)])
         super().__init__(placeholder, address=address)
         self.context = context  # type: ignore[assignment]  # the same two methods
         self._ours = context
+        self._slots = slots
 
     def callback_new_connection(self) -> _Connection:
-        return _Connection(self, self._ours)
+        return _Connection(self, self._ours, self._slots)
 
 
 class SimulatedController:
     """A Modbus/TCP server for one or more units.
 
-    A unit nobody plays is answered with exception 0B, as a gateway does.
+    A unit nobody plays is answered with exception 0B, as a gateway does, and so is one that is off the network while
+    others are on. `max_clients` is how many connections the device has slots for; None: as many as come.
+
+    While no device is on the network every connection is reset, and so is one that finds no slot. A real device leaves its
+    SYN unanswered in both cases; here the system accepts it before we are asked.
     """
 
     def __init__(
@@ -187,8 +290,10 @@ class SimulatedController:
         host: str = "127.0.0.1",
         port: int = 0,
         clock: Callable[[], float] | None = None,
+        max_clients: int | None = None,
     ) -> None:
         self._devices = devices
+        self._slots = _Slots(devices, max_clients)
         self._host = host
         self._port = port
         self._clock = clock
@@ -203,7 +308,8 @@ class SimulatedController:
         """Listen. Raises OSError when the port is taken."""
         loop = asyncio.get_running_loop()
         _check_free(self._host, self._port)
-        server = _Server(_Context(self._devices, self._clock or loop.time), (self._host, self._port))
+        self._slots.clear()
+        server = _Server(_Context(self._devices, self._clock or loop.time), self._slots, (self._host, self._port))
         await server.serve_forever(background=True)
         # asyncio's and uvloop's servers share no class that has sockets
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum, unique
 from math import ceil
+from types import MappingProxyType
+from typing import NamedTuple
 
 from register_maps.words import Door, Mode, Motion, Side
 from simulator import handshake, network, shaft
 from simulator.faults import MachineFault
-from simulator.modes import Key, RobotGrant
+from simulator.levelling import NOT_SINKING, Levelling
+from simulator.machine_faults import NOTHING, Acting
+from simulator.modes import NO_GRANT, Key, RobotGrant
 from simulator.shaft import NEGLIGIBLE_S
 
 TICK_S = 0.05
@@ -102,13 +106,15 @@ class Inputs:
     """What goes wrong with the machine while these inputs are present."""
 
 
-@dataclass(frozen=True, slots=True)
-class State:
-    """All that the controller and its lift remember; read it through `picture`."""
+class State(NamedTuple):
+    """All that the controller and its lift remember; read it through `picture`.
+
+    A tuple, because each scan of a moving car replaces one field of many, which takes a fifth of the time: `_replace`.
+    """
 
     shaft: shaft.State
     mode: Mode = Mode.NORMAL
-    robot: RobotGrant = field(default_factory=RobotGrant)
+    robot: RobotGrant = NO_GRANT
     car_calls: frozenset[int] = frozenset()
     landing_calls: frozenset[int] = frozenset()
     called: int | None = None
@@ -116,14 +122,20 @@ class State:
     destination: int | None = None
     direction: Motion = Motion.STOPPED
     """Direction in which calls are being served; stopped: idle."""
-    dwell_s: Mapping[Side, float] = field(default_factory=dict)
+    dwell_s: Mapping[Side, float] = MappingProxyType({})
     """Doors that are told to open or stay open, and the mechanical seconds for which they still do once fully open."""
     inputs: Inputs = Inputs()
     """The inputs as the last scan saw them."""
-    heard: network.Heard = field(default_factory=network.Heard)
+    heard: network.Heard = network.Heard()
     image: Inputs = Inputs()
     """The inputs with what is believed of the network put on them."""
-    handshake: handshake.State = field(default_factory=handshake.State)
+    handshake: handshake.State = handshake.State()
+    acting: Acting = NOTHING
+    """What is wrong with the machine, as the last scan saw it."""
+    homes_from: int | None = None
+    """Floor that was known last, while the car drives home; None: it knows where it is."""
+    levelling: Levelling = NOT_SINKING
+    """How level the open car is, where it is to sink."""
     since_scan_s: float = 0.0
     """Real seconds since the last scan."""
 
@@ -134,6 +146,10 @@ class Picture:
 
     floor: int
     """Floor whose door zone the car was in last: never the destination before the car is there."""
+    floor_known: bool
+    """Whether the controller knows its floor; it does not before it has come home."""
+    last_known_floor: int
+    """Floor that the controller knew last: `floor`, unless it drives home."""
     level_floor: int | None
     """Floor at which the car stands level."""
     in_door_zone: bool

@@ -1,0 +1,329 @@
+"""What the faults of registers and network do to one register face: what is told, what is heard, who else writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import inf
+from typing import NamedTuple
+
+from register_maps.codec import Codec, Point
+from register_maps.command_codec import payload_counts
+from register_maps.words import Door, Motion, Table
+from simulator import controller, shaft
+from simulator.cells import Cells, Objection
+from simulator.faults import (
+    ContradictingLimits,
+    Fault,
+    FloorAhead,
+    ForeignCell,
+    ForeignWriter,
+    FrozenHeartbeat,
+    FrozenRegisters,
+    IgnoredWrites,
+    LostPress,
+    PowerLoss,
+    Reboot,
+    SaysWrongFloor,
+    Stopped,
+)
+from simulator.modes import Key
+from simulator.network import Given
+from simulator.says import NO_LIES, Lies
+from simulator.shaft import NEGLIGIBLE_S
+from simulator.state import Parameters, Picture, State
+
+Foreign = ForeignWriter | ForeignCell
+
+
+class Tale(NamedTuple):
+    """What the registers are to show."""
+
+    picture: Picture
+    beat: int
+    """Where the alive counter stands."""
+    lies: Lies = NO_LIES
+
+
+class Troubles:
+    """The faults of one register face, and what they do to its cells."""
+
+    def __init__(self, codec: Codec, codes: Sequence[int], cells: Cells) -> None:
+        self.present: frozenset[Fault] = frozenset()
+        self.foreign = ForeignWriters(codec, tuple(codes), cells)
+        self.off = False
+        """The device is not on its network."""
+        self.stands = False
+        """No program runs."""
+        self.deaf = False
+        """What is written does not reach the program."""
+        self.drops_writes = False
+        """And is not even stored."""
+        self.lies = False
+        """What is told is not the picture."""
+        self._presses: LostPresses | None = None
+        self._floors = len(codes)
+        self._cells = cells
+        self._held: Tale | None = None
+        """What a stopped program said last."""
+        self._beat: int | None = None
+        """Where a frozen heartbeat stands."""
+
+    def begin(self, fault: Fault, now: float, tale: Tale) -> None:
+        """`tale` is what the registers show at that moment. Raises ValueError for a foreign writer that cannot be."""
+        match fault:
+            case ForeignWriter() | ForeignCell():
+                self.foreign.begin(fault, now)
+            case FrozenRegisters():
+                self._cells.freeze()
+            case IgnoredWrites(stored=True):
+                self._cells.turn_away()
+            case FrozenHeartbeat():
+                self._beat = tale.beat
+            case Stopped():
+                self._held = tale
+            case Reboot() | PowerLoss(outputs_held=False):
+                self._cells.rest()
+            case _:
+                pass  # what is present is enough
+        self._now_present(self.present | {fault})
+
+    def end(self, fault: Fault) -> None:
+        """Take a fault away that is present."""
+        match fault:
+            case ForeignWriter() | ForeignCell():
+                self.foreign.end(fault)
+            case FrozenRegisters():
+                self._cells.thaw()
+            case IgnoredWrites():
+                self._cells.look_again(stored=fault.stored)
+            case FrozenHeartbeat():
+                self._beat = None
+            case Stopped():
+                self._held = None
+            case _:
+                pass
+        self._now_present(self.present - {fault})
+
+    def lose(self, fault: LostPress, asked: Given) -> None:
+        """Swallow the next presses of `fault`, beside what is `asked` at that moment."""
+        presses = self._presses or LostPresses(asked=asked)
+        presses.left[fault] = fault.times
+        self._presses = presses
+
+    def keep(self, fault: LostPress) -> None:
+        """Swallow no further presses; those that are swallowed stay so while they last."""
+        if self._presses is not None:
+            del self._presses.left[fault]
+
+    def heard(self, asked: Given, *, ours: bool) -> Given:
+        """Return what the program sees of what is stored; `ours`: it may have been a client that stored it."""
+        if self._presses is None:
+            return asked
+        seen = self._presses.heard(asked, ours=ours)
+        if self._presses.over:
+            self._presses = None
+        return seen
+
+    def tale(self, told: Tale) -> Tale:
+        """Return what is shown in the place of the truth."""
+        if self._held is not None:
+            return self._held
+        told = lied(told, self.present, self._floors)
+        return told if self._beat is None else told._replace(beat=self._beat)
+
+    def _now_present(self, faults: frozenset[Fault]) -> None:
+        self.present = faults
+        self.off = _any(faults, Reboot, PowerLoss)
+        self.stands = _any(faults, Reboot, Stopped)
+        self.deaf = _any(faults, IgnoredWrites)
+        self.drops_writes = IgnoredWrites(stored=False) in faults
+        self.lies = _any(faults, SaysWrongFloor, FloorAhead, ContradictingLimits, FrozenHeartbeat, Stopped)
+
+
+def _any(faults: frozenset[Fault], *kinds: type) -> bool:
+    return any(isinstance(fault, kinds) for fault in faults)
+
+
+# -- what is told
+
+
+def lied(told: Tale, faults: frozenset[Fault], floors: int) -> Tale:
+    """Return what these faults make of the truth; the lift has so many floors."""
+    picture = told.picture
+    sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
+    ahead = FloorAhead() in faults and _leaves(picture)
+    if ahead:
+        picture = replace(picture, floor=_next_floor(picture, floors))
+    for fault in faults:
+        if isinstance(fault, SaysWrongFloor):
+            picture = _moved(picture, fault.by, floors)
+    return Tale(picture, told.beat, Lies(floor_between=ahead, contradicting=sides))
+
+
+def _leaves(picture: Picture) -> bool:
+    return picture.motion is not Motion.STOPPED and all(door is Door.CLOSED for door in picture.doors.values())
+
+
+def _next_floor(picture: Picture, floors: int) -> int:
+    if picture.destination is not None:
+        return picture.destination
+    step = 1 if picture.motion is Motion.UP else -1
+    return min(max(picture.floor + step, 0), floors - 1)
+
+
+def _moved(picture: Picture, by: int, floors: int) -> Picture:
+    """Every sensor of a floor speaks for another one."""
+
+    def other(floor: int) -> int:
+        to = min(max(floor + by, 0), floors - 1)
+        return to if to != floor else min(max(floor - by, 0), floors - 1)
+
+    return replace(
+        picture,
+        floor=other(picture.floor),
+        level_floor=None if picture.level_floor is None else other(picture.level_floor),
+        door_open_floor=None if picture.door_open_floor is None else other(picture.door_open_floor),
+    )
+
+
+# -- what is heard
+
+
+@dataclass
+class LostPresses:
+    """Presses that are stored and that the program does not see."""
+
+    asked: Given
+    """What was stored before."""
+    left: dict[LostPress, int] = field(default_factory=dict)
+    """How many more each fault swallows."""
+    lost: dict[str, int] = field(default_factory=dict)
+    """Those that last, by command."""
+
+    def heard(self, asked: Given, *, ours: bool) -> Given:
+        """Return what the program sees; a press that is not ours is never swallowed."""
+        self.lost = {name: value for name, value in self.lost.items() if asked.get(name) == value}
+        pressed = {name: value for name, value in asked.items() if self.asked.get(name) != value}
+        fault = next((fault for fault, left in self.left.items() if left), None)
+        if ours and pressed and fault is not None:
+            self.left[fault] -= 1
+            self.lost |= pressed
+        self.asked = asked
+        return {name: value for name, value in asked.items() if self.lost.get(name) != value}
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing is swallowed any longer, or can be."""
+        return not self.left and not self.lost
+
+
+# -- who else writes
+
+
+class ForeignWriters:
+    """Others who write to the cells of one map, each at instants of its own."""
+
+    def __init__(self, codec: Codec, codes: tuple[int, ...], cells: Cells) -> None:
+        self.next_at = inf
+        """When the next write is due."""
+        self._at: dict[Foreign, float] = {}
+        self._codec = codec
+        self._codes = codes
+        self._cells = cells
+
+    def begin(self, fault: Foreign, now: float) -> None:
+        """The first write is due at once. Raises ValueError for a writer that this map cannot have."""
+        self._check(fault)
+        self._set({**self._at, fault: now})
+
+    def end(self, fault: Foreign) -> None:
+        """No further write of this one is due."""
+        self._set({other: at for other, at in self._at.items() if other != fault})
+
+    def take(self) -> Foreign:
+        """Return whose write is due; its next one is due later."""
+        fault, at = min(self._at.items(), key=lambda item: item[1])
+        self._set({**self._at, fault: at + fault.every_s})
+        return fault
+
+    def write(self, fault: Foreign, now: float) -> None:
+        """Write as a client would; of a call over several outputs all of them."""
+        command = self._codec.commands[fault.command] if isinstance(fault, ForeignWriter) else None
+        for point, value in self._points(fault).items():
+            if command is not None and command.is_timed_coil and value:
+                counts = payload_counts(command.spec)
+                self._cells.pulse(point.endpoint, point.table, point.address, counts, now)
+            else:
+                stored = self._cells.stored(point.endpoint, point.table, point.address)
+                self._cells.write(point.endpoint, point.table, point.address, [point.into(stored, value)], now)
+
+    def _set(self, at: dict[Foreign, float]) -> None:
+        self._at = at
+        self.next_at = min(at.values(), default=inf)
+
+    def _points(self, fault: Foreign) -> Mapping[Point, int]:
+        if isinstance(fault, ForeignCell):
+            return {Point(fault.table, fault.address, 0, 16, fault.endpoint): fault.value}
+        command = self._codec.commands[fault.command]
+        if command.spec.is_heartbeat:
+            return command.encode((command.decode(self._cells.written) or 0) + 1)
+        if not fault.pressed:
+            return command.encode(None)
+        return command.encode(1 if fault.floor is None else self._codes[fault.floor])
+
+    def _check(self, fault: Foreign) -> None:
+        if isinstance(fault, ForeignCell):
+            self._check_cell(fault)
+            return
+        command = self._codec.commands.get(fault.command)
+        if command is None:
+            has = ", ".join(self._codec.commands)
+            raise ValueError(f"{self._codec.map.name} has no command {fault.command}; it has {has}")
+        if command.is_call and fault.pressed and fault.floor not in range(len(self._codes)):
+            raise ValueError(f"{fault.command} needs a floor from 0 to {len(self._codes) - 1}, not {fault.floor}")
+
+    def _check_cell(self, fault: ForeignCell) -> None:
+        cell = f"{fault.endpoint}/{fault.table}:{fault.address}".removeprefix("/")
+        if fault.table not in (Table.COIL, Table.HOLDING):
+            raise ValueError(f"nobody can write to {cell}: only coils and holding registers are written")
+        highest = 1 if fault.table is Table.COIL else 0xFFFF
+        if not 0 <= fault.value <= highest:
+            raise ValueError(f"{cell} takes 0 to {highest}, not {fault.value}")
+        try:
+            self._cells.writable(fault.endpoint, fault.table, fault.address, [fault.value])
+        except Objection as objection:
+            raise ValueError(
+                f"{self._codec.map.name} answers a write of {fault.value} to {cell} with {objection}"
+            ) from None
+
+
+# -- a lift without its program
+
+
+def stand(state: State, dt: float, parameters: Parameters) -> State:
+    """What `dt` real seconds make of the lift while no program runs: the car brakes and stands, doors stay as they are.
+
+    In scans like `controller.step`, so that it does not matter how time is cut into steps.
+    """
+    since_scan_s = state.since_scan_s + dt
+    while since_scan_s >= parameters.scan_s - NEGLIGIBLE_S:
+        since_scan_s -= parameters.scan_s
+        if state.shaft.standing:
+            since_scan_s -= int((since_scan_s + NEGLIGIBLE_S) / parameters.scan_s) * parameters.scan_s
+        else:
+            state = state._replace(shaft=_braked(state.shaft, parameters))
+    return state._replace(since_scan_s=since_scan_s)
+
+
+def _braked(car: shaft.State, parameters: Parameters) -> shaft.State:
+    """One scan further; told of no doors, because the mechanics would close them."""
+    without = replace(car, doors={})
+    braked = shaft.step(without, shaft.Orders(), parameters.scan_s * parameters.speed, parameters.shaft)
+    return replace(braked, doors=car.doors)
+
+
+def restarted(state: State, key: Key, parameters: Parameters) -> State:
+    """A program that has just begun, with car and doors where they are."""
+    fresh = controller.initial(parameters, floor_index=state.shaft.floor, key=key)
+    return fresh._replace(shaft=state.shaft, since_scan_s=state.since_scan_s)
