@@ -11,6 +11,7 @@ DriverError
         PointsRefused        the answer to a poll, with the signals that it is about
     PressRefused             the permit said no immediately before the bytes left
     HeartbeatStopped         the controller answers, but its program stands still
+        HeartbeatAwaited     the connection is new, and its program was not seen to run yet
     ControllerTaken          another process on this machine drives this controller
 """
 
@@ -142,10 +143,20 @@ class PressRefused(DriverError):
 class HeartbeatStopped(DriverError):
     """The controller answers, but the counter that shows a running program stands still: what it says may be old."""
 
+    def __init__(self, link: str, still_for_s: float, limit_s: float, text: str = "") -> None:
+        """`text` stands in for the usual words."""
+        told = text or f"its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)"
+        super().__init__(f"{link}: {told}", Sent.NO)
+        self.still_for_s = still_for_s
+        self.limit_s = limit_s
+
+
+class HeartbeatAwaited(HeartbeatStopped):
+    """The connection is new, and the counter that shows a running program was not seen to change on it yet."""
+
     def __init__(self, link: str, still_for_s: float, limit_s: float) -> None:
-        super().__init__(
-            f"{link}: its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)", Sent.NO
-        )
+        text = f"waits for the first change of its alive counter, {still_for_s:.1f} s so far (limit {limit_s:g} s)"
+        super().__init__(link, still_for_s, limit_s, text)
 
 
 class ControllerTaken(DriverError):

@@ -118,6 +118,8 @@ class LiftReading(NamedTuple):
     """Which connection it came over; a new epoch means that nothing from before may be assumed."""
     values: LiftValues
     """The same object as in the reading before when no register changed."""
+    notices: tuple[str, ...] = ()
+    """What a person should know, each once: somebody else writes our outputs."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,14 @@ from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from socket import socket
+from zoneinfo import ZoneInfo
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
+from drivers.modbus.plan import polled
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.wire import PymodbusWire, Wire
 from lift_manager.config.check import canonical_host
@@ -24,10 +26,14 @@ from lift_manager.config.site import Controller
 from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
+from lift_manager.core.memory import Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.progress import patience_s
 from lift_manager.core.ticker import Ticker
 from lift_manager.domain.events import Event
+from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.state import Quality
+from lift_manager.systemd import notifier, watch
 from lift_manager.web.app import make_app
 from lift_manager.web.server import serve
 from register_maps.codec import compile_map
@@ -43,6 +49,9 @@ a fraction of it, and nobody waits longer for one that is not."""
 RELEASE_WITHIN_S = 4.0
 """How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out."""
 
+REMEMBER_WITHIN_S = 0.5
+"""How long the end may wait beyond that for the disk: writing began with the release, and an output matters more."""
+
 
 @dataclass(frozen=True, slots=True)
 class Building:
@@ -57,8 +66,12 @@ def over_tcp(controller: Controller) -> Wire:
     return PymodbusWire(controller.host, controller.port)
 
 
-def build(loaded: LoadedSite, make_wire: Callable[[Controller], Wire] = over_tcp) -> Building:
-    """Make one link per controller and hand it to the lifts on it."""
+def build(
+    loaded: LoadedSite, make_wire: Callable[[Controller], Wire] = over_tcp, *, memory: Memory | None = None
+) -> Building:
+    """Make one link per controller and hand it to the lifts on it; without a memory, a restart forgets what people said."""
+    memory = memory or ShortMemory()
+    clock = wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
     bus: Bus[Event] = Bus()
     ticker = Ticker()
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
@@ -67,8 +80,8 @@ def build(loaded: LoadedSite, make_wire: Callable[[Controller], Wire] = over_tcp
         driver = _driver(name, loaded, links)
         first_poll_s = loaded.poll_s(name) * index / len(loaded.site.lifts)
         options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
-        lifts.append(LiftTask(driver, options, bus, ticker))
-    return Building(LiftManager(lifts, bus), tuple(links.values()))
+        lifts.append(LiftTask(driver, options, bus, ticker, memory=memory, clock=clock))
+    return Building(LiftManager(lifts, bus, memory), tuple(links.values()))
 
 
 def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_poll_s: float) -> LiftOptions:
@@ -85,15 +98,26 @@ def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_p
         max_session_hold_s=spec.max_session_hold_s,
         infer_occupancy=spec.infer_occupancy,
         board_min_s=spec.board_min_s,
+        robot_hours=None if spec.robot_hours is None else RobotHours(spec.robot_hours),
+        between_sessions_s=spec.between_sessions_s,
+        fire_release_delay_s=spec.fire_release_delay_s,
     )
 
 
-async def run(loaded: LoadedSite, sock: socket, *, stop: asyncio.Event, ready: Callable[[], None]) -> bool:
+async def run(
+    loaded: LoadedSite,
+    sock: socket,
+    *,
+    stop: asyncio.Event,
+    ready: Callable[[], None],
+    memory: Memory | None = None,
+) -> bool:
     """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go."""
     with ExitStack() as locks:
         for controller in loaded.controllers.values():
             locks.enter_context(controller_lock(canonical_host(controller.host), controller.port))
-        building = build(loaded)
+        building = build(loaded, memory=memory)
+        systemd, manager = notifier(), building.manager
         crashes: list[Exception] = []
 
         async def guarded(work: Coroutine[None, None, None]) -> None:
@@ -111,14 +135,47 @@ async def run(loaded: LoadedSite, sock: socket, *, stop: asyncio.Event, ready: C
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
             running.append(tasks.create_task(guarded(serve(make_app(building.manager), sock))))
+            limits = patience(loaded, building.links) if systemd.is_heard else {}
+            alive = watch(systemd, limits, manager.polls, lambda: _status(manager))
+            running.append(tasks.create_task(guarded(alive)))
             ready()
             await stop.wait()
+            systemd.send("STOPPING=1", "STATUS=letting go of everything")
             released = await _let_go(building.manager)
+            await _write_down(building.manager)
             for task in running:
                 task.cancel()
     if crashes:
         raise ExceptionGroup("the manager ended because of a bug", crashes)
     return released
+
+
+def patience(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
+    """Return how long the polls of each lift may stand still before its own loop must be what hangs, in seconds."""
+    link_of = dict(zip(loaded.controllers, links, strict=True))
+    used = {
+        name: {device.controller for device in devices(loaded.site, spec, loaded.maps[name].map).values()}
+        for name, spec in loaded.site.lifts.items()
+    }
+    found = {}
+    for name, spec in loaded.site.lifts.items():
+        codec = compile_map(loaded.maps[name].map, offset=spec.offset)
+        outputs = {point.cell for command in codec.commands.values() for point in command.read_points}
+        settings = [link_of[controller].settings for controller in used[name]]
+        found[name] = patience_s(
+            poll_s=loaded.poll_s(name),
+            addresses=len({point.cell for point in polled(codec)} | outputs),
+            lifts=max(sum(controller in other for other in used.values()) for controller in used[name]),
+            answer_s=max(setting.most_timeout_s + setting.busy_retries * setting.busy_pause_s for setting in settings),
+            gap_s=max(setting.min_gap_s for setting in settings),
+        )
+    return found
+
+
+def _status(manager: LiftManager) -> str:
+    states = [manager.state(name) for name in manager.lift_names()]
+    live = sum(state is not None and state.quality is Quality.LIVE for state in states)
+    return f"{len(states)} lift(s), {live} live, {sum(manager.polls().values())} polls"
 
 
 def stop_on_signals(stop: asyncio.Event) -> None:
@@ -144,6 +201,16 @@ async def _let_go(manager: LiftManager) -> bool:
             _log.warning("%s: is offline, so nobody could look at what its controller holds", state.lift)
     _log.info("everything we held is let go and verified")
     return True
+
+
+async def _write_down(manager: LiftManager) -> None:
+    try:
+        async with asyncio.timeout(REMEMBER_WITHIN_S):
+            await manager.settled()
+    except TimeoutError:
+        _log.error(
+            "what people said about the lifts is not on the disk after %g s more; a start forgets it", REMEMBER_WITHIN_S
+        )
 
 
 def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[[Controller], Wire]) -> Link:

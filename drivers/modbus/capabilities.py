@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from drivers.modbus.output import LOOK_S
 from drivers.model import Capabilities, FloorName
 from register_maps.codec import Block, Codec, Point
 from register_maps.schema import CALLS
@@ -24,6 +25,8 @@ class LiftSettings:
     max_age_s: float = 1.0
     max_registers_per_read: int = 125
     max_bits_per_read: int = 2000
+    look_s: float = LOOK_S
+    """How often our outputs are compared with what we wrote, to find somebody else who writes them; infinity for never."""
 
 
 def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings) -> Capabilities:

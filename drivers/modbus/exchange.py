@@ -34,6 +34,13 @@ _HIGHEST_TID = 65535
 _REMEMBERED = 256
 """An answer to one of so many last requests is late rather than foreign. Chosen: seconds of polling at any pace, and
 far from a whole turn of the transaction ids, after which every number would look like ours."""
+_MEASURED = 4
+"""Every so many answers one is measured, and each one that ends a doubt. Chosen: more than one in a second of polling, and the cost of
+a measurement is that of a twentieth of a read."""
+_OVERDUE = 8
+"""So many unanswered requests are remembered with the time they left, for the round trip of their late answers. Chosen: two in a
+row end the connection, so there are few."""
+NO_ANSWER = "the controller did not answer the last request"
 _COMMANDS_IN_A_ROW = 3
 """After so many commands without a pause a read that waits goes first. Chosen: at 250 ms an answer, a state is then still
 younger than a second; without it a burst of commands would make the lift blind, and a blind lift refuses them."""
@@ -72,19 +79,28 @@ class Exchange:
         self._on_broken = on_broken
         self._on_proved = on_proved
         self._loop = asyncio.get_running_loop()
-        self._timeout_s = settings.timeout_s
+        self._latency = stats.latency = stats.latency or settings.new_latency()
         self._gap_s = settings.min_gap_s
         self._tid_echo = settings.tid_echo
         self._sent_before = stats.transactions
         self._commands: deque[_Job] = deque()
         self._reads: deque[_Job] = deque()
         self._job: _Job | None = None
+        self._sent_at = 0.0
         self._deadline = 0.0
+        self._overdue: dict[int, float] = {}
+        """When requests left that were not answered in time, by transaction id."""
         self._timeouts_in_a_row = 0
         self._commands_in_a_row = 0
         self._timer: asyncio.Handle | None = None
+        self._timer_at = 0.0
         self._gap: asyncio.Handle | None = None
         self._busy_pause: asyncio.Handle | None = None
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the last request was not answered in time: nothing is pressed until an answer comes."""
+        return self._timeouts_in_a_row > 0
 
     def read(self, request: Request) -> asyncio.Future[bytes]:
         """Ask in the read lane."""
@@ -131,11 +147,21 @@ class Exchange:
             future = job[0]
             if not future.done():
                 future.set_result(payload)
+        if self._timeouts_in_a_row or not self.last_tid % _MEASURED or not self.proved:
+            self._measure()
+        self._finish()
+
+    def _measure(self) -> None:
+        """Take an honest answer for what it says of the controller: how long it takes, and that it is there."""
+        now = self._loop.time()
+        self._latency.answered(now - self._sent_at)
+        if self._timer is not None and self._timer_at > now + self._latency.timeout_s:
+            self._timer.cancel()
+            self._timer = None
         self._timeouts_in_a_row = 0
         if not self.proved:
             self.proved = True
             self._on_proved()
-        self._finish()
 
     def _next(self) -> None:
         """Send what has waited longest, commands first, but for a read after a few of them."""
@@ -155,15 +181,20 @@ class Exchange:
         self._job = job
         self.last_tid = tid = self.last_tid % _HIGHEST_TID + 1
         self._stats.transactions += 1
-        self._deadline = self._loop.time() + self._timeout_s
-        # One timer serves many transactions: deadlines only move later, so at worst it fires early and is set again.
+        self._sent_at = sent_at = self._loop.time()
+        self._deadline = sent_at + self._latency.timeout_s
+        # One timer serves many transactions: where it fires early it is set again. Late it is only by what a late answer took off.
         if self._timer is None:
-            self._timer = self._loop.call_at(self._deadline, self._on_timer, _LAST_LOOKS)
+            self._set_timer()
         self._wire.send(frame(job[1], tid))
+
+    def _set_timer(self) -> None:
+        self._timer_at = self._deadline
+        self._timer = self._loop.call_at(self._deadline, self._on_timer, _LAST_LOOKS)
 
     def _may_leave(self, job: _Job, permit: Permit) -> bool:
         try:
-            refusal = permit()
+            refusal = NO_ANSWER if self._timeouts_in_a_row else permit()
         except Exception as error:  # noqa: BLE001 - a bug of the caller's: the caller is told, the others go on
             _fail(job, error)
             return False
@@ -212,6 +243,10 @@ class Exchange:
             sent_here = min(self._stats.transactions - self._sent_before, _REMEMBERED)
             if tid and (self.last_tid - tid) % _HIGHEST_TID < sent_here:
                 self._stats.late += 1
+                sent_at = self._overdue.pop(tid, None)
+                if sent_at is not None:
+                    # the timer of the request in flight keeps to the time-out that this one was sent with
+                    self._latency.answered_late(self._loop.time() - sent_at)
                 return
         text = f"an answer nobody asked for, transaction id {tid_of(answer)}: {describe_answer(answer)}"
         if self._tid_echo and tid_of(answer) == 0:
@@ -236,19 +271,24 @@ class Exchange:
             return
         # Half a millisecond: libuv's clock counts whole ones, and may call a timer due just before its time.
         if self._deadline - self._loop.time() > 0.0005:
-            self._timer = self._loop.call_at(self._deadline, self._on_timer, _LAST_LOOKS)
+            self._set_timer()
         elif looks:
             self._timer = self._loop.call_soon(self._on_timer, looks - 1)
         else:
             self._on_timeout(job)
 
     def _on_timeout(self, job: _Job) -> None:
+        waited_s = round(self._deadline - self._sent_at, 3)
         self._stats.timeouts += 1
         self._timeouts_in_a_row += 1
-        _fail(job, AnswerTimeout(self._name, str(job[1]), self._timeout_s))
+        self._latency.missed()
+        self._overdue[self.last_tid] = self._sent_at
+        if len(self._overdue) > _OVERDUE:
+            del self._overdue[next(iter(self._overdue))]
+        _fail(job, AnswerTimeout(self._name, str(job[1]), waited_s))
         if self._timeouts_in_a_row >= (2 if self._tid_echo else 1):
             times = "twice in a row" if self._tid_echo else "and late answers cannot be told from right ones"
-            self._recycle(f"no answer within {self._timeout_s:g} s, {times}")
+            self._recycle(f"no answer within {waited_s:g} s, {times}")
         else:
             self._finish()
 

@@ -13,7 +13,6 @@ from drivers.errors import (
     ConnectionLost,
     ControllerException,
     DriverError,
-    HeartbeatStopped,
     PointsRefused,
     PressRefused,
     Sent,
@@ -23,13 +22,16 @@ from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
+from drivers.modbus.foreign import Watch
+from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
+from drivers.modbus.permission import Permissions
 from drivers.modbus.plan import plan_reads, polled
-from drivers.modbus.presses import Press, Presses
+from drivers.modbus.presses import Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.steps import NEED_PERMIT, Phase, Step, StepKind
+from drivers.modbus.steps import Phase, Step, StepKind
 from drivers.modbus.writer import Writer
 from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result
 from register_maps.codec import Cell, Codec
@@ -37,7 +39,7 @@ from register_maps.frames import Request
 
 _log = logging.getLogger(__name__)
 
-_HEARTBEAT = frozenset({"alive"})
+_ONLY_ALIVE = frozenset({SIGNAL})
 _LET_GO_WITHIN_S = 4.0
 """How long a bug waits for outputs to be let go of before it ends the program: as long as an orderly end does."""
 
@@ -71,9 +73,7 @@ class ModbusLift:
         self._epochs: dict[str, int] = {}
         self._bug: Exception | None = None
         self._bug_at = math.inf
-        self._alive_at = -math.inf
-        alive = codec.map.signals.get("alive")
-        self._alive_within_s = alive.must_change_within_s if alive is not None else None
+        self._heartbeat = Heartbeat(codec, link.name)
         watchdog = codec.map.signals.get("watchdog_time")
         self._watchdog_unit_s = (watchdog.unit_s if watchdog is not None else None) or 1.0
         car_floor = codec.map.signals.get("car_floor")
@@ -82,13 +82,29 @@ class ModbusLift:
         self._outputs = Outputs(self._commands, codec.written)
         self._writer = Writer(codec, self._commands, self._lines, settings)
         self._presses = Presses(tuple(settings.floors))
+        self._permissions = Permissions(
+            self._commands,
+            codec.signals,
+            self._outputs,
+            self._presses,
+            values=lambda: self._values,
+            is_unread=self._is_unread,
+        )
+        self._watch = Watch(
+            codec,
+            self._outputs,
+            self._lines,
+            settings,
+            is_unread=self._is_unread,
+            tripped=self._is_tripped,
+        )
+        self._notices = self._watch.notices
         self._complained: set[str] = set()
         """Holds whose refusal was reported: once until they are on again."""
         for command in self._commands.values():
             if command.is_call:
                 for code in settings.floors.values():
                     command.encode(code)
-        self._permits: dict[str, Permit] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wakes = {
             endpoint: asyncio.Event() for endpoint in sorted({c.endpoint for c in codec.commands.values()} | {""})
@@ -118,17 +134,20 @@ class ModbusLift:
             payloads = await self._read_blocks()
         if lines.epoch != epoch:
             raise ConnectionLost(self._name, "poll", "the connection was replaced in the middle of it")
-        if epoch != self._epoch:
+        is_new = epoch != self._epoch
+        if is_new:
             await self._take_over(epoch)
         changed = self._reader.feed(payloads)
         values = self._values
         if changed or values is None:
             values = self._changed(changed or frozenset(), at)
-        if self._alive_within_s is not None and at - self._alive_at > self._alive_within_s:
-            raise HeartbeatStopped(self._name, at - self._alive_at, self._alive_within_s)
+        if is_new:
+            self._heartbeat.connected(self._epochs, at)
+        if at > self._heartbeat.live_until:
+            raise self._heartbeat.error(at)
         if self._presses.waiting:
             self._presses.look(values, at)
-        return LiftReading(at, epoch, values)
+        return LiftReading(at, epoch, values, self._watch.take_notices() if self._notices else ())
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
@@ -138,6 +157,8 @@ class ModbusLift:
         async with asyncio.TaskGroup() as workers:
             for endpoint in self._wakes:
                 workers.create_task(self._work(endpoint))
+            if self._watch.has_work:
+                workers.create_task(self._look_for_others())
 
     async def _work(self, endpoint: str) -> None:
         loop = asyncio.get_running_loop()
@@ -147,7 +168,8 @@ class ModbusLift:
                 try:
                     await self._carry_out(step)
                 except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
-                    self._let_go_because_of(bug, step)
+                    self._outputs.failed(step, maybe_sent=True, now=loop.time())
+                    self._let_go_because_of(bug, f"{step.kind} of {step.name}")
                 continue
             if self._outputs.at_rest:
                 self._rested.set()
@@ -156,14 +178,16 @@ class ModbusLift:
             wake_at = min(self._outputs.wake_at(endpoint), self._bug_at + _LET_GO_WITHIN_S)
             await _sleep_until(wake_at, self._wakes[endpoint])
 
-    def _let_go_because_of(self, bug: Exception, step: Step) -> None:
-        now = asyncio.get_running_loop().time()
-        _log.error(
-            "%s: a bug in %s of %s; everything is let go", self._settings.name, step.kind, step.name, exc_info=bug
-        )
+    async def _look_for_others(self) -> None:
+        try:
+            await self._watch.run()
+        except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
+            self._let_go_because_of(bug, "the look at our outputs")
+
+    def _let_go_because_of(self, bug: Exception, what: str) -> None:
+        _log.error("%s: a bug in %s; everything is let go", self._settings.name, what, exc_info=bug)
         if self._bug is None:
-            self._bug, self._bug_at = bug, now
-        self._outputs.failed(step, maybe_sent=True, now=now)
+            self._bug, self._bug_at = bug, asyncio.get_running_loop().time()
         self._presses.end_all("everything was let go because of a bug")
         self._outputs.let_all_go()
         self._stir()
@@ -175,7 +199,7 @@ class ModbusLift:
         if self._bug is not None:
             return self._presses.refuse(command, permit, "the driver of this lift has failed")
         press = self._presses.begin(command, permit)
-        self._permits[command.name] = permit
+        self._permissions.note(command.name, permit)
         code = self._settings.floors[command.floor] if command.floor is not None else 1
         self._outputs.press(command.name, code, asyncio.get_running_loop().time())
         self._end_dropped()
@@ -186,11 +210,11 @@ class ModbusLift:
         """Keep a held command on, or renew it."""
         if command.name not in self._outputs or self._bug is not None:
             return
-        if self._missing(command.name):
+        if self._permissions.missing(command.name):
             # what the map requires was taken away: the hold goes, whatever its limit
             self.let_go(command)
             return
-        self._permits[command.name] = permit
+        self._permissions.note(command.name, permit)
         resting = self._outputs.phase(command.name) is Phase.REST
         self._outputs.hold(command.name, asyncio.get_running_loop().time())
         if resting:
@@ -240,9 +264,9 @@ class ModbusLift:
         return tuple(payloads)
 
     def _changed(self, changed: frozenset[str], at: float) -> LiftValues:
-        if self._values is None or "alive" in changed:
-            self._alive_at = at
-        if self._values is None or changed != _HEARTBEAT:
+        if SIGNAL in changed:
+            self._heartbeat.beat(at)
+        if self._values is None or changed != _ONLY_ALIVE:
             self._values = lift_values(
                 self._reader.values,
                 self._reader.unlisted,
@@ -279,8 +303,10 @@ class ModbusLift:
         loop = asyncio.get_running_loop()
         asks = step.kind in (StepKind.PRESS, StepKind.RESET)
         press = self._presses.of(step.name) if asks else None
-        permit = self._permit(step, press)
+        permit = self._permissions.of(step, press)
         maybe_sent = False
+        cells = () if step.kind is StepKind.LOOK else self._outputs.covered(step)
+        self._watch.writing(cells)
         try:
             async for request in self._writer.write(step, self._outputs.cells(step), permit):
                 maybe_sent = True
@@ -291,7 +317,8 @@ class ModbusLift:
             if press is not None and step.kind is StepKind.PRESS and not press.future.done():
                 self._presses.await_proof(press, self._writer.confirm(step.name), self._values)
             if (holds := await self._writer.look(step)) is not None:
-                self._outputs.looked(step, holds=holds, now=loop.time())
+                self._outputs.looked(step, holds=holds, now=loop.time(), excused=self._is_tripped())
+                self._watch.tell_fights()
                 if press is not None:
                     press.read_back = holds
         except PressRefused as refused:
@@ -309,6 +336,7 @@ class ModbusLift:
                 self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")
             self._complain(step, error, aloud=rejected and press is None and step.name not in self._complained)
         finally:
+            self._watch.writing(cells)
             self._end_dropped()
 
     def _complain(self, step: Step, error: DriverError, *, aloud: bool) -> None:
@@ -326,57 +354,13 @@ class ModbusLift:
                 reason = "not sent: something else was wanted instead, or it could not be sent in time"
                 self._presses.end(name, Result.REJECTED, reason)
 
-    def _permit(self, step: Step, press: Press | None) -> Permit | None:
-        """Return what is asked immediately before a step leaves; None for what lets go, which nobody can refuse.
+    def _is_unread(self) -> bool:
+        """Whether a connection is new, and nothing was read over it yet."""
+        return self._lines.epoch != self._epoch
 
-        A write would press its neighbours again: what may not be pressed now is let go with it, and is asked for once more
-        when the bytes leave.
-        """
-        if step.kind not in NEED_PERMIT:
-            if step.kind in (StepKind.LOOK, StepKind.CYCLE):
-                return None
-            neighbours = self._outputs.neighbours(step)
-            if step.kind in (StepKind.BEAT, StepKind.RESET) and neighbours:
-                return lambda: self._first_refusal(neighbours)
-            self._drop_refused(step)
-            return None
-
-        if self._refusal(step.name) is None:
-            self._drop_refused(step)
-
-        def allowed() -> str | None:
-            if not self._outputs.still_wanted(step):
-                return "nobody wants it any more"
-            if press is not None and self._missing(step.name):
-                press.not_granted = True
-            return self._refusal(step.name) or self._first_refusal(self._outputs.neighbours(step))
-
-        return allowed
-
-    def _drop_refused(self, step: Step) -> None:
-        """Let go of the neighbours that this write may not press again."""
-        for name in self._outputs.neighbours(step):
-            if (reason := self._refusal(name)) is not None:
-                self._outputs.let_go(name)
-                self._presses.end(name, Result.UNCONFIRMED, f"let go together with {step.name}: {reason}")
-
-    def _refusal(self, name: str) -> str | None:
-        """Say why an output may not be written as pressed now."""
-        if self._lines.epoch != self._epoch:
-            return "the connection is new and has not been read yet"
-        if missing := self._missing(name):
-            return f"{name} needs {', '.join(missing)}"
-        if self._values is not None and name in ended({name: self._commands[name]}, self._values, self._codec.signals):
-            return "the door is shut or opens, or something is in its way"
-        return self._permits[name]()
-
-    def _first_refusal(self, names: tuple[str, ...]) -> str | None:
-        reasons = ((name, self._refusal(name)) for name in names)
-        return next((f"{name} would be pressed with it: {reason}" for name, reason in reasons if reason), None)
-
-    def _missing(self, name: str) -> list[str]:
-        flags = self._values.flags if self._values is not None else {}
-        return [flag for flag in self._commands[name].spec.requires if not flags.get(flag, False)]
+    def _is_tripped(self) -> bool:
+        """Whether the lift says that a watchdog has let our outputs go."""
+        return self._values is not None and self._values.flags.get("watchdog_tripped", False)
 
     def _stir(self) -> None:
         for wake in self._wakes.values():

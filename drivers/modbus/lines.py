@@ -55,11 +55,12 @@ class Lines:
         """Make the request that reads a block."""
         return frames.read(block.table, block.start, block.count, self.unit(block.endpoint))
 
-    async def cells(self, blocks: Iterable[Block]) -> dict[Cell, int]:
-        """Read what these blocks hold, each once, in the command lane."""
+    async def cells(self, blocks: Iterable[Block], *, urgent: bool = True) -> dict[Cell, int]:
+        """Read what these blocks hold, each once, in the command lane, or in the read lane if it is not urgent."""
         cells: dict[Cell, int] = {}
         for block in dict.fromkeys(blocks):
-            payload = await self.link(block.endpoint).read_urgent(self.request(block))
+            link = self.link(block.endpoint)
+            payload = await (link.read_urgent if urgent else link.read)(self.request(block))
             if block.table in BIT_TABLES:
                 values: tuple[int, ...] = frames.unpack_bits(payload, block.count)
             else:

@@ -14,7 +14,7 @@ from enum import StrEnum, unique
 
 from drivers.driver import Permit
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
-from drivers.modbus.exchange import Exchange
+from drivers.modbus.exchange import NO_ANSWER, Exchange
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
 from register_maps.frames import Request
@@ -70,9 +70,14 @@ class Link:
         return self._state
 
     @property
+    def in_doubt(self) -> bool:
+        """Whether it is up, but the last request was not answered in time: presses are refused until an answer comes."""
+        return self._exchange is not None and self._exchange.in_doubt
+
+    @property
     def reason(self) -> str:
-        """Why it is not up; empty while it is."""
-        return self._reason
+        """Why it is not up, or in doubt; empty while all is well."""
+        return NO_ANSWER if self.in_doubt else self._reason
 
     @property
     def since(self) -> float | None:
@@ -98,6 +103,7 @@ class Link:
     async def write(self, request: Request, permit: Permit | None = None) -> None:
         """Write, in the command lane; never sent a second time. Raises as `read`, and PressRefused if `permit` objects.
 
+        What needs a permit is refused as well while the link is in doubt. What needs none, a release, leaves all the same.
         The error's `sent` says whether the controller may have carried it out.
         """
         if self._exchange is None:

@@ -31,6 +31,12 @@ REJECTED_PAUSE_S = 2.0
 """Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
 failed call; a controller that says no is not to be asked at the pace of the polls."""
 
+MOST_PRESSES = 3
+"""So often a hold that the controller dropped is pressed again within `FIGHT_S`. Chosen: a drop-out heals by one; a door that is
+pressed open and released against somebody else flaps, and people are in it."""
+FIGHT_S = 60.0
+"""Chosen: longer than any hiccup of a controller."""
+
 COUNTS = 0x10000
 """After so many beats a counting heartbeat begins anew, at 1: 0 is what a controller shows that nobody has written to."""
 
@@ -66,6 +72,12 @@ class Output:
     """A press that was not written by then is given up."""
     gone: bool = False
     """It was seen not to be there any more, and is written again."""
+    was_seen: bool = False
+    """The controller was seen to hold it since it was pressed."""
+    dropped_at: tuple[float, ...] = ()
+    """When it was seen to be gone, of late."""
+    yields: bool = False
+    """It was dropped too often: it is not pressed again before it was let go."""
 
     @property
     def spec(self) -> Command:
@@ -76,6 +88,18 @@ class Output:
         """Whether it is read back from time to time, because nothing writes it again. A call is never written again."""
         looks = self.spec.action == "hold" and bool(self.codec.read_points) and not self.codec.lamp
         return looks and math.isinf(self.every_s) and not self.codec.is_call
+
+    @property
+    def stands(self) -> bool:
+        """Whether what the controller holds is what we wrote last, as far as we know: at rest, or a hold that was seen to be on.
+
+        Not what pauses, may end by itself, is given up, or is looked at and pressed again anyhow.
+        """
+        if self.phase is not Phase.ON:
+            return self.phase is Phase.REST
+        made_of_pulses = self.spec.action != "hold" or self.spec.repeat_pulse_s is not None
+        pressed_again = self.is_only_looked_at or self.gone or self.yields
+        return self.was_seen and not (made_of_pulses or self.codec.is_call or pressed_again)
 
     @property
     def let_go_at(self) -> float:
@@ -92,7 +116,16 @@ class Output:
     @property
     def asserts(self) -> bool:
         """Whether whoever writes its cells has to write it pressed."""
-        return self.phase is Phase.ON and not self.paused and not self.spec.ends_itself
+        return self.phase is Phase.ON and not self.paused and not self.yields and not self.spec.ends_itself
+
+    def drop(self, now: float) -> None:
+        """It was seen to be gone. A press that did not bring it back within the time of a look is the same drop."""
+        same = self.dropped_at and not self.verified and now - self.dropped_at[-1] < LOOK_S
+        if same or self.yields or not self.was_seen:
+            return
+        self.dropped_at = (*(at for at in self.dropped_at if now - at < FIGHT_S), now)
+        if len(self.dropped_at) > MOST_PRESSES:
+            self.yields, self.gone, self.refresh_at = True, False, now + LOOK_S
 
     def retry(self, now: float) -> None:
         """Let the next try of its release wait, longer each time."""

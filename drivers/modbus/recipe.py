@@ -98,6 +98,15 @@ class Outputs:
         return output.phase is Phase.ON and output.verified
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Every output."""
+        return tuple(self._outputs)
+
+    def output(self, name: str) -> Output:
+        """Return one output as it stands."""
+        return self._outputs[name]
+
+    @property
     def at_rest(self) -> bool:
         """Whether nothing is on, due or being let go."""
         return all(output.phase is Phase.REST for output in self._outputs.values())
@@ -160,7 +169,7 @@ class Outputs:
                 armed = output.armed_at is not None or not output.spec.reset_first_s
                 yield Step(StepKind.PRESS, name, output.code) if armed else Step(StepKind.RESET, name, None)
             if output.phase is Phase.ON and now >= output.refresh_at:
-                looks = output.is_only_looked_at and not output.gone
+                looks = output.yields or (output.is_only_looked_at and not output.gone)
                 yield Step(StepKind.LOOK if looks else StepKind.REFRESH, name, output.code)
         for cycle in self._cycles:
             if cycle.block.endpoint == endpoint and now >= cycle.at and self._idle(cycle.block):
@@ -192,11 +201,16 @@ class Outputs:
             put(image, self._codec(step).encode(step.code))
         return image
 
+    def covered(self, step: Step) -> list[Cell]:
+        """List every address that the writes of a step cover."""
+        blocks = self._codec(step).blocks if step.block is None else (step.block,)
+        return [cell for block in blocks for cell in block.cells]
+
     def neighbours(self, step: Step) -> tuple[str, ...]:
         """Other outputs that a step writes as pressed, because they are on and lie in its cells."""
         if step.block is None and self._codec(step).shared:
             return ()
-        cells = set(self._covered(step))
+        cells = set(self.covered(step))
         return tuple(
             name
             for name, output in self._outputs.items()
@@ -205,7 +219,8 @@ class Outputs:
 
     def written(self, step: Step, now: float) -> None:
         """The controller echoed the write. That proves nothing yet."""
-        self._restart_cycles(self._covered(step), now)
+        if step.kind is not StepKind.LOOK:
+            self._restart_cycles(self.covered(step), now)
         if step.block is not None:
             return
         if step.kind is StepKind.BEAT:
@@ -227,17 +242,22 @@ class Outputs:
             case _:
                 pass
         if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
-            output.refresh_at = now + (LOOK_S if output.is_only_looked_at else output.every_s)
+            output.refresh_at = now + (LOOK_S if output.is_only_looked_at or output.yields else output.every_s)
             output.paused = output.gone = False
             if output.spec.repeat_pulse_s is not None:
                 output.pause_at = now + (output.spec.width_s or math.inf)
 
-    def looked(self, step: Step, *, holds: bool, now: float) -> None:
-        """The cells were read back, or cannot be; `holds` says whether they hold what the step wrote."""
+    def looked(self, step: Step, *, holds: bool, now: float, excused: bool = False) -> None:
+        """The cells were read back, or cannot be; `holds` says whether they hold what the step wrote.
+
+        `excused` says that the lift tells itself why an output was let go: then it counts for no fight.
+        """
         output = self._outputs[step.name]
         if output.phase is Phase.ON and step.kind is not StepKind.RELEASE:
-            output.verified = holds
-            if not holds and output.spec.action == "hold":
+            if not holds and not excused:
+                output.drop(now)
+            output.verified, output.was_seen = holds, output.was_seen or holds
+            if not holds and output.spec.action == "hold" and not output.yields:
                 output.refresh_at = min(output.refresh_at, now + RETRY_S)
                 output.gone = True
         elif output.phase is Phase.LETTING_GO and step.kind is StepKind.RELEASE:
@@ -313,18 +333,14 @@ class Outputs:
         output.refresh_at = min(now, output.refresh_at)
         return output.verified or not output.codec.is_call
 
-    def _covered(self, step: Step) -> list[Cell]:
-        """List every address that the writes of a step cover."""
-        blocks = self._codec(step).blocks if step.block is None else (step.block,)
-        return [cell for block in blocks for cell in block.cells]
-
     def _codec(self, step: Step) -> CommandCodec:
         return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec
 
     def _idle(self, block: Block) -> bool:
         """Whether nothing in this block is on: what is, is refreshed instead, with permission."""
         busy = (Phase.ON, Phase.LEAVING)
-        return not any(output.phase in busy and block in output.codec.blocks for output in self._outputs.values())
+        inside = [output for output in self._outputs.values() if block in output.codec.blocks]
+        return not any(output.phase in busy and not output.yields for output in inside)
 
     def _restart_cycles(self, cells: Sequence[Cell], now: float) -> None:
         for cycle in self._cycles:
@@ -345,6 +361,7 @@ class Outputs:
     def _rest(self, output: Output, now: float) -> None:
         output.phase, output.rested_at, output.verified = Phase.REST, now, False
         output.paused, output.unwanted = False, False
+        output.was_seen, output.yields, output.dropped_at = False, False, ()
         if output.again:
             output.again = False
             output.phase, output.code = Phase.DUE, output.next_code

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.modbus.latency import SPARE_S, Latency
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkSettings:
     """How one controller wants to be spoken to. Durations in seconds."""
 
     timeout_s: float = 0.5
-    """For an answer. Chosen: controllers answer within 20 to 100 ms; a second chance fits into one second of age."""
+    """For an answer, as long as none was measured. Chosen: controllers answer within 20 to 100 ms; a second chance fits into one
+    second of age."""
+    timeout_max_s: float | None = None
+    """Most that an answer may take, however slow the controller was found to be: `most_timeout_s` says what it is by itself."""
     connect_timeout_s: float = 1.0
     """For a connection. Chosen: TCP repeats its request after 1 s, and the next attempt of ours is not far."""
     min_gap_s: float = 0.0
@@ -29,6 +34,8 @@ class LinkSettings:
     """How long reads wait after a busy answer; commands do not. Chosen: about one poll period."""
 
     def __post_init__(self) -> None:
+        if self.timeout_max_s is not None and self.timeout_max_s < self.timeout_s:
+            raise ValueError("timeout_max_s must not be less than timeout_s")
         for name in ("timeout_s", "connect_timeout_s", "reconnect_min_s"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be more than 0 s")
@@ -38,6 +45,23 @@ class LinkSettings:
             raise ValueError("max_connections must be 1 or more")
         if self.reconnect_max_s < self.reconnect_min_s:
             raise ValueError("reconnect_max_s must not be less than reconnect_min_s")
+
+    @property
+    def most_timeout_s(self) -> float:
+        """`timeout_max_s`, else four times `timeout_s` but not beyond 2 s.
+
+        Chosen: four times heals a gateway that is far slower than its map says, and a release, which waits behind at most one
+        request, waits no longer for it than between two of its own tries.
+        """
+        if self.timeout_max_s is not None:
+            return self.timeout_max_s
+        return max(self.timeout_s, min(4 * self.timeout_s, 2.0))
+
+    def new_latency(self) -> Latency:
+        """Return an estimator for a link that has measured nothing yet."""
+        # without transaction ids one time-out costs the connection: there patience is cheaper than a quick verdict
+        spare_s = min(SPARE_S, self.timeout_s) if self.tid_echo else self.timeout_s
+        return Latency(self.timeout_s, spare_s=spare_s, most_s=self.most_timeout_s)
 
 
 @dataclass(slots=True)
@@ -59,3 +83,10 @@ class LinkStats:
     """Connections that the other side ended, or that brought something other than Modbus/TCP."""
     exceptions: int = 0
     """Exception answers, busy ones included."""
+    latency: Latency | None = None
+    """What answers take, and how long the next one may; None before the first connection."""
+
+    @property
+    def round_trip_s(self) -> float | None:
+        """From request to answer, smoothed; None before the first answer."""
+        return None if self.latency is None else self.latency.round_trip_s

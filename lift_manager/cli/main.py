@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -14,7 +15,7 @@ import typer
 
 from drivers.errors import ControllerTaken
 from lift_manager import app as running
-from lift_manager.cli import maps
+from lift_manager.cli import maps, operate, scenario
 from lift_manager.cli.common import (
     Floors,
     MapName,
@@ -30,6 +31,9 @@ from lift_manager.cli.common import (
 from lift_manager.config.load import LoadedSite, check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
+from lift_manager.store.errors import StateUnusable
+from lift_manager.store.place import state_path
+from lift_manager.store.state_file import StateFile, opened
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
@@ -48,6 +52,9 @@ app = typer.Typer(
     help="Connect robots to real lifts over Modbus/TCP.",
 )
 app.add_typer(maps.app, name="maps")
+app.add_typer(scenario.app, name="scenario")
+app.command()(operate.ack)
+app.command()(operate.lockout)
 
 T = TypeVar("T")
 
@@ -84,12 +91,13 @@ def serve(
     for line in loaded.cautions():
         logging.getLogger("lift_manager").warning("%s", line)
     api = loaded.site.api
+    memory = _state(loaded)
     try:
         sock = listen(api.host, api.port if port is None else port)
     except ListenError as error:
         raise fail(str(error)) from error
     try:
-        released = _run(_serve(loaded, sock))
+        released = _run(_serve(loaded, sock, memory))
     except* ControllerTaken as group:
         raise fail(str(group.exceptions[0])) from group
     if not released:
@@ -126,7 +134,16 @@ def simulate(
         raise fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
 
 
-async def _serve(loaded: LoadedSite, sock: socket) -> bool:
+def _state(loaded: LoadedSite) -> StateFile:
+    """Open what outlived the last manager of this site, or say why that cannot be relied on and exit with 1."""
+    site = loaded.site
+    try:
+        return opened(state_path(site.name, site.state, loaded.path, os.environ), site.name, site.lifts.keys())
+    except StateUnusable as error:
+        raise fail(str(error)) from error
+
+
+async def _serve(loaded: LoadedSite, sock: socket, memory: StateFile) -> bool:
     stop = asyncio.Event()
     running.stop_on_signals(stop)
     host, port = sock.getsockname()[:2]
@@ -134,7 +151,7 @@ async def _serve(loaded: LoadedSite, sock: socket) -> bool:
     def ready() -> None:
         out.print(f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on http://{host}:{port}/docs", highlight=False)
 
-    return await running.run(loaded, sock, stop=stop, ready=ready)
+    return await running.run(loaded, sock, stop=stop, ready=ready, memory=memory)
 
 
 def _run(main: Coroutine[Any, Any, T]) -> T:

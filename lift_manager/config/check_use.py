@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift
+from lift_manager.domain.hours import superfluous
 from register_maps.load import LoadedMap
 from register_maps.schema import CALLS, Parameter, RegisterMap
 from register_maps.vocabulary import HANDSHAKE
@@ -39,6 +40,9 @@ def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
     if lift.infer_occupancy and not source.needs_occupancy and not HANDSHAKE & source.commands.keys():
         message = f"{source.name} is told nothing about a robot aboard, so there is nothing to infer; remove this line"
         yield Problem((*key, "infer_occupancy"), message)
+    for index, covered_by in superfluous(lift.robot_hours or ()):
+        message = f"adds nothing, because {covered_by} has these hours already; remove this line"
+        yield Problem((*key, "robot_hours", index), message)
     if lift.access == "control":
         yield from _door(key, source)
         yield from _latching(key, lift, source)

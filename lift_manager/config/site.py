@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
 from pydantic_core import PydanticCustomError
 
+from lift_manager.domain.hours import Hours, read_hours
 from register_maps.expand import ParameterValue
 from register_maps.words import Side, Table
 
@@ -74,6 +76,37 @@ else:
     Given = Annotated[Any, AfterValidator(_parameter_value)]
 
 
+def _hours(text: str) -> Hours:
+    try:
+        return read_hours(text)
+    except ValueError as error:
+        raise PydanticCustomError("robot_hours", "{problem}", {"problem": str(error)}) from error
+
+
+def _not_none_at_all(hours: tuple[Hours, ...]) -> tuple[Hours, ...]:
+    # not `min_length`: pydantic would count an entry with a mistake as no entry, and say so too
+    if not hours:
+        raise PydanticCustomError(
+            "robot_hours", "names no hours; leave it out, or keep robots off with `access: monitor`"
+        )
+    return hours
+
+
+def _zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (ValueError, OSError, ZoneInfoNotFoundError):
+        message = "{name} is no time zone; write one of the IANA names, such as Europe/Berlin or Asia/Singapore"
+        raise PydanticCustomError("timezone", message, {"name": repr(name)}) from None
+    return name
+
+
+if TYPE_CHECKING:
+    SomeHours = Hours
+else:
+    SomeHours = Annotated[Text, AfterValidator(_hours)]
+
+
 class Api(_Part):
     """Where the manager listens."""
 
@@ -135,6 +168,12 @@ class Lift(_Part):
     max_age_s: Wait | None = None
     lease_s: Seconds = 300.0
     max_session_hold_s: Seconds = 900.0
+    robot_hours: Annotated[tuple[SomeHours, ...], AfterValidator(_not_none_at_all)] | None = None
+    """When robots may begin, by the clock on the building's wall; always when not said."""
+    between_sessions_s: Annotated[float, Field(ge=0, le=600)] = 5.0
+    """What people get for themselves between two robots."""
+    fire_release_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """From telling robots of a fire to letting everything go. Bounded: a robot at 0.5 m/s is out of a doorway in two seconds."""
     accept_latching: Text | None = None
     """Why it is acceptable that an output stays on when this manager is lost and nothing lets it go."""
 
@@ -144,6 +183,10 @@ class Site(_Part):
 
     schema_: Literal[1] = Field(alias="schema")
     name: Text
+    timezone: Annotated[Text, AfterValidator(_zone)] | None = None
+    """The building's, by its IANA name; that of this machine when not said."""
+    state: Text | None = None
+    """The folder in which is kept what outlives the manager, relative to the site file."""
     api: Api = Api()
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[Text, Lift] = Field(min_length=1)

@@ -13,6 +13,7 @@ from lift_manager.domain import call as calls
 from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.boarding import Boarding, Rules, Stop, Who
 from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.service import how_to_acknowledge
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, permissions, robot_door
 from lift_manager.domain.state import Holder, RobotDoor
@@ -98,7 +99,7 @@ class Handshake:
         self._in_place = Acknowledgement(CommandKind.ROBOT_IN_PLACE, able)
         self._left = Acknowledgement(CommandKind.ROBOT_LEFT, able)
         self._abandoned_by: Holder | None = None
-        """Whose session ended while its robot was aboard."""
+        """Whose session ended while its robot was, or may have been, in the car."""
 
     @property
     def aboard(self) -> bool | None:
@@ -137,12 +138,8 @@ class Handshake:
         if session is not None:
             is_open = sight is not None and self.door_is_open(sight, session.floor)
             stop = Stop(session.floor, arrived, is_open)
-        if self._abandoned_by not in (None, ask.holder):
-            text = (
-                f"{name}: a robot of {self._abandoned_by} may still be aboard; {self._abandoned_by} must ask for the lift"
-                " again, or a person must check the car and restart the manager"
-            )
-            return Refused(Refusal.OCCUPANCY_UNKNOWN, text)
+        if (unknown := self._why_unknown(ask, session, sight)) is not None:
+            return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {unknown}")
         heard = boardings.hear(before, ask, stop, self._rules, now)
         if isinstance(heard, str):
             return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {heard}")
@@ -153,6 +150,19 @@ class Handshake:
             return Refused(Refusal.NOT_POSSIBLE, text)
         self._boarding, self._abandoned_by = heard, None
         self._heed(before, ask, session, stop, now)
+        return None
+
+    def _why_unknown(self, ask: Ask, session: Session | None, sight: Sight | None) -> str | None:
+        """Say why nobody knows whether a robot of an earlier session is in the car, where that speaks against a request."""
+        holder = self._abandoned_by
+        person = f"a person must look into the car and say so: {how_to_acknowledge(self._options.name)}"
+        if holder not in (None, ask.holder):
+            return f"a robot of {holder} may still be aboard; {holder} must ask for the lift again, or {person}"
+        taken_up = session is None and self._boarding.who is Who.MAY_BOARD and self._rules.matters
+        stays_here = sight is not None and sight.floor == ask.floor
+        if taken_up and ask.robot is None and not stays_here:
+            here = "" if sight is None or sight.floor is None else f", ask for {sight.floor}, where the car is"
+            return f"your robot may have entered the car; say that it is in place or has left{here}, or {person}"
         return None
 
     def _heed(self, before: Boarding, ask: Ask, session: Session | None, stop: Stop | None, now: float) -> None:
@@ -202,18 +212,21 @@ class Handshake:
             return None
         return f"robot_left was not taken, so the lift may still count a robot aboard: {outcome.reason}"
 
-    def end(self, session: Session, release: Ask | None, now: float) -> bool:
-        """Close the session's part; `release` is the holder's own word that it is over. Returns whether a robot is abandoned."""
+    def end(self, session: Session, release: Ask | None, now: float, *, arrived: bool) -> bool:
+        """Close the session's part. Returns whether a robot is abandoned that was known to be aboard.
+
+        `release` is the holder's own word that it is over; so is that it wanted no more than to be where it has `arrived`.
+        """
         boarding, self._boarding = self._boarding, Boarding()
         if release is not None and boardings.has_left(boarding, release, session.floor, self._rules):
             self._report_left(session.floor, now)
             self._keep_until_told()
             return False
         self.let_go()
+        if boardings.leaves_doubt(boarding, released=release is not None, arrived=arrived):
+            self._abandoned_by, self._boarding = session.holder, boarding
         if boarding.who is not Who.ABOARD:
             return False
-        if self._rules.matters:
-            self._abandoned_by, self._boarding = session.holder, boarding
         if self._in_place.is_level or not self._in_place.taken:
             self._in_place.forget()
         return True
@@ -221,11 +234,29 @@ class Handshake:
     def end_again(self, release: Ask, now: float) -> None:
         """Take a release that finds no session: what the lift should have been told by an earlier one is told again."""
         mine = release.holder == self._abandoned_by
-        if mine and release.robot is RobotWord.LEFT and self._boarding.may_leave_at is not None:
+        if mine and self._boarding.who is not Who.ABOARD:
+            self.found_empty()
+        elif mine and release.robot is RobotWord.LEFT and self._boarding.may_leave_at is not None:
             self._boarding, self._abandoned_by = Boarding(), None
             self._report_left(release.floor, now)
         elif self._abandoned_by is None:
             self._left.again(now)
+
+    def occupied_by(self, session: Session | None) -> tuple[Holder, bool] | None:
+        """Return whose robot may be in the car, and whether it is known to be; None where there is none."""
+        holder = session.holder if session is not None else self._abandoned_by
+        if holder is None or not boardings.possible(self._boarding):
+            return None
+        return holder, self._boarding.who is Who.ABOARD
+
+    def take_up(self, holder: Holder, *, aboard: bool) -> None:
+        """Remember whose robot may be in the car from before this process began."""
+        self._abandoned_by, self._boarding = holder, boardings.taken_up(aboard=aboard)
+
+    def found_empty(self) -> None:
+        """Take it that no robot of an earlier session is in the car."""
+        self._abandoned_by, self._boarding = None, Boarding()
+        self._in_place.forget()
 
     def let_go(self) -> None:
         """Let go of everything at once."""

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.driver import LiftDriver, Permit
 from drivers.model import Command, CommandKind, FloorName, Outcome
+from lift_manager.core.admission import Admission
+from lift_manager.core.announce import Announcer
 from lift_manager.core.bus import Bus
 from lift_manager.core.calling import CallButton
+from lift_manager.core.doors import DoorHolds
 from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.people import PeopleFirst
+from lift_manager.core.robot_mode import RobotMode
+from lift_manager.core.session_call import SessionCall
 from lift_manager.domain import call as calls
 from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.call import Call, CallPhase
-from lift_manager.domain.events import Alarm, CommandEnded, Event, SessionEnded, SessionOpened
+from lift_manager.domain.events import Event
+from lift_manager.domain.service import Acknowledged, Advice, EndReason, Lockout, advise
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, barred, moving, on_fire
-from register_maps.vocabulary import CALLS
-from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode, Side
-
-_log = logging.getLogger(__name__)
-
-_ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
-_CALLS = frozenset(CALLS) - {CommandKind.GO}
-"""Commands that bring the empty car."""
+from lift_manager.domain.sight import Sight, barred, on_fire
+from lift_manager.domain.state import Restrictions
+from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode
 
 
 class SessionKeeper:
@@ -38,6 +38,7 @@ class SessionKeeper:
         driver: LiftDriver,
         options: LiftOptions,
         bus: Bus[Event],
+        people: PeopleFirst,
         *,
         sight: Callable[[float], Sight | None],
         last_sight: Callable[[], Sight | None],
@@ -48,34 +49,41 @@ class SessionKeeper:
         `changed` hears when there is news to publish.
         """
         self.session: Session | None = None
+        self.people = people
         self._options = options
         self._driver = driver
         self._able = driver.capabilities
-        self._bus = bus
+        self._say = Announcer(options.name, bus)
         self._sight = sight
         self._last_sight = last_sight
         self._changed = changed
+        self._admission = Admission(options, self._able, people, lambda: sight(_now()))
         self._button = CallButton(driver, options, self._press)
         self._handshake = Handshake(driver, options, self._button, self._press, permit=self._why_no_word)
-        self._call: Call | None = None
-        self._pressed: asyncio.Future[Outcome] | None = None
-        """The newest press of the call."""
+        self._call = SessionCall(options.name, self._able, self._button)
         self._permit: Permit = lambda: "there is no session"
         self._sessions_opened = 0
-        self._keep_robot_mode_until: float | None = None
-        """The session is over, but the car still moves: robot mode is not dropped under way."""
-        self._fire_latched = False
+        self._used_by = 0
+        """The newest session for which anything was pressed or held."""
+        self._doors = DoorHolds(driver, options)
+        self._robot_mode = RobotMode(driver)
+        self._fire_release_at: float | None = None
+        """The robot has been told of the fire; then everything is let go."""
+        self._awaits = ""
+        """What the lift has not granted yet."""
         self._stopping = False
+        if (occupied := people.remembered.occupied) is not None:
+            self._handshake.take_up(occupied.holder, aboard=occupied.aboard)
 
     @property
     def busy(self) -> bool:
         """Whether every reading matters, changed or not."""
-        return self.session is not None or self._keep_robot_mode_until is not None or self._handshake.reporting
+        return self.session is not None or self._robot_mode.kept or self._handshake.reporting
 
     @property
     def arrived(self) -> bool:
         """Whether the session's call is fulfilled."""
-        return self._call is not None and self._call.phase is CallPhase.ARRIVED
+        return self._call.arrived
 
     @property
     def aboard(self) -> bool | None:
@@ -90,10 +98,13 @@ class SessionKeeper:
     @property
     def door_held(self) -> bool:
         """Whether our hold of every door at the session's floor is on and verified, where the map has one."""
-        if self.session is None:
-            return False
-        holds = [self._hold_door(side) for side in self._options.doors_at[self.session.floor]]
-        return all(self._driver.held(hold) for hold in holds if hold.name in self._able.commands)
+        return self.session is not None and self._doors.held(self.session.floor)
+
+    @property
+    def restrictions(self) -> Restrictions:
+        """What keeps robots off, and what the session waits for."""
+        resting = self.session is not None and self.people.resting(_now())
+        return self.people.restrictions(self.people.resting_text if resting else self._awaits)
 
     def request(self, ask: Ask, *, is_release: bool, offline: str) -> Accepted | Refused:
         """Decide on a request and act on it. `offline` says why, should the lift be offline."""
@@ -107,11 +118,39 @@ class SessionKeeper:
         self._take(answer, now)
         return Accepted()
 
+    def tell(self, text: str) -> None:
+        """Tell people, and whoever holds the lift, of something that the driver has noticed."""
+        self._say.alarm(text, self.session.holder if self.session is not None else None)
+
     def stop(self) -> None:
         """Refuse everything from now on, and end the session."""
         self._stopping = True
-        self._end_session("the manager is stopping", _now())
-        self._keep_robot_mode_until = None
+        self._end_session(EndReason.STOPPING, "the manager is stopping", _now())
+        self._robot_mode.drop()
+
+    def lock_out(self, by: str, reason: str) -> Lockout | Refused:
+        """Keep robots off until a person says otherwise, and let everything go at once."""
+        answer = self.people.lock_out(by, reason)
+        if isinstance(answer, Lockout):
+            now = _now()
+            self._end_session(EndReason.LOCKOUT, f"locked out by {by}: {reason}", now)
+            self._handshake.let_go()
+            self.act(now)
+            self._changed()
+        return answer
+
+    def acknowledge(self, by: str, *, offline: str) -> Acknowledged | Refused:
+        """Take it that a person has checked the lift. `offline` says why, should it be offline."""
+        sight = self._sight(_now())
+        if sight is None:
+            text = f"{offline}; nobody can tell whether an alarm is over, so nothing is acknowledged until it is read again"
+            return Refused(Refusal.OFFLINE, text)
+        left = self.session is None and self._handshake.occupied_by(None) is not None
+        answer = self.people.acknowledge(by, on_fire=on_fire(sight.values), occupied=left)
+        if left and isinstance(answer, Acknowledged):
+            self._handshake.found_empty()
+        self._changed()
+        return answer
 
     def _decide(self, ask: Ask, now: float, *, is_release: bool, offline: str) -> Session | Accepted | Refused:
         options, session = self._options, self.session
@@ -126,28 +165,11 @@ class SessionKeeper:
         if mine and is_release:
             self._release(ask, now)
             return Accepted()
-        if mine and (refused := self._refusal(now, offline)) is not None:
+        occupied = self._handshake.occupied_by(session)
+        goes_on = session is not None or (occupied is not None and occupied[0] == ask.holder)
+        if mine and (refused := self._admission.refusal(offline=offline, goes_on=goes_on)) is not None:
             return refused
         return sessions.admit(session, ask, number=self._sessions_opened + 1, now=now)
-
-    def _refusal(self, now: float, offline: str) -> Refused | None:
-        """Return why nobody may command this lift now."""
-        name, sight = self._options.name, self._sight(now)
-        if not self._options.control:
-            return Refused(
-                Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`"
-            )
-        if not self._able.commands.intersection(_CALLS):
-            text = f"{name} cannot be called: its map {self._able.map_name} has neither go_to nor call"
-            return Refused(Refusal.NOT_POSSIBLE, text)
-        if sight is None:
-            return Refused(Refusal.OFFLINE, offline)
-        if self._fire_latched:
-            return Refused(
-                Refusal.FIRE_LATCHED, f"{name} was in fire service; a person must check it and restart the manager"
-            )
-        why_not = barred(sight.values, self._able)
-        return None if why_not is None else Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
 
     def _take(self, session: Session, now: float) -> None:
         before = self.session
@@ -155,14 +177,13 @@ class SessionKeeper:
         if before is None:
             self._sessions_opened = session.number
             self._permit = self._make_permit(session.number)
-            _log.info("%s: %s holds the lift, to %s", self._options.name, session.holder, session.floor)
-            self._bus.publish(SessionOpened(self._options.name, session.holder, session.floor))
-        moves_on = self._call is not None and self._call.floor != session.floor
+            self._say.opened(session)
+        moves_on = self._call.elsewhere(session.floor)
         if moves_on and self._handshake.ready:
             self._button.let_go()
         holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
         if moves_on or not (session.hold_spent and holds_door):
-            self._call = calls.want(self._call, session.floor, now)
+            self._call.want(session.floor, now)
         self.act(now)
         self._changed()
 
@@ -172,74 +193,96 @@ class SessionKeeper:
         def permit() -> str | None:
             if self.session is None or self.session.number != number:
                 return "the session has ended"
-            return self._why_not_now()
+            return self._admission.why_no_press()
 
         return permit
 
-    def _why_not_now(self) -> str | None:
-        sight = self._sight(_now())
-        if sight is None:
-            return "the last reading is too old"
-        return "there was a fire" if self._fire_latched else barred(sight.values, self._able)
-
     def _why_no_word(self) -> str | None:
         """Return why the lift may not be told that a robot left; that the session is over is no reason."""
-        return "the manager is stopping" if self._stopping else self._why_not_now()
+        return "the manager is stopping" if self._stopping else self._admission.why_no_press()
 
     def act(self, now: float) -> None:
         """Bring wishes and sight together. Called after every reading, request and outcome."""
         sight = self._sight(now)
         if sight is not None:
             self._obey_mode(sight, now)
+        if self._fire_release_at is not None:
+            if now >= self._fire_release_at:
+                self._end_in_fire(now)
+            return
         session = self.session
         if session is not None and now >= sessions.lease_ends_at(session, self._options.lease_s):
-            self._end_session(f"the lease of {self._options.lease_s:g} s ran out", now)
-        if self.session is None:
-            if sight is not None:
-                self._handshake.seen(sight, None, now)
-            self._handshake.act(None, now)
-            self._settle(now)
-            return
-        if sight is None:
-            return
-        self._driver.hold(_ROBOT_MODE, self._why_not_now)
-        self._handshake.act(self._permit, now)
-        self._serve(sight, now)
+            self._end_session(EndReason.LEASE, f"the lease of {self._options.lease_s:g} s ran out", now)
+        if self.session is None or self.people.resting(now):
+            self._rest(sight, now)
+        elif sight is not None:
+            if self._robot_mode.known:
+                self._used_by = self.session.number
+            self._robot_mode.hold(self._admission.why_no_press)
+            self._handshake.act(self._permit, now)
+            self._serve(sight, now)
+        self.people.note_occupied(self._handshake.occupied_by(self.session))
+
+    def _rest(self, sight: Sight | None, now: float) -> None:
+        """Finish what the last session left to do. A session that waits for people to have their turn loses no time by it."""
+        if sight is not None:
+            self._handshake.seen(sight, None, now)
+        self._handshake.act(None, now)
+        self._settle(now)
+        if self.session is not None:
+            self.session = replace(self.session, lease_from=now)
+        self._call.wait(now)
 
     def _obey_mode(self, sight: Sight, now: float) -> None:
-        mode = sight.values.mode
-        if on_fire(sight.values) and not self._fire_latched:
-            self._fire_latched = True
-            self._keep_robot_mode_until = None
-            self._driver.let_go(_ROBOT_MODE)
-            self._handshake.let_go()
-            self._alarm("fire: everything is let go, robots are refused until a person has checked the lift")
+        mode, session = sight.values.mode, self.session
+        if on_fire(sight.values) and not self.people.fire_latched:
+            self.people.latch_fire()
+            self._fire_release_at = now
+            if session is not None and mode is Mode.FIRE:
+                self._fire_release_at += self._options.fire_release_delay_s
+            self._say.fire(session.holder if session is not None else None, self._advice())
         if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:
-            self._end_session(f"the mode is {mode}", now)
+            if self._fire_release_at is None:
+                self._end_session(EndReason.MODE, f"the mode is {mode}", now)
+            elif mode is not Mode.FIRE:
+                self._fire_release_at = now
+
+    def _end_in_fire(self, now: float) -> None:
+        self._fire_release_at = None
+        self._robot_mode.drop()
+        self._handshake.let_go()
+        self._end_session(EndReason.FIRE, "there is a fire", now)
+
+    def _advice(self) -> Advice:
+        """Return what the session's robot does best."""
+        sight = self._sight(_now())
+        may_be_aboard = self._handshake.occupied_by(self.session) is not None
+        return advise(sight.values.doors if sight is not None else None, may_be_aboard=may_be_aboard)
 
     def _serve(self, sight: Sight, now: float) -> None:
         """Advance the session that holds the lift."""
-        session, call = self.session, self._call
+        session, call = self.session, self._call.now
         if session is None or call is None:
             return
-        call = self._call = self._seen_call(call, sight, now)
+        self._awaits = ""
+        call = self._call.seen(call, sight, now)
         self._handshake.seen(sight, session, now)
         command = self._handshake.next_command(call.floor)
         missing = calls.missing(sight, self._able, command) if call.phase is CallPhase.WANTED else None
         if missing:
-            self._release_doors()
+            self._doors.let_go()
             self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
             return
         if call.phase is CallPhase.WANTED and not self._handshake.ready:
             self._await_word(session, sight, now)
         elif calls.may_press(call, sight, self._able, now):
-            self._release_doors()
-            self._press_call(call, now)
+            self._doors.let_go()
+            self._call.press(call, self._permit, aboard=self._handshake.aboard is True, now=now)
         elif call.phase is CallPhase.ARRIVED:
             self._button.let_go_at("arrived")
             self._stay(session, sight, now)
         else:
-            self._release_doors()
+            self._doors.let_go()
             if call.phase is CallPhase.FAILED and self._button.until:
                 self._button.let_go()
 
@@ -248,31 +291,19 @@ class SessionKeeper:
         if self._handshake.aboard and sight.floor is not None and sight.standing:
             self._hold_open(session, sight, sight.floor, now)
         else:
-            self._release_doors()
-
-    def _seen_call(self, call: Call, sight: Sight, now: float) -> Call:
-        after = calls.seen(call, sight, self._able, now)
-        if after.phase is CallPhase.CONFIRMED and self._button.forgotten:
-            after = calls.failed(after, "the controller no longer holds the call", now)
-        if after.phase is not call.phase:
-            _log.info("%s: call to %s %s %s", self._options.name, call.floor, after.phase, after.reason)
-        return after
+            self._doors.let_go()
 
     def _await_grant(self, session: Session, call: Call, what: str, now: float) -> None:
         """Let the lease stand still while the lift has not granted what is needed, such as robot mode, but not for ever."""
         self.session = replace(session, lease_from=now)
+        self._awaits = f"{what}, which the lift has not granted yet"
         if now - call.since > self._able.granted_within_s:
-            self._end_session(f"{what} was not granted within {self._able.granted_within_s:g} s", now)
-
-    def _press_call(self, call: Call, now: float) -> None:
-        pressed = self._button.press(call.floor, self._permit, aboard=self._handshake.aboard is True)
-        if pressed is None:
-            # where no call moves the occupied car, the word that a robot is in place has sent it on
-            self._call = calls.unpressed(call, now)
-        else:
-            self._call, self._pressed = calls.pressed(call, now), pressed
+            text = f"{what} was not granted within {self._able.granted_within_s:g} s"
+            self._end_session(EndReason.NOT_GRANTED, text, now)
 
     def _press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
+        if self.session is not None and command.kind is not CommandKind.ROBOT_LEFT:
+            self._used_by = self.session.number
         future = self._driver.press(command, permit)
         future.add_done_callback(self._ended)
         return future
@@ -281,13 +312,10 @@ class SessionKeeper:
         if future.cancelled():
             return
         outcome, now = future.result(), _now()
-        proof = f", seen by {outcome.proof}" if outcome.proof != "none" else ""
-        _log.info("%s: %s %s%s %s", self._options.name, outcome.command, outcome.result, proof, outcome.reason)
-        self._bus.publish(CommandEnded(self._options.name, outcome))
-        if self._call is not None and future is self._pressed:
-            self._call = calls.ended(self._call, outcome, now)
+        self._say.outcome(outcome)
+        self._call.ended(future, outcome, now)
         if (text := self._handshake.ended(future, outcome, now)) is not None:
-            self._alarm(text)
+            self._say.alarm(text)
         self.act(now)
         self._changed()
 
@@ -297,7 +325,7 @@ class SessionKeeper:
         A robot aboard keeps its session: it has still to get out.
         """
         if not session.hold_door and self._handshake.aboard is not True:
-            self._end_session("arrived", now)
+            self._end_session(EndReason.ARRIVED, "arrived", now)
             return
         if self._handshake.door_is_open(sight, session.floor):
             session = sessions.stood_open(session, now)
@@ -310,72 +338,56 @@ class SessionKeeper:
         ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
         if ends_at is not None and now >= ends_at and not session.hold_spent:
             session = replace(session, hold_spent=True, holding_since=None)
-            self._alarm(
-                f"the door was held for {self._options.max_session_hold_s:g} s; it is let go, {session.holder} keeps the lift"
+            self._say.alarm(
+                f"the door was held for {self._options.max_session_hold_s:g} s; it is let go, {session.holder} keeps the lift",
+                session.holder,
             )
         if session.hold_spent or barred(sight.values, self._able) is not None:
-            self._release_doors()
+            self._doors.let_go()
             self._button.let_go_of_door()
         else:
+            self._used_by = session.number
             self._button.keep_on(self._permit)
-            for side in self._options.doors_at[floor]:
-                self._driver.hold(self._hold_door(side), self._permit)
+            self._doors.hold(floor, self._permit)
             session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self.session = session
 
     def _settle(self, now: float) -> None:
-        """Drop robot mode after a session, once the car stands still; a car that never does keeps it for a bounded time.
-
-        While the lift cannot be read, what it said last decides, and the hold is not renewed.
-        """
-        until, last = self._keep_robot_mode_until, self._last_sight()
-        under_way = last is not None and moving(last) and last.values.flags.get("robot_mode_on", False)
-        if until is not None and now < until and (under_way or self._handshake.reporting):
-            if self._sight(now) is not None:
-                self._driver.hold(_ROBOT_MODE, self._why_not_now)
-            return
-        if until is not None and under_way:
-            self._alarm(
-                f"nobody has seen the car come to rest for {self._able.arrive_within_s:g} s; robot mode is dropped"
-            )
-        self._keep_robot_mode_until = None
-        self._driver.let_go(_ROBOT_MODE)
+        """Drop robot mode after a session, once the car stands still."""
+        sight, last, reporting = self._sight(now), self._last_sight(), self._handshake.reporting
+        text = self._robot_mode.settle(sight, last, self._admission.why_no_robot_mode, reporting=reporting, now=now)
+        if text is not None:
+            self._say.alarm(text)
 
     def _release(self, ask: Ask, now: float) -> None:
         """End the session at its holder's word."""
         if self.session is None:
             self._handshake.end_again(ask, now)
-        self._end_session("released", now, release=ask)
+            self.people.note_occupied(self._handshake.occupied_by(None))
+        self._end_session(EndReason.RELEASED, "released", now, release=ask)
 
-    def _end_session(self, reason: str, now: float, *, release: Ask | None = None) -> None:
+    def _end_session(self, reason: EndReason, text: str, now: float, *, release: Ask | None = None) -> None:
         session = self.session
         if session is None:
             return
-        self.session = self._call = None
-        self._release_doors()
-        if self._handshake.end(session, release, now):
-            self._alarm(
-                f"aboard_abandoned: the session of {session.holder} is over with its robot aboard ({reason});"
-                " everything is let go, and the lift is not told that the robot left"
-            )
-        keeps = not self._fire_latched and not self._stopping
-        self._keep_robot_mode_until = now + self._able.arrive_within_s if keeps else None
-        _log.info("%s: session of %s over: %s", self._options.name, session.holder, reason)
-        self._bus.publish(SessionEnded(self._options.name, session.holder, reason))
+        holder, advice = session.holder, self._advice()
+        self.session = self._fire_release_at = None
+        self._call.forget()
+        self._awaits = ""
+        self._doors.let_go()
+        abandoned = self._handshake.end(session, release, now, arrived=reason is EndReason.ARRIVED)
+        in_car = self._handshake.occupied_by(None)
+        self.people.note_occupied(in_car)
+        self._say.doubt(holder, reason, text, abandoned=abandoned, in_car=in_car is not None)
+        if session.number == self._used_by:
+            self.people.session_ended(now)
+        if not self.people.fire_latched and not self._stopping:
+            self._robot_mode.session_ended(now)
+        else:
+            self._robot_mode.drop()
+        self._say.ended(holder, reason, text, advice)
         self._settle(now)
         self._changed()
-
-    def _release_doors(self) -> None:
-        for side in self._able.doors:
-            self._driver.let_go(self._hold_door(side))
-
-    def _alarm(self, text: str) -> None:
-        _log.warning("%s: %s", self._options.name, text)
-        self._bus.publish(Alarm(self._options.name, text))
-
-    @staticmethod
-    def _hold_door(side: Side) -> Command:
-        return Command(CommandKind.HOLD_DOOR, side=side)
 
 
 def _now() -> float:

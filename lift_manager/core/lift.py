@@ -11,11 +11,14 @@ from drivers.errors import DriverError
 from drivers.model import FloorName, LiftReading
 from lift_manager.core.bus import Bus
 from lift_manager.core.keeper import SessionKeeper
+from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.people import PeopleFirst
 from lift_manager.core.ticker import Ticker
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
+from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.sight import Sight, see
 from lift_manager.domain.state import LiftState
 
@@ -29,9 +32,23 @@ an answer (open-rmf 2.1), so its idea of the floor may be 2.5 s old."""
 class LiftTask:
     """One lift: its newest sight and the keeper of its session."""
 
-    def __init__(self, driver: LiftDriver, options: LiftOptions, bus: Bus[Event], ticker: Ticker | None = None) -> None:
-        """Make a task that is not running yet; `ticker` is shared by the lifts of a site."""
+    def __init__(
+        self,
+        driver: LiftDriver,
+        options: LiftOptions,
+        bus: Bus[Event],
+        ticker: Ticker | None = None,
+        *,
+        memory: Memory | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        """Make a task that is not running yet; `ticker` and `memory` are shared by the lifts of a site.
+
+        Without a memory of the site, what people said is forgotten with the task.
+        """
         self.options = options
+        self.polls = 0
+        """Polls that have ended, well or not: it rises for as long as our own loop advances."""
         self._ticker = ticker or Ticker()
         self._driver = driver
         self._able = driver.capabilities
@@ -40,8 +57,15 @@ class LiftTask:
         self._read_at = -math.inf
         """Monotonic seconds; nothing we know is older than this."""
         self._fault = "no answer yet"
+        self._people = PeopleFirst(options, bus, memory or ShortMemory(), clock or wall_clock())
         self._keeper = SessionKeeper(
-            driver, options, bus, sight=self._fresh_sight, last_sight=lambda: self._sight, changed=self._publish
+            driver,
+            options,
+            bus,
+            self._people,
+            sight=self._fresh_sight,
+            last_sight=lambda: self._sight,
+            changed=self._publish,
         )
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
@@ -83,20 +107,36 @@ class LiftTask:
             arrived=keeper.arrived,
             door_held=keeper.door_held,
             aboard=keeper.aboard,
+            restrictions=keeper.restrictions,
         )
         return lift_state(seen, _now())
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide on a request at once. Acceptance is not arrival."""
         state = self.state()
-        since = "never read yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
         is_release = not ask.hold_door and self._is_release(ask, state)
-        answer = self._keeper.request(
-            ask, is_release=is_release, offline=f"{state.lift} is offline, {since}: {state.reason}"
-        )
+        answer = self._keeper.request(ask, is_release=is_release, offline=_offline(state))
         if self._keeper.session is not None:
             self._left.clear()
         return answer
+
+    def acknowledge(self, by: str) -> Acknowledged | Refused:
+        """Take it that a person has checked the lift after a fire, or found no robot in its car."""
+        return self._keeper.acknowledge(by, offline=_offline(self.state()))
+
+    def lock_out(self, by: str, reason: str) -> Lockout | Refused:
+        """Let everything go and keep robots off until a person says otherwise, over restarts too."""
+        return self._keeper.lock_out(by, reason)
+
+    def end_lockout(self, by: str) -> LockoutEnded | Refused:
+        """Let robots on the lift again."""
+        answer = self._people.end_lockout(by)
+        self._publish()
+        return answer
+
+    def remembered(self) -> Remembered:
+        """Return what of this lift outlives the manager."""
+        return self._people.remembered
 
     def _is_release(self, ask: Ask, state: LiftState) -> bool:
         """Whether the floor asked for is the one this lift reports, so that a request not to hold the door there lets go.
@@ -127,6 +167,7 @@ class LiftTask:
                 self._missed(error)
             else:
                 self._got(reading)
+            self.polls += 1
             due += period
             late = loop.time() - due
             if late > 0:
@@ -137,6 +178,9 @@ class LiftTask:
     def _got(self, reading: LiftReading) -> None:
         before, gap_s = self._sight, reading.at - self._read_at
         self._read_at = reading.at
+        if reading.notices:
+            for notice in reading.notices:
+                self._keeper.tell(notice)
         if before is not None and self._is_no_news(before, reading, gap_s):
             return
         sight = self._sight = see(before, reading, self._able, gap_s=gap_s)
@@ -189,6 +233,11 @@ class LiftTask:
         if self._shown is None or not same_but_for_time(state, self._shown):
             self._shown = state
             self._bus.publish(StateChanged(self.options.name, state))
+
+
+def _offline(state: LiftState) -> str:
+    since = "never read yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
+    return f"{state.lift} is offline, {since}: {state.reason}"
 
 
 def _now() -> float:

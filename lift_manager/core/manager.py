@@ -8,21 +8,26 @@ from contextlib import contextmanager
 
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
-from lift_manager.domain.events import Event, StateChanged
+from lift_manager.domain.events import Alarm, Event, StateChanged
+from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import LiftState
 
 
 class LiftManager:
     """Many lifts. Answers come from memory; nothing here waits for a controller."""
 
-    def __init__(self, lifts: Iterable[LiftTask], bus: Bus[Event]) -> None:
+    def __init__(self, lifts: Iterable[LiftTask], bus: Bus[Event], memory: Memory | None = None) -> None:
+        """Put lifts together; `memory` is what they were made with, if it has anything to write."""
         self._lifts = {lift.options.name: lift for lift in lifts}
         self._bus = bus
+        self._memory = memory or ShortMemory()
 
     async def run(self) -> None:
-        """Poll every lift until cancelled."""
+        """Poll every lift, and write down what people said, until cancelled."""
         async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._memory.run(self._not_written))
             for lift in self._lifts.values():
                 tasks.create_task(lift.run())
 
@@ -35,11 +40,19 @@ class LiftManager:
         for lift in self._lifts.values():
             await lift.first_look()
 
+    def polls(self) -> dict[str, int]:
+        """Return how many polls of each lift have ended, well or not."""
+        return {name: lift.polls for name, lift in self._lifts.items()}
+
     async def stop(self) -> None:
         """Let everything go on every lift and return once it is verified; bound it with a timeout."""
         async with asyncio.TaskGroup() as tasks:
             for lift in self._lifts.values():
                 tasks.create_task(lift.stop())
+
+    async def settled(self) -> None:
+        """Return once what people said is written down; bound it with a timeout."""
+        await self._memory.settled()
 
     def lift_names(self) -> tuple[str, ...]:
         """Return the lifts in the order of the site file."""
@@ -53,9 +66,27 @@ class LiftManager:
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide on a request at once."""
         task = self._lifts.get(ask.lift)
-        if task is None:
-            return Refused(Refusal.UNKNOWN_LIFT, f"no lift {ask.lift!r}; the lifts are {', '.join(self._lifts)}")
-        return task.request(ask)
+        return self._unknown(ask.lift) if task is None else task.request(ask)
+
+    def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:
+        """Take it that a person has checked a lift after a fire, or found no robot in its car."""
+        task = self._lifts.get(lift)
+        return self._unknown(lift) if task is None else task.acknowledge(by)
+
+    def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
+        """Keep robots off a lift until a person says otherwise."""
+        task = self._lifts.get(lift)
+        return self._unknown(lift) if task is None else task.lock_out(by, reason)
+
+    def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
+        """Let robots on a lift again."""
+        task = self._lifts.get(lift)
+        return self._unknown(lift) if task is None else task.end_lockout(by)
+
+    def remembered(self, lift: str) -> Remembered | None:
+        """Return what of a lift outlives the manager; None for a lift that is not of this site."""
+        task = self._lifts.get(lift)
+        return None if task is None else task.remembered()
 
     @contextmanager
     def listen(self) -> Iterator[Subscription[Event]]:
@@ -64,3 +95,9 @@ class LiftManager:
             for name, task in self._lifts.items():
                 subscription.put(StateChanged(name, task.state()))
             yield subscription
+
+    def _unknown(self, lift: str) -> Refused:
+        return Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are {', '.join(self._lifts)}")
+
+    def _not_written(self, lift: str, text: str) -> None:
+        self._bus.publish(Alarm(lift, text))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.model import FloorName
+from lift_manager.domain.hours import RobotHours
 from register_maps.words import Side
 
 
@@ -30,3 +31,9 @@ class LiftOptions:
     board_min_s: float = 5.0
     """A floor asked sooner than this after the door stood open is no sign of boarding. Chosen: a robot at 0.5 m/s takes that long for
     the 2.5 m from where it waits into the car, so a floor asked sooner is a change of plan."""
+    robot_hours: RobotHours | None = None
+    """When robots may begin; always where the site does not say."""
+    between_sessions_s: float = 5.0
+    """What people get for themselves between two robots: from the end of a session to the first press of the next."""
+    fire_release_delay_s: float = 0.0
+    """From telling robots of a fire to letting everything go."""

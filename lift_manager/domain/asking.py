@@ -41,11 +41,17 @@ class Refusal(StrEnum):
     OFFLINE = "offline"
     MODE = "mode"
     FIRE_LATCHED = "fire_latched"
+    LOCKED_OUT = "locked_out"
+    OUTSIDE_HOURS = "outside_hours"
     MONITOR_ONLY = "monitor_only"
     NOT_POSSIBLE = "not_possible"
     OCCUPANCY_UNKNOWN = "occupancy_unknown"
-    """Whether a robot is aboard decides what is pressed, and nobody has said it."""
+    """A robot may be aboard: nobody has said whether one is, or it is not the caller's."""
     STOPPING = "stopping"
+    FIRE_ACTIVE = "fire_active"
+    """A fire cannot be acknowledged while the lift still tells of it."""
+    NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge"
+    NOT_LOCKED_OUT = "not_locked_out"
 
 
 @dataclass(frozen=True, slots=True)

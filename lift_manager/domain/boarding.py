@@ -36,6 +36,8 @@ class Boarding:
     """When the door first stood open for it to enter."""
     may_leave_at: FloorName | None = None
     """Where the door last stood open for it to leave; None once the car has moved on."""
+    sent_on: bool = False
+    """Since it was last known outside, the car was sent on from a stop where it may have entered, and nobody said whether it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,36 @@ def aboard(boarding: Boarding, rules: Rules) -> bool | None:
     return False if rules.matters or boarding.who is Who.LEFT else None
 
 
+def possible(boarding: Boarding) -> bool:
+    """Whether the robot may be in the car."""
+    return boarding.sent_on or boarding.who in (Who.MAY_BOARD, Who.ABOARD)
+
+
+def rode(boarding: Boarding) -> bool:
+    """Whether the robot may have come along from an earlier stop."""
+    return boarding.sent_on or boarding.who is Who.ABOARD
+
+
+def leaves_doubt(boarding: Boarding, *, released: bool, arrived: bool) -> bool:
+    """Whether the end of a session leaves it open whether its robot is in the car.
+
+    A holder that lets go, or wanted no more than to arrive, is done, unless its robot was aboard on the way.
+    """
+    if released:
+        return boarding.who is Who.ABOARD
+    return rode(boarding) if arrived else possible(boarding)
+
+
+def taken_up(*, aboard: bool) -> Boarding:
+    """Return what is known of a robot whose session ended before anybody said that it was outside."""
+    return Boarding(Who.ABOARD if aboard else Who.MAY_BOARD)
+
+
 def open_to_enter(boarding: Boarding, now: float) -> Boarding:
     """Note that the session's stop stands open for a robot outside."""
-    return Boarding(Who.MAY_BOARD, open_since=now) if boarding.who is Who.EMPTY else boarding
+    if boarding.who is not Who.EMPTY:
+        return boarding
+    return Boarding(Who.MAY_BOARD, open_since=now, sent_on=boarding.sent_on)
 
 
 def open_to_leave(boarding: Boarding, floor: FloorName) -> Boarding:
@@ -120,7 +149,7 @@ def _in_place(boarding: Boarding, stop: Stop | None) -> Boarding | str:
 def _left(boarding: Boarding) -> Boarding | str:
     if boarding.who is Who.ABOARD and boarding.may_leave_at is None:
         return "no robot can have left, because the door has not stood open for it; say it once the robot is outside"
-    return boarding if boarding.who is Who.EMPTY else Boarding(Who.LEFT)
+    return Boarding() if boarding.who is Who.EMPTY else Boarding(Who.LEFT)
 
 
 def _sent_on(boarding: Boarding, stop: Stop, rules: Rules, now: float) -> Boarding | str:
@@ -128,7 +157,7 @@ def _sent_on(boarding: Boarding, stop: Stop, rules: Rules, now: float) -> Boardi
     if boarding.who is Who.ABOARD:
         return replace(boarding, may_leave_at=None)
     if boarding.who is not Who.MAY_BOARD or not rules.matters:
-        return Boarding()
+        return Boarding(sent_on=possible(boarding))
     unknown = f"a robot may have entered the car at {stop.floor}"
     if not rules.infer:
         return f"{unknown}; say that the robot is in place, or set `infer_occupancy: true` in the site file"

@@ -61,6 +61,11 @@ def want(call: Call | None, floor: FloorName, now: float) -> Call:
     return call
 
 
+def waited(call: Call, now: float) -> Call:
+    """Let a call that is not pressed yet begin now: what it waited for is not counted against it."""
+    return replace(call, since=now) if call.phase is CallPhase.WANTED else call
+
+
 def pressed(call: Call, now: float) -> Call:
     """Note that the press was handed to the driver."""
     return replace(call, phase=CallPhase.PRESSED, since=now, missing=0)

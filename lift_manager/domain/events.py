@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.model import Outcome
+from lift_manager.domain.service import Acknowledged, Advice, EndReason, Lockout, LockoutEnded
 from lift_manager.domain.state import Holder, LiftState
 
 
@@ -31,7 +32,45 @@ class SessionEnded:
 
     lift: str
     holder: Holder
-    reason: str
+    reason: EndReason
+    text: str
+    """The reason in words."""
+    advice: Advice | None
+    """What its robot does best; None where the holder ended it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advised:
+    """The robot of a session is told what to do before anything is let go: there is a fire."""
+
+    lift: str
+    holder: Holder
+    advice: Advice
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class LockedOut:
+    """A person keeps robots off the lift."""
+
+    lift: str
+    lockout: Lockout
+
+
+@dataclass(frozen=True, slots=True)
+class LockoutOver:
+    """A person lets robots on the lift again."""
+
+    lift: str
+    ended: LockoutEnded
+
+
+@dataclass(frozen=True, slots=True)
+class PersonAcknowledged:
+    """A person has checked the lift."""
+
+    lift: str
+    acknowledged: Acknowledged
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +87,18 @@ class Alarm:
 
     lift: str
     text: str
+    holder: Holder | None = None
+    """Whose session it concerns."""
 
 
-Event = StateChanged | SessionOpened | SessionEnded | CommandEnded | Alarm
+Event = (
+    StateChanged
+    | SessionOpened
+    | SessionEnded
+    | Advised
+    | LockedOut
+    | LockoutOver
+    | PersonAcknowledged
+    | CommandEnded
+    | Alarm
+)

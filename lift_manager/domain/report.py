@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from drivers.model import Capabilities, FloorName
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, moving, permissions, robot_door
-from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.domain.state import LiftState, Quality, Restrictions, RobotDoor
 from register_maps.words import Mode, Motion, Side
 
 
@@ -33,6 +33,7 @@ class Seen:
     """Our hold of every door at the session's floor is on and verified, where the map has one."""
     aboard: bool | None
     """Whether the session's robot is in the car; None where nobody knows."""
+    restrictions: Restrictions
 
 
 def lift_state(seen: Seen, now: float) -> LiftState:
@@ -54,6 +55,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         holder=session.holder if session is not None else None,
         held_since_s=now - session.opened_at if session is not None else None,
         not_visible=seen.able.not_visible,
+        restrictions=seen.restrictions,
     )
     if sight is None or age_s is None or age_s > seen.able.max_age_s:
         return replace(state, reason=_offline(seen))

@@ -40,6 +40,20 @@ class Holder:
 
 
 @dataclass(frozen=True, slots=True)
+class Restrictions:
+    """What keeps robots off a lift, or lets them wait, beside what the lift itself says."""
+
+    fire_latched: bool = False
+    """There was a fire, and no person has acknowledged it."""
+    lockout: str = ""
+    """Who locked the lift out, since when and why; empty when nobody did."""
+    maybe_aboard: Holder | None = None
+    """Whose robot may be in the car; others are refused while it holds no session."""
+    waiting_for: str = ""
+    """What the session waits for before anything is pressed; empty when it does not."""
+
+
+@dataclass(frozen=True, slots=True)
 class LiftState:
     """One lift at one moment, as every face shows it."""
 
@@ -65,3 +79,4 @@ class LiftState:
     """Seconds since the session began."""
     not_visible: Mapping[str, str]
     """Safety signals this lift's interface does not show, with the reason."""
+    restrictions: Restrictions = Restrictions()

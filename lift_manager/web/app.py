@@ -12,15 +12,18 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lift_manager.core.facade import LiftFacade
-from lift_manager.web import workshop_docs
+from lift_manager.web import people_docs, workshop_docs
 from lift_manager.web.envelope import failed
 from lift_manager.web.offline_docs import add_docs
+from lift_manager.web.people import people_router
+from lift_manager.web.problem import problem
 from lift_manager.web.workshop import workshop_router
 
 DESCRIPTION = """
 Calls lifts for robots, over Modbus/TCP to the lifts' own controllers. **Not a safety component**: it can do what a
 passenger can do, and it says what the controller says.
 """
+_CODES = {404: "no_such_path", 405: "wrong_method"}
 INTERNAL_ERROR = "internal error; the manager's log has the details"
 
 logger = logging.getLogger(__name__)
@@ -32,7 +35,10 @@ def make_app(facade: LiftFacade) -> FastAPI:
         title="Lift manager",
         version=_version(),
         description=DESCRIPTION,
-        openapi_tags=[{"name": workshop_docs.TAG, "description": workshop_docs.TAG_DESCRIPTION}],
+        openapi_tags=[
+            {"name": workshop_docs.TAG, "description": workshop_docs.TAG_DESCRIPTION},
+            {"name": people_docs.TAG, "description": people_docs.TAG_DESCRIPTION},
+        ],
         docs_url=None,  # FastAPI's own pages load their scripts from the internet
         redoc_url=None,
         root_path_in_servers=False,
@@ -43,6 +49,7 @@ def make_app(facade: LiftFacade) -> FastAPI:
     app.add_api_route("/", _to_docs, include_in_schema=False)
     add_docs(app)
     app.include_router(workshop_router(facade))
+    app.include_router(people_router(facade))
     return app
 
 
@@ -62,12 +69,20 @@ def _is_workshop(path: str) -> bool:
     return path == "/open-rmf" or path.startswith("/open-rmf/")
 
 
+def _is_api(path: str) -> bool:
+    return path == "/api" or path.startswith("/api/")
+
+
 async def _explain(request: Request, error: Exception) -> Response:
     """404, 405 and the like, in the words of the face that was asked."""
     assert isinstance(error, HTTPException)  # noqa: S101  the type of a handler is wider than what it is given
     path = request.url.path
     if _is_workshop(path):
         answer = failed(_workshop_hint(error), status=error.status_code)
+        answer.headers.update(error.headers or {})
+        return answer
+    if _is_api(path):
+        answer = problem(error.status_code, _CODES.get(error.status_code, "http_error"), str(error.detail))
         answer.headers.update(error.headers or {})
         return answer
     return JSONResponse({"detail": error.detail}, error.status_code, error.headers)
@@ -111,4 +126,6 @@ class LastResort:
 def _internal_error(path: str) -> Response:
     if _is_workshop(path):
         return failed(INTERNAL_ERROR, status=500)
+    if _is_api(path):
+        return problem(500, "internal_error", INTERNAL_ERROR)
     return JSONResponse({"detail": INTERNAL_ERROR}, 500)

@@ -18,6 +18,7 @@ from lift_manager.web import workshop_docs as docs
 from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
 from lift_manager.web.envelope import failed, succeeded
 from lift_manager.web.errors import BodyTooLongError, InputError
+from lift_manager.web.origin import from_another_site
 from register_maps.words import Motion
 
 WORKSHOP = Holder(face="workshop", name="workshop")
@@ -100,26 +101,13 @@ def _state_answer(state: LiftState) -> Response:
 
 def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Response:
     state = _named_lift(facade, request)
-    if _from_another_site(request):
+    if from_another_site(request):
         raise InputError("a web page of another site asked; only programs and this manager's own pages may")
     match facade.request(_ask(state, body)):
         case Accepted():
             return succeeded({})
         case Refused(message=message):
             return failed(message)
-
-
-def _from_another_site(request: Request) -> bool:
-    """Whether a browser says that some other site's page sent this.
-
-    Any content type is taken here, so a browser would pass on a form from any page in the world without asking first.
-    Programs send neither header.
-    """
-    site = request.headers.get("sec-fetch-site")
-    if site is not None:
-        return site not in {"same-origin", "none"}
-    origin = request.headers.get("origin")
-    return origin is not None and origin.partition("://")[2] != request.headers.get("host")
 
 
 def _ask(state: LiftState, body: bytes) -> Ask:

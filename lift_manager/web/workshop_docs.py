@@ -138,7 +138,8 @@ you asked for. Then the lift goes back to people. Repeat the request to keep it;
 again. A new floor while the car travels is fine.
 
 **When it says no.** The lift is held by somebody else, offline, in a mode that is for people only (fire, inspection,
-independent service and the like), or the request itself is wrong: the `msg` says which, and names the values allowed.
+independent service and the like), locked out, outside the hours of robots, or waits for a person after a fire or because
+a robot may be in its car; or the request itself is wrong: the `msg` says which, and names what helps.
 
 The body is read as JSON whatever content type is declared, and at most 64 KB of it. Requests from web pages of other
 sites are refused.

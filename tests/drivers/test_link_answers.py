@@ -95,7 +95,7 @@ async def test_two_time_outs_in_a_row_make_a_new_connection() -> None:
         assert isinstance(await outcome(link.read(READ)), AnswerTimeout)
         assert isinstance(await outcome(link.read(READ)), AnswerTimeout)
         assert link.state is LinkState.DOWN
-        assert "no answer within 0.5 s, twice in a row" in link.reason
+        assert "no answer within 1 s, twice in a row" in link.reason
         recycled = now()
         assert await link.wait_up() == 2
         assert now() - recycled == pytest.approx(0.2)
@@ -237,7 +237,8 @@ async def test_the_second_half_of_a_late_answer_does_not_disturb_the_next_one() 
     async with linked(device) as link:
         assert isinstance(await outcome(link.read(READ_111)), AnswerTimeout)
         assert await link.read(READ_222) == IS_222
-        assert (link.stats.late, link.epoch) == (1, 1)
+        # what began before a request was sent is thrown away by the wire, before anybody counts it
+        assert (link.stats.late, link.stats.desyncs, link.epoch) == (0, 0, 1)
 
 
 @virtual

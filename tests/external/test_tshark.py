@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import HeartbeatAwaited
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
@@ -146,9 +147,12 @@ def generic_registers() -> tuple[Sent, ...]:
     async def ride(device: MemoryDevice, lift: ModbusLift) -> None:
         # beat, floor -1, stopped, closed, robot mode, level and no fire, nothing asked
         device.values[Table.HOLDING].update(enumerate([7, 0xFFFF, 1, 1, 2, 0b111, 0, 0]))
+        with pytest.raises(HeartbeatAwaited):
+            await lift.read()
+        device.values[Table.HOLDING][0] = 8
         await poll(lift, 1)
         outcome = lift.press(GO_L2, allowed)
-        await poll(lift, POLLS - 1)
+        await poll(lift, POLLS - 2)
         outcome.cancel()
         device.fail_next(exception(2))
         await asyncio.gather(lift.read(), return_exceptions=True)

@@ -14,6 +14,7 @@ from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.site import Site
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask
+from lift_manager.domain.hours import RobotHours, read_hours
 from lift_manager.domain.state import Holder, Quality
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.web.server import listen
@@ -142,6 +143,9 @@ lifts:
     max_session_hold_s: 100
     infer_occupancy: true
     board_min_s: 8
+    robot_hours: ["Mon-Fri 20:00-06:00"]
+    between_sessions_s: 12
+    fire_release_delay_s: 1.5
 """
 TWO_MODULES = """\
 schema: 1
@@ -184,6 +188,9 @@ def test_what_a_site_says_about_a_lift_reaches_the_manager(tmp_path: Path) -> No
         max_session_hold_s=100,
         infer_occupancy=True,
         board_min_s=8,
+        robot_hours=RobotHours((read_hours("Mon-Fri 20:00-06:00"),)),
+        between_sessions_s=12,
+        fire_release_delay_s=1.5,
     )
 
 

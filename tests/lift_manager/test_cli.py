@@ -1,18 +1,16 @@
 """The command line as real processes: exit codes, what is printed where, and no traceback whatever it is given."""
 
-import os
 import re
 import signal
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from register_maps.load import MAPS
-from tests.support.programs import run, running
+from tests.support.programs import run, run_each, running
 
 
 def plain(text: str) -> str:
@@ -80,6 +78,8 @@ HELP = {
     "demo": ["three simulated lifts", "--port", "5003", "--speed"],
     "serve": ["Run the lift manager", "SITE", "--port"],
     "check": ["Find every", "FILE", "exits 2"],
+    "ack": ["checked after a fire", "LIFT", "--by", "--manager"],
+    "lockout": ["Keep robots off", "LIFT", "--by", "--reason", "--end", "--manager"],
     "simulate": ["one simulated lift", "MAP", "--port", "5020", "--host", "--floors", "L1=1,L2=2", "--speed"],
 }
 
@@ -98,21 +98,21 @@ Answers = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture(scope="module")
-def answers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Answers]:
-    """What each of CALLS came to; all are started at once, because a process takes a second to start."""
+def answers(tmp_path_factory: pytest.TempPathFactory) -> Answers:
+    """What each of CALLS came to."""
     folder = tmp_path_factory.mktemp("files")
     for name, content in FILES.items():
         (folder / name).write_bytes(content)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        runs = {call: pool.submit(run, *call, cwd=folder) for call in CALLS}
+    checks = [call for call in CALLS if "check" in call]
+    others = [call for call in CALLS if "check" not in call]
+    runs = {call: done for some in (checks, others) for call, done in zip(some, run_each(some, folder), strict=True)}
 
-        def answer(*call: str) -> subprocess.CompletedProcess[str]:
-            done = runs[call].result()
-            assert "Traceback" not in done.stdout + done.stderr, done.stderr
-            return done
+    def answer(*call: str) -> subprocess.CompletedProcess[str]:
+        done = runs[call]
+        assert "Traceback" not in done.stdout + done.stderr, done.stderr
+        return done
 
-        yield answer
-        pool.shutdown(cancel_futures=True)
+    return answer
 
 
 @pytest.fixture

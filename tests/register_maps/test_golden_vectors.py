@@ -4,6 +4,7 @@ The simulated lift is asked through pymodbus's server over a real socket, with a
 """
 
 import asyncio
+import math
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager
@@ -12,13 +13,14 @@ from itertools import pairwise
 
 import pytest
 
+from drivers.errors import HeartbeatAwaited
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.model import Command, CommandKind, Outcome, Result
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec, Point, compile_map
 from register_maps.load import Changes, load, shipped
 from simulator import shaft
 from simulator.controller import Parameters
@@ -82,6 +84,22 @@ def plain(frame: bytes) -> str:
     return frame[2:].hex(" ").upper()
 
 
+def counted(frame: str, at: int) -> str:
+    """The frame with another count in its alive counter."""
+    data = bytearray.fromhex(frame)
+    data[at] ^= 1
+    return data.hex(" ").upper()
+
+
+async def first_look(lift: ModbusLift, bench: "Bench", alive: Point) -> None:
+    """Read once with another count than the vectors have: what is read counts once the counter was seen to change."""
+    # protocol 2, length 2, unit, function, count of bytes; two for each register of the poll up to the counter
+    bench.counts_at = 7 + 2 * (alive.address - bench.first_polled) + 1
+    with pytest.raises(HeartbeatAwaited):
+        await lift.read()
+    bench.counts_at, bench.polled = None, 0
+
+
 class Bench:
     """A lift that knows nothing but typed bytes: the poll, the request that must come next, and a block written all the time."""
 
@@ -93,8 +111,11 @@ class Bench:
         self.polled = 0
         """Requests of polls."""
         self.cycles: list[float] = []
+        self.counts_at: int | None = None
+        """Byte of the poll's answer that is other than typed for now: of the alive counter."""
         self.heard: list[tuple[float, str]] = []
         self._poll = frames_of(golden.poll)
+        self.first_polled = int.from_bytes(bytes.fromhex(self._poll[0].split(": ")[-1])[6:8], "big")
         self._cycle = golden.cycle
         self._script = deque(script)
 
@@ -122,7 +143,8 @@ class Bench:
         expected = self._script[0][0] if self._script else None
         if request in self._poll and request != expected:
             self.polled += 1
-            return frames_of(self.says)[self._poll.index(request)]
+            said = frames_of(self.says)[self._poll.index(request)]
+            return said if self.counts_at is None else counted(said, self.counts_at)
         if request != expected and self._cycle is not None and request == self._cycle[0]:
             self.cycles.append(now)
             return self._cycle[1]
@@ -143,13 +165,18 @@ async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterato
         device: Link(partial(MemoryWire, bench.answers(device)), LinkSettings(), name=device or "plc")
         for device in ("", *codec.map.endpoints)
     }
-    settings = LiftSettings(name="lift", floors=golden.floors, control=control, unit_id=codec.map.unit_of(""))
+    unit_id = codec.map.unit_of("")
+    # a look at our outputs now and then is no part of any command
+    settings = LiftSettings(name="lift", floors=golden.floors, control=control, unit_id=unit_id, look_s=math.inf)
     endpoints = {device: Line(links[device], codec.map.unit_of(device)) for device in codec.map.endpoints}
     lift = ModbusLift(codec, links[""], settings, endpoints)
     running: list[Link | ModbusLift] = [*links.values(), lift]
     tasks = [asyncio.ensure_future(part.run()) for part in running]
     for link in links.values():
         await link.wait_up()
+    alive = codec.signals.get("alive")
+    if alive is not None:
+        await first_look(lift, bench, alive.points[0])
     try:
         yield lift
     finally:

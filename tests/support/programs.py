@@ -1,5 +1,6 @@
 """Programs as real processes: started, listened to, told to end, and ended by their id whatever happens."""
 
+import json
 import os
 import re
 import signal
@@ -8,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,7 +39,11 @@ class Program:
     def __init__(self, command: tuple[str, ...], folder: Path, cwd: Path | None) -> None:
         self._out, self._err = folder / "out", folder / "err"
         with self._out.open("wb") as out, self._err.open("wb") as err:
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd)
+            # what a manager remembers over a restart ends with the test, unless its site file names a folder
+            env = os.environ | {"XDG_STATE_HOME": str(folder)}
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd, env=env
+            )
 
     @property
     def out(self) -> str:
@@ -111,13 +116,57 @@ def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.Completed
     return subprocess.run(
         [*LIFT_MANAGER, *map(str, arguments)],
         cwd=cwd,
-        env=os.environ | {"COLUMNS": "40" if "check" in arguments else "100", "TERM": "dumb"},
+        env=_terminal(arguments),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=15,
         check=False,
     )
+
+
+_FORKS = """
+import gc, json, os, runpy, signal, sys
+
+import lift_manager.cli.main, typer.rich_utils
+
+gc.freeze()  # else every child copies what it only looks through
+folder = sys.argv[1]
+for number, call in enumerate(json.load(sys.stdin)):
+    if child := os.fork():
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+        continue
+    signal.alarm(15)  # ends the child if nothing else does
+    for standard, name in ((1, "out"), (2, "err")):
+        os.dup2(os.open(f"{folder}/{number}.{name}", os.O_WRONLY | os.O_CREAT), standard)
+    sys.argv[1:] = call
+    runpy.run_module("lift_manager", run_name="__main__", alter_sys=True)
+    break
+"""
+"""Imports everything once, and forks for each call where `run` starts anew, which takes a second."""
+
+
+def run_each(calls: Sequence[tuple[str, ...]], cwd: Path) -> list[subprocess.CompletedProcess[str]]:
+    """Run `lift-manager` to its end with each of these arguments, in a process each; one terminal must suit them all."""
+    env = _terminal(calls[0])
+    assert all(_terminal(call) == env for call in calls), "the width of the terminal is read when rich is imported"
+    with TemporaryDirectory() as folder:
+        command = [sys.executable, "-I", "-c", _FORKS, folder]
+        codes = subprocess.run(
+            command, cwd=cwd, env=env, input=json.dumps(calls), stdout=subprocess.PIPE, text=True, check=True
+        ).stdout.split()
+
+        def said(number: int, name: str) -> str:
+            return (Path(folder) / f"{number}.{name}").read_text("utf-8")
+
+        return [
+            subprocess.CompletedProcess(call, int(code), said(number, "out"), said(number, "err"))
+            for number, (call, code) in enumerate(zip(calls, codes, strict=True))
+        ]
+
+
+def _terminal(arguments: Sequence[str | Path]) -> Mapping[str, str]:
+    return os.environ | {"COLUMNS": "40" if "check" in arguments else "100", "TERM": "dumb"}
 
 
 def free_port() -> int:

@@ -12,9 +12,11 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
+from lift_manager.core.memory import Clock, Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
+from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.plant import default_floors, simulated_lift
 from register_maps import frames
@@ -162,10 +164,19 @@ async def spine(
     max_session_hold_s: float = 900.0,
     poll_s: float = 0.1,
     infer_occupancy: bool = False,
+    between_sessions_s: float = 0.0,
+    fire_release_delay_s: float = 0.0,
+    robot_hours: RobotHours | None = None,
+    memory: Memory | None = None,
+    clock: Clock | None = None,
     codec: Codec | None = None,
     like: Parameters | None = None,
 ) -> AsyncIterator[Spine]:
-    """One lift of a shipped map, or of `codec`, standing at its lowest floor above ground; `like` are settings of its controller."""
+    """One lift of a shipped map, or of `codec`, standing at its lowest floor above ground; `like` are settings of its controller.
+
+    A second one on the same `memory` is the lift after a restart of the manager. Sessions follow each other without a rest
+    unless a test wants one.
+    """
     codec = codec or compiled(map_name)
     source = codec.map
     named = dict(floors or FLOORS.get(source.name) or default_floors(source))
@@ -200,8 +211,11 @@ async def spine(
         max_session_hold_s=max_session_hold_s,
         poll_s=max(poll_s, source.link.min_poll_s),
         infer_occupancy=infer_occupancy,
+        between_sessions_s=between_sessions_s,
+        fire_release_delay_s=fire_release_delay_s,
+        robot_hours=robot_hours,
     )
-    task = LiftTask(driver, options, bus)
+    task = LiftTask(driver, options, bus, memory=memory, clock=clock)
     running = [asyncio.ensure_future(work) for work in (*(one.run() for one in links), task.drive(), task.run())]
     made = Spine(device, task, bus, driver, link, face, devices)
     await elapse(1.5)

@@ -264,6 +264,7 @@ async def trip(site: Site, plant: Plant, *, in_words: bool = True, poll_s: float
         control=True,
         poll_s=max(poll_s, source.link.min_poll_s),
         infer_occupancy=not in_words,
+        between_sessions_s=0,
     )
     task = LiftTask(driver, options, bus)
     made = Trip(site, plant, task, driver, exchanges, in_words)

@@ -220,6 +220,7 @@ def test_an_age_limit_that_the_slowest_allowed_poll_cannot_keep_is_refused_at_th
 def test_what_a_lift_leaves_unsaid_is_what_the_manager_takes_for_it(tmp_path: Path) -> None:
     lift = load(tmp_path, TWO_STOP).site.lifts["goods"]
     options = LiftOptions(name="goods", floors=(), doors_at={}, control=False)
-    for name in ("lease_s", "max_session_hold_s", "infer_occupancy", "board_min_s"):
+    own = ("robot_hours", "between_sessions_s", "fire_release_delay_s")
+    for name in ("lease_s", "max_session_hold_s", "infer_occupancy", "board_min_s", *own):
         assert getattr(lift, name) == getattr(options, name), name
     assert load(tmp_path, TWO_STOP).poll_s("goods") == options.poll_s

@@ -9,6 +9,7 @@ from drivers.errors import DriverError, Sent
 from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Result
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
+from lift_manager.core.memory import Clock, Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import Alarm, Event
@@ -244,6 +245,10 @@ def on_bench(
     lease_s: float = 300.0,
     max_session_hold_s: float = 900.0,
     doors_at: dict[str, tuple[Side, ...]] | None = None,
+    between_sessions_s: float = 0.0,
+    fire_release_delay_s: float = 0.0,
+    memory: Memory | None = None,
+    clock: Clock | None = None,
 ) -> None:
     """Run a check on a fresh bench, on virtual time. The car stands at L2 with its door shut."""
 
@@ -259,8 +264,10 @@ def on_bench(
             lease_s=lease_s,
             max_session_hold_s=max_session_hold_s,
             infer_occupancy=infer,
+            between_sessions_s=between_sessions_s,
+            fire_release_delay_s=fire_release_delay_s,
         )
-        task = LiftTask(driver, options, bus)
+        task = LiftTask(driver, options, bus, memory=memory, clock=clock)
         with bus.listen(10_000) as heard:
             running = [asyncio.ensure_future(work) for work in (task.drive(), task.run())]
             await elapse(0.5)

@@ -8,6 +8,7 @@ from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.model import Capabilities
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.events import SessionEnded
+from lift_manager.domain.service import EndReason
 from register_maps.words import Door, Side
 from tests.lift_manager.core.scripted import FRONT, PERMITTING, PLAIN, ROBOT, Bench, on_bench
 from tests.support.virtual_time import elapse
@@ -119,7 +120,8 @@ def test_a_grant_that_never_comes_ends_the_session_with_its_name() -> None:
         assert made.presses == []
         while not isinstance(event := await made.heard.next(), SessionEnded):
             pass
-        assert event.reason == "level, robot_mode_on for call was not granted within 600 s"
+        assert event.reason is EndReason.NOT_GRANTED
+        assert event.text == "level, robot_mode_on for call was not granted within 600 s"
 
     on_bench(check, go_needs("level", call=frozenset({"level", "robot_mode_on"})))
 

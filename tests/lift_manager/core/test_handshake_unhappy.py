@@ -393,7 +393,8 @@ def test_a_session_that_names_its_robot_aboard_on_a_plain_lift_is_not_lost_in_si
         made.accept("L3", IN_PLACE)
         await elapse(31)
         assert [text for text in await made.alarms() if "aboard_abandoned" in text]
-        made.accept("L1", holder=OTHER)
+        assert made.refuse("L1", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+        made.accept("L3")
 
     on_bench(check, PLAIN, lease_s=30)
 

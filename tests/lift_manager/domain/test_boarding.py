@@ -77,7 +77,7 @@ def test_nothing_is_inferred_while_the_car_does_not_stand_open(stop: Stop) -> No
 
 
 def test_a_lift_that_does_not_care_who_is_aboard_goes_wherever_it_is_sent() -> None:
-    assert boardings.hear(MAY_BOARD, ask("L3"), OPEN, BLIND, 10.1) == Boarding()
+    assert boardings.hear(MAY_BOARD, ask("L3"), OPEN, BLIND, 10.1) == Boarding(sent_on=True)
     assert boardings.aboard(Boarding(), BLIND) is None
     assert boardings.aboard(MAY_BOARD, BLIND) is None
     assert boardings.aboard(ABOARD, BLIND) is True

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from typing import Any
 
 import httpx
@@ -11,7 +12,8 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
+from lift_manager.domain.service import Acknowledged, Cause, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
@@ -21,6 +23,7 @@ BASE = "/open-rmf/demo-lift"
 STATE = f"{BASE}/lift_state"
 REQUEST = f"{BASE}/lift_request?lift_name=lift"
 ACCEPTED = b'{"data":{},"success":true,"msg":""}'
+AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
 CALL = b'{"floor":"L2","door_state":0}'
 
 IDLE = LiftState(
@@ -49,6 +52,10 @@ class FakeManager:
     lifts: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE, "Güter": replace(IDLE, lift="Güter")})
     answer: Accepted | Refused = field(default_factory=Accepted)
     asked: list[Ask] = field(default_factory=list)
+    refused: Refused | None = None
+    """What people are told."""
+    said: list[tuple[str, ...]] = field(default_factory=list)
+    """What people said."""
 
     def lift_names(self) -> tuple[str, ...]:
         return tuple(self.lifts)
@@ -59,6 +66,24 @@ class FakeManager:
     def request(self, ask: Ask) -> Accepted | Refused:
         self.asked.append(ask)
         return self.answer
+
+    def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:
+        self.said.append(("acknowledge", lift, by))
+        return self._unknown(lift) or self.refused or Acknowledged(by, AT, (Cause.FIRE, Cause.OCCUPIED))
+
+    def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
+        self.said.append(("lock_out", lift, by, reason))
+        return self._unknown(lift) or self.refused or Lockout(by, reason, AT)
+
+    def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
+        self.said.append(("end_lockout", lift, by))
+        return self._unknown(lift) or self.refused or LockoutEnded(by, AT, Lockout("A. Beck", "new ropes", AT))
+
+    def remembered(self, lift: str) -> Remembered | None:
+        return Remembered() if lift in self.lifts else None
+
+    def _unknown(self, lift: str) -> Refused | None:
+        return None if lift in self.lifts else Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are lift")
 
 
 def one_lift(state: LiftState) -> FakeManager:

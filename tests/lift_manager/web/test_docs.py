@@ -107,8 +107,9 @@ def test_the_schema_names_no_host_at_all() -> None:
 
 def test_the_schema_documents_each_route_with_examples_of_success_and_failure() -> None:
     schema = json.loads(fetched("/openapi.json"))
-    assert sorted(schema["paths"]) == [f"{BASE}/{name}" for name in ("lift_names", "lift_request", "lift_state")]
-    for path, methods in schema["paths"].items():
+    workshop = {path: methods for path, methods in schema["paths"].items() if path.startswith(BASE)}
+    assert sorted(workshop) == [f"{BASE}/{name}" for name in ("lift_names", "lift_request", "lift_state")]
+    for path, methods in workshop.items():
         for method in methods.values():
             answer = method["responses"]["200"]["content"]["application/json"]
             envelopes = [example["value"] for example in answer["examples"].values()]

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from drivers.errors import HeartbeatAwaited
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
@@ -63,6 +64,17 @@ class Bench:
             self.rig.cycle()
 
 
+async def first_beat(lift: ModbusLift) -> None:
+    """Wait until the alive counter of the program, where it has one, was seen to change."""
+    while True:
+        try:
+            await lift.read()
+        except HeartbeatAwaited:
+            await elapse(POLL_S)
+        else:
+            return
+
+
 @asynccontextmanager
 async def driven(bench: Bench) -> AsyncIterator[ModbusLift]:
     link = Link(lambda: MemoryWire(bench.answer), LinkSettings(), name="plc")
@@ -70,6 +82,7 @@ async def driven(bench: Bench) -> AsyncIterator[ModbusLift]:
     lift = ModbusLift(bench.rig.codec, link, settings)
     tasks = [asyncio.ensure_future(job) for job in (bench.run(), link.run(), lift.run())]
     await link.wait_up()
+    await first_beat(lift)
     try:
         yield lift
     finally:

@@ -1,0 +1,204 @@
+"""Whether somebody else writes our outputs: what they hold is compared with what we wrote last, now and then.
+
+A foreign press is told and not undone: whoever presses and releases against somebody else makes a door flap.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from drivers.errors import DriverError
+from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.lines import Lines
+from drivers.modbus.output import FIGHT_S, MOST_PRESSES, Cells, match, seen
+from drivers.modbus.plan import plan_reads
+from drivers.modbus.recipe import Outputs
+from drivers.modbus.steps import Phase
+from register_maps.codec import Cell, Codec, CommandCodec, Point
+
+_log = logging.getLogger(__name__)
+
+SECOND_LOOK_S = 0.3
+"""From a look that shows a difference to the one that decides. Chosen: longer than the cycle of a PLC, which may show a write late,
+and shorter than the pause between two refreshes of ours."""
+QUIET_LOOKS = 5
+"""After so many looks without a difference somebody else has stopped writing. Chosen: 10 s; who writes now and then is one episode."""
+UNEVEN = 0.618
+"""The golden ratio: pauses of changing length (three to five quarters of the usual one) do not fall into step with our refreshes, which
+would hide for ever what happens between them."""
+SHARE = 20
+"""The looks take a twentieth of the link at the most, however slow the controller is. Chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Difference:
+    """What one look has shown of one output."""
+
+    stamp: tuple[int, ...]
+    """How often its cells had been written by us."""
+    code: int | None
+    """What we wrote last; None for rest."""
+    text: str
+    """Printed address, what it reads and what we wrote."""
+
+
+class Watch:
+    """Compares the outputs of one lift with what the driver wrote, in the read lane: no command waits for it but for one answer."""
+
+    def __init__(
+        self,
+        codec: Codec,
+        outputs: Outputs,
+        lines: Lines,
+        settings: LiftSettings,
+        *,
+        is_unread: Callable[[], bool],
+        tripped: Callable[[], bool],
+    ) -> None:
+        """`is_unread` says whether a connection is new; `tripped` whether the lift says that a watchdog let our outputs go."""
+        self._outputs = outputs
+        self._lines = lines
+        self._every_s = settings.look_s
+        self._is_unread = is_unread
+        self._tripped = tripped
+        self._commands = {
+            name: command for name, command in codec.commands.items() if name in outputs and _is_ours(command, codec)
+        }
+        points = [point for command in self._commands.values() for point in command.read_points]
+        limits = {"max_registers": settings.max_registers_per_read, "max_bits": settings.max_bits_per_read}
+        self._blocks = plan_reads(points, codec.served, **limits)
+        self._writes: dict[Cell, int] = {}
+        """Beginnings and ends of our writes, counted together: while one is under way the number is odd."""
+        self._quiet: dict[str, int] = {}
+        """Outputs that somebody else writes, with the looks since the last difference."""
+        self._fights: set[str] = set()
+        """Holds that are not pressed again any more, and of which that was told."""
+        self.notices: list[str] = []
+        """What is to be told, oldest first."""
+
+    @property
+    def has_work(self) -> bool:
+        """Whether anything is ever compared."""
+        return bool(self._blocks) and not math.isinf(self._every_s)
+
+    def take_notices(self) -> tuple[str, ...]:
+        """Hand out what is to be told, once."""
+        notices = tuple(self.notices)
+        self.notices.clear()
+        return notices
+
+    def writing(self, cells: Iterable[Cell]) -> None:
+        """A write of ours to these cells begins or ends."""
+        for cell in cells:
+            self._writes[cell] = self._writes.get(cell, 0) + 1
+
+    async def run(self) -> None:
+        """Look until cancelled."""
+        for turn in itertools.count():
+            usual_s = max(self._every_s, SHARE * self._usual_s())
+            await asyncio.sleep(usual_s * (0.75 + 0.5 * (turn * UNEVEN % 1.0)))
+            try:
+                await self._look_twice()
+            except DriverError as error:
+                _log.debug("%s: could not look at our outputs: %s", self._lines.link("").name, error)
+
+    def _usual_s(self) -> float:
+        """How long a look takes."""
+        return sum(self._lines.link(block.endpoint).stats.round_trip_s or 0.0 for block in self._blocks)
+
+    async def _look_twice(self) -> None:
+        first = await self._look()
+        self._count_quiet(first)
+        differs = {name: found for name, found in first.items() if found is not None}
+        if not differs:
+            return
+        await asyncio.sleep(SECOND_LOOK_S)
+        second = await self._look()
+        for name, found in differs.items():
+            again = second.get(name)
+            if again is not None and again.stamp == found.stamp:
+                self._found(name, again)
+
+    async def _look(self) -> dict[str, _Difference | None]:
+        """Return what differs, by name; None for what is as we wrote it. What was written meanwhile is left out."""
+        if self._is_unread():
+            return {}
+        standing = {name: self._outputs.output(name) for name in self._commands if self._outputs.output(name).stands}
+        before = {name: self._stamp(name) for name in standing}
+        cells = await self._lines.cells(self._blocks, urgent=False)
+        found: dict[str, _Difference | None] = {}
+        for name, output in standing.items():
+            stamp = before[name]
+            if self._is_unread() or not output.stands or stamp != self._stamp(name) or any(n % 2 for n in stamp):
+                continue
+            code = output.code if output.phase is Phase.ON else None
+            if match(output.codec, cells, code):
+                found[name] = None
+            else:
+                found[name] = _Difference(stamp, code, _compared(output.codec, cells, code))
+        return found
+
+    def _stamp(self, name: str) -> tuple[int, ...]:
+        return tuple(self._writes.get(point.cell, 0) for point in self._commands[name].points)
+
+    def _count_quiet(self, found: Mapping[str, _Difference | None]) -> None:
+        for name in [name for name in self._quiet if name in found and found[name] is None]:
+            self._quiet[name] += 1
+            if self._quiet[name] >= QUIET_LOOKS:
+                del self._quiet[name]
+                self.notices.append(f"{self._printed(name)} reads what we wrote again")
+
+    def _found(self, name: str, difference: _Difference) -> None:
+        if difference.code is not None:
+            if self._tripped():
+                return  # the lift says itself who let go of it
+            output = self._outputs.output(name)
+            output.drop(asyncio.get_running_loop().time())
+            output.verified = False
+        if name not in self._quiet:
+            if difference.code is None:
+                text = f"somebody else writes {name} {difference.text}"
+            else:
+                text = f"{name} was let go by the controller or by somebody else {difference.text}"
+            self.notices.append(text)
+        self._quiet[name] = 0
+        self.tell_fights()
+
+    def tell_fights(self) -> None:
+        """Tell once of every hold that is not pressed again any more."""
+        fights = {name for name in self._outputs.names if self._outputs.output(name).yields}
+        for name in sorted(fights - self._fights):
+            self.notices.append(
+                f"{self._printed(name)} was let go {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
+                " else; it is not pressed again for this hold: find out who else writes there"
+            )
+        self._fights = fights
+
+    def _printed(self, name: str) -> str:
+        return f"{name} at {', '.join(self._outputs.output(name).spec.addresses)}"
+
+
+def _is_ours(command: CommandCodec, codec: Codec) -> bool:
+    """Whether nobody but us decides what stands at the points of a command: no lamp, no signal and no time of the device."""
+    if command.spec.ends_itself or command.spec.is_heartbeat or command.lamp or not command.read_points:
+        return False
+    return not any(_overlap(point, said) for point in command.read_points for said in codec.signal_points)
+
+
+def _overlap(one: Point, other: Point) -> bool:
+    return one.cell == other.cell and bool(one.mask << one.low & other.mask << other.low)
+
+
+def _compared(command: CommandCodec, cells: Cells, code: int | None) -> str:
+    """Say of the first point that differs where it is, what it reads and what we wrote."""
+    wanted, found = command.encode(code), dict(seen(command, cells))
+    addresses = command.spec.addresses
+    for place, point in enumerate(command.points):
+        if found.get(point) != wanted[point]:
+            return f"at {addresses[place]}: it reads {found.get(point)}, we wrote {wanted[point]}"
+    return f"at {', '.join(addresses)}"

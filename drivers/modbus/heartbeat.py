@@ -1,0 +1,46 @@
+"""Whether the program of a controller runs: the counter that it changes all the time, where its map has one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from drivers.errors import HeartbeatAwaited, HeartbeatStopped
+from register_maps.codec import Codec
+
+SIGNAL = "alive"
+
+
+class Heartbeat:
+    """Watches the alive counter of one lift.
+
+    What is read over a new connection counts only once the counter was seen to change on it: a controller that has been
+    started anew, with its program frozen or stopped, serves a counter that differs from the last one we saw.
+    """
+
+    def __init__(self, codec: Codec, name: str) -> None:
+        """`name` begins every message. Where the map has no counter nothing is ever missed."""
+        self._name = name
+        spec = codec.map.signals.get(SIGNAL)
+        self._within_s = math.inf if spec is None else spec.must_change_within_s or math.inf
+        self._endpoint = None if spec is None else codec.signals[SIGNAL].points[0].endpoint
+        self._epoch: int | None = None
+        self._since = 0.0
+        """When the counter last changed, or was first read on this connection."""
+        self.live_until = math.inf if spec is None else -math.inf
+        """Until when the last change vouches for the program."""
+
+    def connected(self, epochs: Mapping[str, int], at: float) -> None:
+        """A poll that was asked for at `at` has come over a new connection to some device; `epochs` by endpoint."""
+        if self._endpoint is not None and epochs[self._endpoint] != self._epoch:
+            self._epoch, self._since, self.live_until = epochs[self._endpoint], at, -math.inf
+
+    def beat(self, at: float) -> None:
+        """The counter has changed by the poll that was asked for at `at`."""
+        self._since, self.live_until = at, at + self._within_s
+
+    def error(self, at: float) -> HeartbeatStopped:
+        """Say what is wrong with a poll that was asked for at `at`, after `live_until`."""
+        still_s = at - self._since
+        waits = self.live_until == -math.inf and still_s <= self._within_s
+        return (HeartbeatAwaited if waits else HeartbeatStopped)(self._name, still_s, self._within_s)

@@ -1,0 +1,62 @@
+"""How long to wait for an answer: the time-out follows what the answers of this controller really take.
+
+The estimator is that of RFC 6298 (sections 2.2 and 2.3: smoothed round trip and its variation) with the lower bound that
+Linux gives the variation. Its rule against mistaken samples (Karn) is not needed: a transaction id is never used for a
+second request, so an answer always tells which request it took its time over, late answers included.
+"""
+
+from __future__ import annotations
+
+SPARE_S = 0.25
+"""Least that is waited beyond the usual round trip. Chosen: TCP sends a lost segment again after 0.2 s at the earliest (Linux), and
+one lost segment is no silence."""
+
+
+class Latency:
+    """The time-out of one link, and what it was measured from; it outlives the connections."""
+
+    __slots__ = ("_most_s", "_spare_s", "_usual_s", "_varies_s", "timeout_s")
+
+    def __init__(self, first_s: float, *, spare_s: float, most_s: float) -> None:
+        """Begin with `first_s`; later it is `spare_s` more than the usual round trip at the least, and `most_s` at the most."""
+        self.timeout_s = first_s
+        """How long the next answer may take."""
+        self._spare_s = spare_s
+        self._most_s = most_s
+        self._usual_s = -1.0
+        """Smoothed round trip; less than 0 before the first answer."""
+        self._varies_s = 0.0
+
+    @property
+    def round_trip_s(self) -> float | None:
+        """From request to answer, smoothed; None before the first answer."""
+        return None if self._usual_s < 0 else self._usual_s
+
+    def answered(self, took_s: float) -> None:
+        """An honest answer took so long, in time or not. It ends every backing off."""
+        usual_s = self._usual_s
+        if usual_s < 0:
+            self._usual_s = usual_s = took_s
+            self._varies_s = varies_s = took_s / 2
+        else:
+            off_s = took_s - usual_s
+            self._usual_s = usual_s = usual_s + off_s * 0.125
+            if off_s < 0:
+                off_s = -off_s
+            self._varies_s = varies_s = self._varies_s * 0.75 + off_s * 0.25
+        # no min and max: this runs with every answer, and each of them costs a third of all the rest
+        wait_s = varies_s * 4
+        if wait_s < self._spare_s:  # noqa: PLR1730
+            wait_s = self._spare_s
+        wait_s += usual_s
+        if wait_s > self._most_s:  # noqa: PLR1730
+            wait_s = self._most_s
+        self.timeout_s = wait_s
+
+    def answered_late(self, took_s: float) -> None:
+        """As `answered`, of an answer that may have taken for ever: beyond the bound it tells no more than that."""
+        self.answered(min(took_s, self._most_s))
+
+    def missed(self) -> None:
+        """No answer came in time: wait twice as long for the next one, until there is an answer."""
+        self.timeout_s = min(2 * self.timeout_s, self._most_s)

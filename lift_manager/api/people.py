@@ -1,0 +1,97 @@
+"""What people say about a lift: acknowledge, lock out, end a lockout."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
+from pydantic_core import PydanticCustomError
+
+from lift_manager.domain.service import Acknowledged, Cause, Lockout, LockoutEnded
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise PydanticCustomError("printable", "must be text on one line, without control characters")
+    return text
+
+
+Name = Annotated[
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=64),
+    AfterValidator(_printable),
+    Field(description="The person who says so.", examples=["M. Weber"]),
+]
+Reason = Annotated[
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
+    AfterValidator(_printable),
+    Field(description="Why robots stay off.", examples=["door operator is being replaced"]),
+]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class AcknowledgeRequest(_Part):
+    """The lift was checked after a fire, or its car was looked into."""
+
+    by: Name
+
+
+class LockoutRequest(_Part):
+    """No robot may command the lift."""
+
+    by: Name
+    reason: Reason
+
+
+class EndLockoutRequest(_Part):
+    """Robots may command the lift again."""
+
+    by: Name
+
+
+class AcknowledgedAnswer(_Part):
+    """What was acknowledged."""
+
+    lift: str
+    by: str
+    at: AwareDatetime
+    acknowledged: tuple[Cause, ...] = Field(
+        description="`fire`: after a fire the lift was checked. `occupied`: no robot is in the car."
+    )
+
+    @classmethod
+    def of(cls, lift: str, said: Acknowledged) -> AcknowledgedAnswer:
+        """Return the answer about a lift."""
+        return cls(lift=lift, by=said.by, at=said.at, acknowledged=said.what)
+
+
+class LockoutAnswer(_Part):
+    """A lockout that is in force."""
+
+    lift: str
+    by: str
+    reason: str
+    since: AwareDatetime
+
+    @classmethod
+    def of(cls, lift: str, lockout: Lockout) -> LockoutAnswer:
+        """Return the answer about a lift."""
+        return cls(lift=lift, by=lockout.by, reason=lockout.reason, since=lockout.since)
+
+
+class LockoutEndedAnswer(_Part):
+    """A lockout that is over."""
+
+    lift: str
+    by: str = Field(description="Who ended it.")
+    at: AwareDatetime
+    lockout: LockoutAnswer
+
+    @classmethod
+    def of(cls, lift: str, ended: LockoutEnded) -> LockoutEndedAnswer:
+        """Return the answer about a lift."""
+        return cls(lift=lift, by=ended.by, at=ended.at, lockout=LockoutAnswer.of(lift, ended.lockout))

@@ -1,0 +1,64 @@
+"""Whether a lift may be commanded now: for a request, a press, and the robot mode that a moving car keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.model import Capabilities, CommandKind
+from lift_manager.core.options import LiftOptions
+from lift_manager.core.people import PeopleFirst
+from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.domain.sight import Sight, barred
+from register_maps.vocabulary import CALLS
+
+_CALLS = frozenset(CALLS) - {CommandKind.GO}
+"""Commands that bring the empty car."""
+_TOO_OLD = "the last reading is too old"
+
+
+class Admission:
+    """What speaks against commanding one lift, whoever wants to."""
+
+    def __init__(
+        self, options: LiftOptions, able: Capabilities, people: PeopleFirst, sight: Callable[[], Sight | None]
+    ) -> None:
+        """`sight` gives what is known now unless it is too old."""
+        self._options = options
+        self._able = able
+        self._people = people
+        self._sight = sight
+
+    def refusal(self, *, offline: str, goes_on: bool) -> Refused | None:
+        """Return why a request may not command the lift now. `offline` says why, should the lift be offline.
+
+        `goes_on` tells a robot that has begun already: it has to get out at any hour.
+        """
+        name, sight, people = self._options.name, self._sight(), self._people
+        if (refused := people.locked_out()) is not None:
+            return refused
+        if not self._options.control:
+            return Refused(
+                Refusal.MONITOR_ONLY, f"{name} is only watched: its site file does not say `access: control`"
+            )
+        if not self._able.commands.intersection(_CALLS):
+            text = f"{name} cannot be called: its map {self._able.map_name} has neither go_to nor call"
+            return Refused(Refusal.NOT_POSSIBLE, text)
+        if sight is None:
+            return Refused(Refusal.OFFLINE, offline)
+        if (refused := people.after_fire()) is not None:
+            return refused
+        if (why_not := barred(sight.values, self._able)) is not None:
+            return Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
+        return None if goes_on else people.outside_hours()
+
+    def why_no_press(self) -> str | None:
+        """Return why nothing may be pressed or held now."""
+        sight = self._sight()
+        return _TOO_OLD if sight is None else self._people.why_no_press() or barred(sight.values, self._able)
+
+    def why_no_robot_mode(self) -> str | None:
+        """Return why robot mode may not be renewed for a car under way; a lockout stops presses, and does not drop it."""
+        sight = self._sight()
+        if sight is None:
+            return _TOO_OLD
+        return "there was a fire" if self._people.fire_latched else barred(sight.values, self._able)

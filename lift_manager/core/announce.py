@@ -1,0 +1,58 @@
+"""What one lift's keeper tells whoever listens, and the log."""
+
+from __future__ import annotations
+
+import logging
+
+from drivers.model import Outcome
+from lift_manager.core.bus import Bus
+from lift_manager.domain.events import Advised, Alarm, CommandEnded, Event, SessionEnded, SessionOpened
+from lift_manager.domain.service import ITS_OWN_WORD, Advice, EndReason, abandoned_text, maybe_occupied_text
+from lift_manager.domain.session import Session
+from lift_manager.domain.state import Holder
+
+_log = logging.getLogger(__name__)
+
+
+class Announcer:
+    """Puts the events of one lift on the bus, a line of the log each."""
+
+    def __init__(self, lift: str, bus: Bus[Event]) -> None:
+        self._lift = lift
+        self._bus = bus
+
+    def alarm(self, text: str, holder: Holder | None = None) -> None:
+        """Tell people of something they should know."""
+        _log.warning("%s: %s", self._lift, text)
+        self._bus.publish(Alarm(self._lift, text, holder))
+
+    def fire(self, holder: Holder | None, advice: Advice) -> None:
+        """Tell the robot what to do, and people that there is a fire; everything is let go only after this."""
+        if holder is not None:
+            _log.warning("%s: there is a fire; %s is told: %s", self._lift, holder, advice)
+            self._bus.publish(Advised(self._lift, holder, advice, "there is a fire"))
+        self.alarm("fire: everything is let go, robots are refused until a person has checked the lift", holder)
+
+    def outcome(self, outcome: Outcome) -> None:
+        """Tell what became of a command."""
+        proof = f", seen by {outcome.proof}" if outcome.proof != "none" else ""
+        _log.info("%s: %s %s%s %s", self._lift, outcome.command, outcome.result, proof, outcome.reason)
+        self._bus.publish(CommandEnded(self._lift, outcome))
+
+    def opened(self, session: Session) -> None:
+        """Tell who holds the lift."""
+        _log.info("%s: %s holds the lift, to %s", self._lift, session.holder, session.floor)
+        self._bus.publish(SessionOpened(self._lift, session.holder, session.floor))
+
+    def ended(self, holder: Holder, reason: EndReason, text: str, advice: Advice) -> None:
+        """Tell that the lift is free; a holder that wanted it so needs no advice."""
+        _log.info("%s: session of %s over: %s", self._lift, holder, text)
+        told = None if reason in ITS_OWN_WORD else advice
+        self._bus.publish(SessionEnded(self._lift, holder, reason, text, told))
+
+    def doubt(self, holder: Holder, reason: EndReason, text: str, *, abandoned: bool, in_car: bool) -> None:
+        """Tell people of a robot that is, or may be, in the car although its session is over."""
+        if abandoned:
+            self.alarm(abandoned_text(holder, text), holder)
+        elif in_car and reason not in ITS_OWN_WORD:
+            self.alarm(maybe_occupied_text(self._lift, holder, text), holder)

@@ -1,0 +1,36 @@
+"""The holds of the doors that serve a floor."""
+
+from __future__ import annotations
+
+from drivers.driver import LiftDriver, Permit
+from drivers.model import Command, CommandKind, FloorName
+from lift_manager.core.options import LiftOptions
+from register_maps.words import Side
+
+
+class DoorHolds:
+    """Holds every door of a floor, and lets them all go."""
+
+    def __init__(self, driver: LiftDriver, options: LiftOptions) -> None:
+        self._driver = driver
+        self._able = driver.capabilities
+        self._options = options
+
+    def hold(self, floor: FloorName, permit: Permit) -> None:
+        """Hold the doors that serve a floor, or renew that."""
+        for side in self._options.doors_at[floor]:
+            self._driver.hold(_hold(side), permit)
+
+    def held(self, floor: FloorName) -> bool:
+        """Whether the hold of every door at a floor is on and verified, where the map has one."""
+        holds = [_hold(side) for side in self._options.doors_at[floor]]
+        return all(self._driver.held(hold) for hold in holds if hold.name in self._able.commands)
+
+    def let_go(self) -> None:
+        """Let go of every door."""
+        for side in self._able.doors:
+            self._driver.let_go(_hold(side))
+
+
+def _hold(side: Side) -> Command:
+    return Command(CommandKind.HOLD_DOOR, side=side)

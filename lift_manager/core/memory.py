@@ -1,0 +1,63 @@
+"""What the manager needs from outside to remember people's words over a restart, and to know the time of day."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from datetime import UTC, datetime, tzinfo
+from typing import Protocol
+
+from lift_manager.domain.service import Remembered
+
+Clock = Callable[[], datetime]
+"""The time of day in the building, with its zone. Ages, leases and holds never use it."""
+
+Trouble = Callable[[str, str], None]
+"""Hears that what a lift must remember cannot be written: the lift, and why in words."""
+
+
+def wall_clock(zone: tzinfo | None = None) -> Clock:
+    """Return the clock of this machine in a zone; None is the machine's own."""
+    return lambda: datetime.now(UTC).astimezone(zone)
+
+
+class Memory(Protocol):
+    """What outlives the manager, by lift. Nothing but `run` and `settled` waits, so releases never wait for a disk."""
+
+    def recall(self, lift: str) -> Remembered:
+        """Return what is remembered of a lift; the empty value for one that nothing was ever kept of."""
+        ...
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        """Remember this from now on. It is recalled at once, and written by `run` soon."""
+        ...
+
+    async def run(self, trouble: Trouble) -> None:
+        """Write what is to be kept until cancelled; what cannot be written is tried again."""
+        ...
+
+    async def settled(self) -> None:
+        """Return once everything kept so far is written; bound it with a timeout."""
+        ...
+
+
+class ShortMemory:
+    """Remembers for as long as the process lives: for the demo and for virtual time."""
+
+    def __init__(self) -> None:
+        self._lifts: dict[str, Remembered] = {}
+
+    def recall(self, lift: str) -> Remembered:
+        """Return what was kept last."""
+        return self._lifts.get(lift, Remembered())
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        """Remember this."""
+        self._lifts[lift] = remembered
+
+    async def run(self, trouble: Trouble) -> None:
+        """Have nothing to write."""
+        await asyncio.Event().wait()
+
+    async def settled(self) -> None:
+        """Have nothing to wait for."""

@@ -1,0 +1,187 @@
+"""People first: what keeps robots off one lift whatever they ask, and what people say about that. Nothing here waits."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from datetime import datetime
+
+from lift_manager.core.bus import Bus
+from lift_manager.core.memory import Clock, Memory
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.domain.events import Event, LockedOut, LockoutOver, PersonAcknowledged
+from lift_manager.domain.hours import wall_clock
+from lift_manager.domain.service import (
+    Acknowledged,
+    Cause,
+    Lockout,
+    LockoutEnded,
+    Occupied,
+    Remembered,
+    how_to_acknowledge,
+    how_to_end_lockout,
+)
+from lift_manager.domain.state import Holder, Restrictions
+
+_log = logging.getLogger(__name__)
+
+
+class PeopleFirst:
+    """Fire latch, lockout, robot hours, the rest between sessions, and the car that may hold a robot."""
+
+    def __init__(self, options: LiftOptions, bus: Bus[Event], memory: Memory, clock: Clock) -> None:
+        """Take over what the memory has of this lift."""
+        self._options = options
+        self._bus = bus
+        self._memory = memory
+        self._clock = clock
+        self._rests_until = -math.inf
+        self.remembered = memory.recall(options.name)
+        if self.remembered.keeps_robots_out:
+            _log.warning("%s: from before this start: %s", options.name, self._in_words())
+
+    @property
+    def fire_latched(self) -> bool:
+        """Whether there was a fire that nobody has acknowledged."""
+        return self.remembered.fire_since is not None
+
+    @property
+    def lockout(self) -> str:
+        """Who locked the lift out, since when and why; empty when nobody did."""
+        lockout = self.remembered.lockout
+        return "" if lockout is None else f"by {lockout.by} since {self._shown(lockout.since)}: {lockout.reason}"
+
+    def restrictions(self, waiting_for: str) -> Restrictions:
+        """Return what keeps robots off, as every face shows it; `waiting_for` is what the session waits for."""
+        occupied = self.remembered.occupied
+        return Restrictions(
+            fire_latched=self.fire_latched,
+            lockout=self.lockout,
+            maybe_aboard=occupied.holder if occupied is not None else None,
+            waiting_for=waiting_for,
+        )
+
+    def why_no_press(self) -> str | None:
+        """Say which word of people forbids every press now."""
+        if self.fire_latched:
+            return "there was a fire"
+        return f"it is locked out {self.lockout}" if self.lockout else None
+
+    def locked_out(self) -> Refused | None:
+        """Refuse a request while a person keeps robots off."""
+        if not self.lockout:
+            return None
+        name = self._options.name
+        text = f"{name} is locked out {self.lockout}; a person ends it with {how_to_end_lockout(name)}"
+        return Refused(Refusal.LOCKED_OUT, text)
+
+    def after_fire(self) -> Refused | None:
+        """Refuse a request until a person has acknowledged a fire."""
+        since, name = self.remembered.fire_since, self._options.name
+        if since is None:
+            return None
+        text = (
+            f"{name} was in fire service ({self._shown(since)}); a person must check it, and say so once the alarm is"
+            f" over: {how_to_acknowledge(name)}"
+        )
+        return Refused(Refusal.FIRE_LATCHED, text)
+
+    def outside_hours(self) -> Refused | None:
+        """Refuse to begin with a robot at this time of day."""
+        hours, now = self._options.robot_hours, self._clock()
+        if hours is None or hours.now_open(now):
+            return None
+        text = (
+            f"{self._options.name} takes robots {hours}, and here it is {wall_clock(now)};"
+            f" robots may begin again {hours.next_begin(now)}"
+        )
+        return Refused(Refusal.OUTSIDE_HOURS, text)
+
+    def session_ended(self, now: float) -> None:
+        """Let people have the lift for a while after a session that pressed something."""
+        self._rests_until = now + self._options.between_sessions_s
+
+    def resting(self, now: float) -> bool:
+        """Whether people have the lift to themselves between two robots."""
+        return now < self._rests_until
+
+    @property
+    def resting_text(self) -> str:
+        """Say what a session waits for while people have their turn."""
+        return f"people have the lift for {self._options.between_sessions_s:g} s after each robot"
+
+    def latch_fire(self) -> None:
+        """Keep robots out until a person has checked the lift."""
+        self._keep(replace(self.remembered, fire_since=self._clock()))
+
+    def note_occupied(self, by: tuple[Holder, bool] | None) -> None:
+        """Remember whose robot may be in the car, and whether it is known to be; called often, written on change."""
+        known = self.remembered.occupied
+        if by is None:
+            if known is not None:
+                self._keep(replace(self.remembered, occupied=None))
+        elif known is None or (known.holder, known.aboard) != by:
+            since = known.since if known is not None and known.holder == by[0] else self._clock()
+            self._keep(replace(self.remembered, occupied=Occupied(*by, since)))
+
+    def lock_out(self, by: str, reason: str) -> Lockout | Refused:
+        """Keep robots off until a person says otherwise; a second word does not cover up the first."""
+        name = self._options.name
+        if self.lockout:
+            text = f"{name} is locked out {self.lockout}; end that one first: {how_to_end_lockout(name)}"
+            return Refused(Refusal.LOCKED_OUT, text)
+        lockout = Lockout(by, reason, self._clock())
+        self._keep(replace(self.remembered, lockout=lockout))
+        _log.warning("%s: locked out by %s: %s", name, by, reason)
+        self._bus.publish(LockedOut(name, lockout))
+        return lockout
+
+    def end_lockout(self, by: str) -> LockoutEnded | Refused:
+        """Let robots on the lift again."""
+        name, lockout = self._options.name, self.remembered.lockout
+        if lockout is None:
+            return Refused(Refusal.NOT_LOCKED_OUT, f"{name} is not locked out")
+        ended = LockoutEnded(by, self._clock(), lockout)
+        _log.warning("%s: the lockout %s is ended by %s", name, self.lockout, by)
+        self._keep(replace(self.remembered, lockout=None))
+        self._bus.publish(LockoutOver(name, ended))
+        return ended
+
+    def acknowledge(self, by: str, *, on_fire: bool, occupied: bool) -> Acknowledged | Refused:
+        """Take it that a person has checked the lift, unless it still tells of a fire.
+
+        `occupied` says whether a robot left in the car is one thing to check.
+        """
+        name = self._options.name
+        if on_fire:
+            text = f"{name} still tells of a fire; acknowledge it once the alarm is over and the lift was checked"
+            return Refused(Refusal.FIRE_ACTIVE, text)
+        causes = {Cause.FIRE: self.fire_latched, Cause.OCCUPIED: occupied}
+        what = tuple(cause for cause, given in causes.items() if given)
+        if not what:
+            text = f"{name} has nothing to acknowledge: there was no fire, and no robot was left in the car"
+            return Refused(Refusal.NOTHING_TO_ACKNOWLEDGE, text)
+        said = Acknowledged(by, self._clock(), what)
+        kept = None if occupied else self.remembered.occupied
+        self._keep(replace(self.remembered, fire_since=None, occupied=kept, acknowledged=said))
+        _log.warning("%s: %s acknowledged by %s", name, " and ".join(what), by)
+        self._bus.publish(PersonAcknowledged(name, said))
+        return said
+
+    def _in_words(self) -> str:
+        fire, occupied = self.remembered.fire_since, self.remembered.occupied
+        words = (
+            f"a fire at {self._shown(fire)} that nobody has acknowledged" if fire is not None else "",
+            f"locked out {self.lockout}" if self.lockout else "",
+            f"a robot of {occupied.holder} that may be in the car" if occupied is not None else "",
+        )
+        return "; ".join(word for word in words if word)
+
+    def _keep(self, remembered: Remembered) -> None:
+        self.remembered = remembered
+        self._memory.keep(self._options.name, remembered)
+
+    def _shown(self, at: datetime) -> str:
+        return f"{at.astimezone(self._clock().tzinfo):%Y-%m-%d %H:%M}"

@@ -1,0 +1,61 @@
+"""When the lift's robot mode is asked for, and when it is dropped: never under way, except in fire."""
+
+from __future__ import annotations
+
+from drivers.driver import LiftDriver, Permit
+from drivers.model import Command, CommandKind
+from lift_manager.domain.sight import Sight, moving
+
+_ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
+
+
+class RobotMode:
+    """The robot mode of one lift; a lift without one needs none."""
+
+    def __init__(self, driver: LiftDriver) -> None:
+        self._driver = driver
+        self._able = driver.capabilities
+        self._keep_until: float | None = None
+        """The session is over, but the car still moves."""
+
+    @property
+    def known(self) -> bool:
+        """Whether this lift has one."""
+        return _ROBOT_MODE.name in self._able.commands
+
+    @property
+    def kept(self) -> bool:
+        """Whether it may be on although its session is over."""
+        return self._keep_until is not None
+
+    def hold(self, permit: Permit) -> None:
+        """Ask for it, or renew it."""
+        self._driver.hold(_ROBOT_MODE, permit)
+
+    def drop(self) -> None:
+        """Let go of it at once."""
+        self._keep_until = None
+        self._driver.let_go(_ROBOT_MODE)
+
+    def session_ended(self, now: float) -> None:
+        """Keep it from here on only for as long as a car may take to come to rest."""
+        self._keep_until = now + self._able.arrive_within_s
+
+    def settle(
+        self, sight: Sight | None, last: Sight | None, permit: Permit, *, reporting: bool, now: float
+    ) -> str | None:
+        """Drop it once the car stands still and nothing is left to report; a text is what a person should know.
+
+        A car that never stands keeps it for a bounded time. While the lift cannot be read, `sight` is None, what it said
+        last decides, and the hold is not renewed.
+        """
+        under_way = last is not None and moving(last) and last.values.flags.get("robot_mode_on", False)
+        until = self._keep_until
+        if until is not None and now < until and (under_way or reporting):
+            if sight is not None:
+                self.hold(permit)
+            return None
+        self.drop()
+        if until is None or not under_way:
+            return None
+        return f"nobody has seen the car come to rest for {self._able.arrive_within_s:g} s; robot mode is dropped"

@@ -1,0 +1,73 @@
+"""The call that belongs to a session: wanted, pressed, followed until the car is there."""
+
+from __future__ import annotations
+
+import logging
+from asyncio import Future
+
+from drivers.driver import Permit
+from drivers.model import Capabilities, FloorName, Outcome
+from lift_manager.core.calling import CallButton
+from lift_manager.domain import call as calls
+from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.sight import Sight
+
+_log = logging.getLogger(__name__)
+
+
+class SessionCall:
+    """At most one call, and its newest press."""
+
+    def __init__(self, lift: str, able: Capabilities, button: CallButton) -> None:
+        self._lift = lift
+        self._able = able
+        self._button = button
+        self._pressed: Future[Outcome] | None = None
+        self.now: Call | None = None
+        """Where it is; None without a session."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it is fulfilled."""
+        return self.now is not None and self.now.phase is CallPhase.ARRIVED
+
+    def elsewhere(self, floor: FloorName) -> bool:
+        """Whether it is for another floor than this."""
+        return self.now is not None and self.now.floor != floor
+
+    def want(self, floor: FloorName, now: float) -> None:
+        """Want the car at a floor; a repeat presses nothing while the call is pending or fulfilled."""
+        self.now = calls.want(self.now, floor, now)
+
+    def wait(self, now: float) -> None:
+        """Let no time count that it has to wait for others."""
+        if self.now is not None:
+            self.now = calls.waited(self.now, now)
+
+    def forget(self) -> None:
+        """Want nothing any more."""
+        self.now = None
+
+    def seen(self, call: Call, sight: Sight, now: float) -> Call:
+        """Take a fresh reading."""
+        after = calls.seen(call, sight, self._able, now)
+        if after.phase is CallPhase.CONFIRMED and self._button.forgotten:
+            after = calls.failed(after, "the controller no longer holds the call", now)
+        if after.phase is not call.phase:
+            _log.info("%s: call to %s %s %s", self._lift, call.floor, after.phase, after.reason)
+        self.now = after
+        return after
+
+    def press(self, call: Call, permit: Permit, *, aboard: bool, now: float) -> None:
+        """Press the button that brings the car."""
+        pressed = self._button.press(call.floor, permit, aboard=aboard)
+        if pressed is None:
+            # where no call moves the occupied car, the word that a robot is in place has sent it on
+            self.now = calls.unpressed(call, now)
+        else:
+            self.now, self._pressed = calls.pressed(call, now), pressed
+
+    def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> None:
+        """Take the outcome of a press, if it is that of the newest one."""
+        if self.now is not None and future is self._pressed:
+            self.now = calls.ended(self.now, outcome, now)

@@ -1,0 +1,141 @@
+"""What people say about a lift, what outlives the manager, and what robots are told when people come first. Pure."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum, unique
+
+from lift_manager.domain.state import Holder
+from register_maps.words import Door, Side
+
+
+@unique
+class EndReason(StrEnum):
+    """Why a session is over; stable codes for faces."""
+
+    RELEASED = "released"
+    ARRIVED = "arrived"
+    """It wanted no more than to get there."""
+    LEASE = "lease"
+    NOT_GRANTED = "not_granted"
+    """The lift did not grant what the call needs, such as robot mode."""
+    MODE = "mode"
+    FIRE = "fire"
+    LOCKOUT = "lockout"
+    STOPPING = "stopping"
+
+
+ITS_OWN_WORD = frozenset({EndReason.RELEASED, EndReason.ARRIVED})
+"""The holder wanted it so, and needs no advice."""
+
+
+@unique
+class Advice(StrEnum):
+    """What a robot does best when the lift is taken from it."""
+
+    CLEAR_DOORWAY = "clear_doorway"
+    """Keep out of the doorway: leave it by the nearer side, and do not enter it."""
+    STAY_ABOARD = "stay_aboard"
+    """The door is shut: a robot inside stays where it is, and says so to its people."""
+
+
+def advise(doors: Mapping[Side, Door] | None, *, may_be_aboard: bool) -> Advice:
+    """Return what to tell the robot of a session. `doors` is None while nobody knows them.
+
+    Behind a door that is not seen to be shut the doorway decides, for that is where a robot is hurt and where it keeps people
+    in. A robot that cannot be inside has nothing to do but keep out.
+    """
+    shut = bool(doors) and doors is not None and all(door is Door.CLOSED for door in doors.values())
+    return Advice.STAY_ABOARD if shut and may_be_aboard else Advice.CLEAR_DOORWAY
+
+
+def how_to_acknowledge(lift: str) -> str:
+    """Return the command line with which a person says that a lift was checked."""
+    return f"`lift-manager ack {shlex.quote(lift)} --by NAME`"
+
+
+def how_to_end_lockout(lift: str) -> str:
+    """Return the command line with which a person ends a lockout."""
+    return f"`lift-manager lockout {shlex.quote(lift)} --by NAME --end`"
+
+
+def abandoned_text(holder: Holder, reason: str) -> str:
+    """Return the alarm of a session that ended with its robot aboard."""
+    return (
+        f"aboard_abandoned: the session of {holder} is over with its robot aboard ({reason});"
+        " everything is let go, and the lift is not told that the robot left"
+    )
+
+
+def maybe_occupied_text(lift: str, holder: Holder, reason: str) -> str:
+    """Return the alarm of a session that ended after its robot could have entered."""
+    return (
+        f"maybe_occupied: the session of {holder} is over ({reason}), and its robot may have entered the car; others are"
+        f" refused until {holder} asks again or a person has looked: {how_to_acknowledge(lift)}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Lockout:
+    """A person's word that no robot may command a lift."""
+
+    by: str
+    reason: str
+    since: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class LockoutEnded:
+    """A person's word that robots may command it again."""
+
+    by: str
+    at: datetime
+    lockout: Lockout
+
+
+@dataclass(frozen=True, slots=True)
+class Occupied:
+    """A robot may be in the car, and its session is over or may end with this process."""
+
+    holder: Holder
+    aboard: bool
+    """It was said to be aboard, or inferred; otherwise it was merely possible."""
+    since: datetime
+
+
+@unique
+class Cause(StrEnum):
+    """What a person acknowledges."""
+
+    FIRE = "fire"
+    OCCUPIED = "occupied"
+    """The person has looked, and no robot is in the car."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledged:
+    """A person's word that the lift was checked."""
+
+    by: str
+    at: datetime
+    what: tuple[Cause, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What of one lift outlives the manager."""
+
+    fire_since: datetime | None = None
+    """When the fire was seen that nobody has acknowledged."""
+    lockout: Lockout | None = None
+    occupied: Occupied | None = None
+    acknowledged: Acknowledged | None = None
+    """The newest one."""
+
+    @property
+    def keeps_robots_out(self) -> bool:
+        """Whether some robot is refused because of it."""
+        return self.fire_since is not None or self.lockout is not None or self.occupied is not None

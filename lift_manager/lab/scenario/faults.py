@@ -1,0 +1,191 @@
+"""Faults and people as a scenario file writes them: every name and field of `simulator.faults`, `wire_faults` and `people`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from typing import Any, get_args, get_type_hints
+
+from pydantic import BaseModel, ConfigDict, create_model
+
+from lift_manager.lab.scenario.mistakes import Mistakes
+from lift_manager.lab.world.fault_names import every_device_fault, fault_name, kind_name
+from register_maps.plain import closest
+from register_maps.source import KeyPath
+from simulator.faults import Fault, ForeignWriter, MachineFault, NetworkFault, RegisterFault
+from simulator.people import Traffic
+from simulator.wire_faults import WIRE_FAULTS, Target, WireFault
+from simulator.wire_faults.bases import ConnectionFault, Limits
+
+DEVICE_FAULTS: Mapping[str, type] = {
+    kind_name(kind): kind for group in (MachineFault, RegisterFault, NetworkFault) for kind in get_args(group)
+}
+READY: Mapping[str, Fault] = {fault_name(fault): fault for fault in every_device_fault()}
+"""Faults that need no more than their name, such as `in_mode.fire`."""
+WIRE: Mapping[str, type[WireFault]] = {kind_name(kind): kind for kind in WIRE_FAULTS}
+
+BESIDE = ("times", "probability", "only", "controller")
+"""What may stand beside the name of a fault on the wire. When it begins and ends is said by its step."""
+_OF_THE_WIRE = frozenset(field.name for field in fields(Limits)) | {"on"}
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class _Beside(_Strict):
+    times: int | None = None
+    probability: float = 1.0
+    controller: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OnWire:
+    """A fault on the wire to one controller, or to every controller of a lift."""
+
+    fault: WireFault
+    controller: str | None
+
+
+@cache
+def model_of(kind: type) -> type[BaseModel]:
+    """Return the fields of a dataclass as a model that refuses every other; those of all wire faults are left out.
+
+    A floor is written by its name.
+    """
+    hints = get_type_hints(kind)
+    without = _OF_THE_WIRE if issubclass(kind, Limits) else frozenset()
+    given: dict[str, Any] = {}
+    for field in fields(kind):
+        if field.name not in without and field.init:
+            hint = (str | None) if (kind, field.name) == (ForeignWriter, "floor") else hints[field.name]
+            given[field.name] = (hint, ... if field.default is MISSING else field.default)
+    return create_model(kind.__name__, __base__=_Strict, __doc__=kind.__doc__, **given)
+
+
+def read_fault(raw: object, path: KeyPath, mistakes: Mistakes, floors: Sequence[str] | None) -> Fault | None:
+    """Read a fault of a device: `stuck_door`, `in_mode.fire`, `{in_mode: fire}` or `{wrong_floor: {by: -1}}`."""
+    if isinstance(raw, str) and raw in READY:
+        return READY[raw]
+    named = _named(raw, path, mistakes, _Names("fault", (*READY, *DEVICE_FAULTS), (), DEVICE_FAULTS))
+    if named is None:
+        return None
+    name, said = named
+    kind = DEVICE_FAULTS[name]
+    values = _values(kind, said, (*path, name) if isinstance(raw, dict) else path, mistakes)
+    if values is None:
+        return None
+    if kind is ForeignWriter and values["floor"] is not None:
+        if floors is None:
+            return None
+        if values["floor"] not in floors:
+            mistakes.say((*path, name, "floor"), f"no floor {values['floor']!r}; there is {', '.join(floors)}")
+            return None
+        values["floor"] = floors.index(values["floor"])
+    made: Fault | None = _made(kind, values, path, mistakes)
+    return made
+
+
+def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> OnWire | None:
+    """Read a fault on the wire: `half_open`, `{delay: 0.5}` or `{late_answer: {seconds: 0.8}, times: 3, only: {access: reads}}`."""
+    if isinstance(raw, dict) and "on" in raw:
+        mistakes.say((*path, "on"), "is `only` in a scenario, because YAML reads `on` as yes", instead=True)
+        raw = {key: value for key, value in raw.items() if key != "on"}
+    given = {key: value for key, value in raw.items() if key not in BESIDE} if isinstance(raw, dict) else raw
+    beside = {key: raw[key] for key in BESIDE if key in raw} if isinstance(raw, dict) else {}
+    named = _named(given, path, mistakes, _Names("fault on the wire", tuple(WIRE), BESIDE, WIRE))
+    target = _target(beside.pop("only"), (*path, "only"), mistakes) if "only" in beside else None
+    limits = mistakes.model(beside, path, _Beside)
+    if named is None or limits is None:
+        return None
+    name, said = named
+    kind = WIRE[name]
+    values = _values(kind, said, (*path, name) if isinstance(raw, dict) else path, mistakes)
+    if values is None:
+        return None
+    if target is not None and issubclass(kind, ConnectionFault):
+        mistakes.say((*path, "only"), f"{name} strikes connections, and they are no requests; remove this line")
+        return None
+    values |= {"times": limits.times, "probability": limits.probability} | ({} if target is None else {"on": target})
+    made: WireFault | None = _made(kind, values, path, mistakes)
+    return None if made is None else OnWire(made, limits.controller)
+
+
+def read_people(raw: object, path: KeyPath, mistakes: Mistakes) -> tuple[int | None, Traffic] | None:
+    """Read the seed of people, None for the scenario's own, and how they behave; `{}` is how they usually do."""
+    if not isinstance(raw, dict):
+        mistakes.say(path, "must be a table of keys, such as {per_minute: 6}; {} is the usual traffic")
+        return None
+    found = mistakes.model(raw, path, people_model())
+    if found is None:
+        return None
+    values = found.model_dump()
+    seed = values.pop("seed")
+    traffic = _made(Traffic, values, path, mistakes)
+    return None if traffic is None else (seed, traffic)
+
+
+@cache
+def people_model() -> type[BaseModel]:
+    """Return what a scenario says about people: their seed, and how they behave."""
+    return create_model("People", __base__=model_of(Traffic), seed=(int | None, None))
+
+
+@dataclass(frozen=True, slots=True)
+class _Names:
+    what: str
+    allowed: tuple[str, ...]
+    beside: tuple[str, ...]
+    kinds: Mapping[str, type]
+
+
+def _named(raw: object, path: KeyPath, mistakes: Mistakes, names: _Names) -> tuple[str, object] | None:
+    """Return the name of a fault, and what is said about it."""
+    if isinstance(raw, str):
+        if raw in names.kinds:
+            return raw, {}
+        mistakes.say(path, _no_such(raw, names))
+        return None
+    if not isinstance(raw, dict) or not raw:
+        mistakes.say(path, f"must name a {names.what}; there is {', '.join(sorted(set(names.allowed)))}")
+        return None
+    unknown = [str(key) for key in raw if key not in names.kinds]
+    for key in unknown:
+        hint = "; name it by itself, as text" if key in READY else ""
+        mistakes.say((*path, key), f"{_no_such(key, names)}{hint}")
+    known = [str(key) for key in raw if key in names.kinds]
+    if len(known) > 1:
+        mistakes.say((*path, known[1]), f"one step has one fault, and {known[0]} is it already; write another step")
+    return (known[0], raw[known[0]]) if len(known) == 1 and not unknown else None
+
+
+def _no_such(word: str, names: _Names) -> str:
+    hint = closest(word, (*names.allowed, *names.beside)) or f"; there is {', '.join(sorted(set(names.allowed)))}"
+    return f"no {names.what} has this name{hint}"
+
+
+def _values(kind: type, said: object, path: KeyPath, mistakes: Mistakes) -> dict[str, Any] | None:
+    """Return the values of its fields; one that is not a table is that of the first."""
+    model = model_of(kind)
+    if not isinstance(said, dict):
+        first = next(iter(model.model_fields), None)
+        if first is None:
+            mistakes.say(path, f"has no values; write {kind_name(kind)}: {{}}")
+            return None
+        said = {first: said}
+    found = mistakes.model(said, path, model)
+    return None if found is None else dict(found)
+
+
+def _target(raw: object, path: KeyPath, mistakes: Mistakes) -> Target | None:
+    found = mistakes.model(raw, path, model_of(Target))
+    return None if found is None else _made(Target, dict(found), path, mistakes)
+
+
+def _made(kind: type, values: Mapping[str, Any], path: KeyPath, mistakes: Mistakes) -> Any:
+    try:
+        return kind(**values)
+    except ValueError as error:
+        mistakes.say(path, str(error))
+        return None

@@ -1,0 +1,156 @@
+"""Read a scenario file, with the map or the site that it names; every mistake with file, line and key, all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from lift_manager.config.check import check_site
+from lift_manager.config.load import LoadedSite, load_site
+from lift_manager.config.problem import Key
+from lift_manager.config.site import Site, is_parameter_value
+from lift_manager.lab.plant import default_floors
+from lift_manager.lab.scenario.expectations import Expected, read_expectations
+from lift_manager.lab.scenario.mistakes import Mistakes
+from lift_manager.lab.scenario.schema import Scenario
+from lift_manager.lab.scenario.steps import Planned, read_steps
+from lift_manager.lab.scenario.trace import Known
+from register_maps.codec import compile_map
+from register_maps.errors import MapFileError
+from register_maps.load import Changes, LoadedMap, load
+from register_maps.source import KeyPath, read, try_validate
+from register_maps.vocabulary import HANDSHAKE
+
+LIFT = "lift"
+"""The name of the lift of a scenario that names a map."""
+CONTROLLER = "controller"
+"""The name of its controller; the endpoints of its map have their own."""
+_NOT_WITH_SITE = ("floors", "parameters", "override", "options")
+
+
+@dataclass(frozen=True)
+class LoadedScenario:
+    """A checked scenario, ready to be played."""
+
+    path: Path
+    scenario: Scenario
+    site: LoadedSite
+    lifts: dict[str, Known]
+    steps: tuple[Planned, ...]
+    expected: tuple[Expected, ...]
+
+
+def load_scenario(path: Path) -> LoadedScenario:
+    """Read and check a scenario file. Raises MapFileError with every finding."""
+    source = read(path, number_keys=_is_value_table)
+    scenario, found = try_validate(source, Scenario)
+    mistakes = Mistakes(source, list(found))
+    site = None if scenario is None else _site(scenario, path.parent, mistakes)
+    lifts = {} if site is None else known_lifts(site)
+    steps = read_steps(scenario, lifts, mistakes)
+    expected = read_expectations(scenario, lifts, mistakes)
+    if mistakes.findings or scenario is None or site is None:
+        raise MapFileError(mistakes.findings)
+    return LoadedScenario(path, scenario, site, lifts, steps, expected)
+
+
+def known_lifts(site: LoadedSite) -> dict[str, Known]:
+    """Return what there is to know of every lift of a site."""
+    found = {}
+    for name, spec in site.site.lifts.items():
+        commands = compile_map(site.maps[name].map).commands
+        places = (spec.controller, *(endpoint.controller for endpoint in spec.endpoints.values()))
+        found[name] = Known(
+            floors=tuple(spec.floors),
+            commands=frozenset(commands),
+            calls=frozenset(command for command, codec in commands.items() if codec.is_call),
+            controllers=tuple(dict.fromkeys(places)),
+        )
+    return found
+
+
+def _site(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite | None:
+    if (scenario.map is None) == (scenario.site is None):
+        mistakes.say((), "names either a `map`, for one lift, or a `site`")
+        return None
+    if scenario.site is None:
+        return _one_lift(scenario, near, mistakes)
+    for key in _NOT_WITH_SITE:
+        if key in scenario.model_fields_set:
+            mistakes.say((key,), "is said by the site file; remove it here, or name a `map`")
+    try:
+        return _at_any_hour(load_site(near / scenario.site))
+    except MapFileError as error:
+        _take_over(("site",), error, mistakes)
+        return None
+
+
+def _at_any_hour(site: LoadedSite) -> LoadedSite:
+    """Leave out `robot_hours`: a run that depends on the time of day cannot be repeated."""
+    lifts = {name: lift.model_copy(update={"robot_hours": None}) for name, lift in site.site.lifts.items()}
+    return replace(site, site=site.site.model_copy(update={"lifts": lifts}))
+
+
+def _one_lift(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite | None:
+    raw: Any = mistakes.source.data
+    given = {name: value for name, value in scenario.parameters.items() if is_parameter_value(value)}
+    changes = Changes(given, raw.get("override", {}), mistakes.source.finding)
+    try:
+        loaded = load(str(scenario.map), near=near, changes=changes)
+        floors: Mapping[str, object] = scenario.floors or default_floors(loaded.map)
+    except MapFileError as error:
+        _take_over(("map",), error, mistakes)
+        return None
+    except ValueError as error:
+        mistakes.say(("map",), str(error).replace("--floors", "`floors`"))
+        return None
+    site = Site.model_validate(_site_of(scenario, loaded, floors))
+    problems = check_site(site, {LIFT: loaded}, {}, {})
+    for problem in problems:
+        mistakes.say(_here(problem.key, scenario), problem.message)
+    return None if problems else LoadedSite(site, {LIFT: loaded}, Path(mistakes.source.file))
+
+
+def _site_of(scenario: Scenario, loaded: LoadedMap, floors: object) -> dict[str, Any]:
+    """Return the site of one lift, as a site file would say it; its devices are where nothing is."""
+    source = loaded.map
+    infers = source.needs_occupancy or bool(HANDSHAKE & source.commands.keys())
+    lift = {
+        "controller": CONTROLLER,
+        "access": "control",
+        "accept_latching": "the controller is simulated",
+        "parameters": scenario.parameters,
+        "override": scenario.override,
+        "floors": floors,
+        "endpoints": {endpoint: {"controller": endpoint} for endpoint in source.endpoints},
+        "infer_occupancy": infers,
+        **scenario.options.model_dump(exclude_none=True),
+    }
+    controllers = {CONTROLLER: {"host": "memory", "port": 1, "map": scenario.map}} | {
+        endpoint: {"host": "memory", "port": number} for number, endpoint in enumerate(source.endpoints, start=2)
+    }
+    return {"schema": 1, "name": scenario.title[:64], "controllers": controllers, "lifts": {LIFT: lift}}
+
+
+def _here(key: Key, scenario: Scenario) -> KeyPath:
+    """Return where a scenario says what its site says there."""
+    part = key[2:]
+    if part[:1] in (("floors",), ("parameters",), ("override",)):
+        return part if part[0] in scenario.model_fields_set or part[0] != "floors" else ("map",)
+    return ("options", *part) if part and str(part[0]) in scenario.options.model_fields_set else ("map",)
+
+
+def _take_over(key: KeyPath, error: MapFileError, mistakes: Mistakes) -> None:
+    """Keep findings where they are in their own file; a file that cannot be found is a mistake of this one."""
+    for finding in error.findings:
+        if finding.line is None:
+            mistakes.say(key, finding.message)
+        else:
+            mistakes.findings.append(finding)
+
+
+def _is_value_table(path: KeyPath) -> bool:
+    """Whether the keys of a table may be numbers: the codes of a signal that is overridden."""
+    return len(path) == 4 and (*path[:2], path[3]) == ("override", "signals", "values")

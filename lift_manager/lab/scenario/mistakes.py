@@ -1,0 +1,48 @@
+"""Mistakes of a scenario file, gathered while it is read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from register_maps.errors import Finding
+from register_maps.plain import plain_words
+from register_maps.source import KeyPath, Source
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(slots=True)
+class Mistakes:
+    """What is wrong with one file so far."""
+
+    source: Source
+    findings: list[Finding] = field(default_factory=list)
+
+    def say(self, path: KeyPath, message: str, *, instead: bool = False) -> None:
+        """Add a mistake at its place; a second one there follows from the first and is left out, unless it is told instead."""
+        finding = self.source.finding(path, message)
+        if instead:
+            self.findings = [known for known in self.findings if (known.line, known.key) != (finding.line, finding.key)]
+        if all((finding.line, finding.key) != (known.line, known.key) for known in self.findings):
+            self.findings.append(finding)
+
+    def model(self, raw: object, path: KeyPath, model: type[Model]) -> Model | None:
+        """Read a part of the file as a model; None where it has mistakes."""
+        try:
+            return model.model_validate_json(json.dumps(raw), strict=True)
+        except ValidationError as error:
+            schema, written = model.model_json_schema(), _below(self.source.written, path)
+            for entry in error.errors(include_url=False):
+                place, message = plain_words(entry, schema, raw, written)
+                self.say((*path, *place), message)
+            return None
+
+
+def _below(written: Mapping[tuple[str, ...], str], path: KeyPath) -> Mapping[tuple[str, ...], str]:
+    names = tuple(map(str, path))
+    return {key[len(names) :]: text for key, text in written.items() if key[: len(names)] == names}

@@ -1,0 +1,257 @@
+"""Does what the steps of a scenario say, in a world that runs."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+from dataclasses import replace
+
+from lift_manager.domain.asking import Ask, RobotWord
+from lift_manager.domain.state import Holder, RobotDoor
+from lift_manager.lab.scenario.matching import Match
+from lift_manager.lab.scenario.schema import Inputs as Pressed
+from lift_manager.lab.scenario.schema import Robot
+from lift_manager.lab.scenario.steps import Planned
+from lift_manager.lab.scenario.trace import Entry, Recorder, answer_fields, holder_of
+from lift_manager.lab.scenario.vocabulary import Person, RobotDoes, WantedDoor
+from lift_manager.lab.world.world import World
+from simulator.people import People
+from simulator.state import Inputs
+
+ASKS_EVERY_S = 1.0
+"""How often a robot repeats itself: as the clients of the workshop API do."""
+LOOKS_EVERY_S = 0.25
+"""How often it looks at the state meanwhile."""
+
+
+class Stage:
+    """The steps of one run."""
+
+    def __init__(self, world: World, recorder: Recorder, seed: int) -> None:
+        self._world = world
+        self._recorder = recorder
+        self._seed = seed
+        self._awaited: list[tuple[str, Match, asyncio.Future[None]]] = []
+        self._pressed: dict[str, list[Inputs]] = {name: [] for name in world.lifts}
+        self._begun: list[Planned] = []
+        recorder.on_entry = self._happened
+
+    async def act(self, planned: Planned) -> None:
+        """Do one step when its time has come; it may be cancelled at any time."""
+        step, when = planned.step, planned.parts.when
+        await asyncio.sleep(step.at or 0.0)
+        if when is not None:
+            try:
+                async with asyncio.timeout(step.within_s):
+                    await self._until(planned.lift, when)
+            except TimeoutError:
+                return
+            await asyncio.sleep(step.wait_s or 0.0)
+        self._begun.append(planned)
+        await self._do(planned)
+
+    def problems(self, steps: Iterable[Planned]) -> list[str]:
+        """Say which steps were never done, for what they waited for did not come about."""
+        return [
+            f"line {one.line}: {one.does} was not done: {one.parts.when} did not come about"
+            + (f" within {one.step.within_s:g} s" if one.step.within_s is not None else " in time")
+            for one in steps
+            if one not in self._begun
+        ]
+
+    # -- waiting for something to happen
+
+    async def _until(self, lift: str, match: Match) -> None:
+        if match.lasts and any(match.fits(entry) for entry in self._recorder.holding(lift, match.kind)):
+            return
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        waits = (lift, match, future)
+        self._awaited.append(waits)
+        try:
+            await future
+        finally:
+            self._awaited.remove(waits)
+
+    def _happened(self, entry: Entry) -> None:
+        for lift, match, future in self._awaited:
+            if entry.lift == lift and match.fits(entry) and not future.done():
+                future.set_result(None)
+
+    # -- what is done
+
+    async def _do(self, planned: Planned) -> None:
+        step, parts, world = planned.step, planned.parts, self._world
+        if step.request is not None:
+            await self._request(planned)
+        elif step.robot is not None:
+            await _Ride(world, self._recorder, planned.lift, step.robot).go()
+        elif parts.fault is not None:
+            world.begin(planned.lift, parts.fault)
+            if step.for_s is not None:
+                await asyncio.sleep(step.for_s)
+                world.end(planned.lift, parts.fault)
+        elif parts.wire is not None:
+            await self._spoil(planned)
+        elif parts.people is not None:
+            seed, traffic = parts.people
+            floors = len(world.lifts[planned.lift].floors)
+            world.populate(planned.lift, People(self._seed if seed is None else seed, floors, traffic))
+        elif step.inputs is not None:
+            await self._press(planned, step.inputs)
+        else:
+            self._say(planned)
+
+    async def _request(self, planned: Planned) -> None:
+        step, request = planned.step, planned.step.request
+        assert request is not None  # noqa: S101  the step is a request
+        opens = request.door is WantedDoor.OPEN
+        ask = Ask(planned.lift, holder_of(request.holder), request.floor, opens, request.robot)
+        if step.every_s is None:
+            self._world.ask(ask)
+            return
+        try:
+            async with asyncio.timeout(step.for_s):
+                await self._repeat(ask, step.every_s, planned.parts.until)
+        except TimeoutError:
+            return
+
+    async def _repeat(self, ask: Ask, every_s: float, until: Match | None) -> None:
+        async with asyncio.TaskGroup() as tasks:
+            asking = tasks.create_task(self._ask_for_ever(ask, every_s))
+            if until is not None:
+                await self._until(ask.lift, until)
+                asking.cancel()
+
+    async def _ask_for_ever(self, ask: Ask, every_s: float) -> None:
+        while True:
+            self._world.ask(ask)
+            await asyncio.sleep(every_s)
+
+    async def _spoil(self, planned: Planned) -> None:
+        wire = planned.parts.wire
+        assert wire is not None  # noqa: S101  the step is about the wire
+        own = self._world.lifts[planned.lift].controllers
+        where = own if wire.controller is None else (wire.controller,)
+        for controller in where:
+            self._world.spoil(controller, wire.fault)
+        if planned.step.for_s is not None:
+            await asyncio.sleep(planned.step.for_s)
+            for controller in where:
+                self._world.mend(controller, wire.fault)
+
+    async def _press(self, planned: Planned, pressed: Pressed) -> None:
+        lift = self._world.lifts[planned.lift]
+
+        def indices(floors: tuple[str, ...]) -> frozenset[int]:
+            return frozenset(map(lift.floors.index, floors))
+
+        given = Inputs(
+            car_buttons=indices(pressed.car_buttons),
+            landing_buttons=indices(pressed.landing_buttons),
+            hold_door=frozenset(pressed.hold_door),
+            close_door=frozenset(pressed.close_door),
+            obstruction=frozenset(pressed.obstruction),
+        )
+        self._put(planned.lift, [*self._pressed[planned.lift], given])
+        if planned.step.for_s is not None:
+            await asyncio.sleep(planned.step.for_s)
+            left = list(self._pressed[planned.lift])
+            left.remove(given)
+            self._put(planned.lift, left)
+
+    def _put(self, lift: str, pressed: list[Inputs]) -> None:
+        """Replace what the steps press and block; what the people of the lift do stays."""
+        inputs = self._world.lifts[lift].inputs
+        before, after = _together(self._pressed[lift]), _together(pressed)
+        self._pressed[lift] = pressed
+        changed = replace(
+            inputs,
+            car_buttons=inputs.car_buttons - before.car_buttons | after.car_buttons,
+            landing_buttons=inputs.landing_buttons - before.landing_buttons | after.landing_buttons,
+            hold_door=inputs.hold_door - before.hold_door | after.hold_door,
+            close_door=inputs.close_door - before.close_door | after.close_door,
+            obstruction=inputs.obstruction - before.obstruction | after.obstruction,
+        )
+        self._world.set_inputs(lift, changed)
+
+    def _say(self, planned: Planned) -> None:
+        manager, step, lift = self._world.manager, planned.step, planned.lift
+        if step.acknowledge is not None:
+            says, by, answer = Person.ACKNOWLEDGE, step.acknowledge.by, manager.acknowledge(lift, step.acknowledge.by)
+            self._note(lift, says, by, answer)
+        elif step.lock_out is not None:
+            locked = manager.lock_out(lift, step.lock_out.by, step.lock_out.reason)
+            self._note(lift, Person.LOCK_OUT, step.lock_out.by, locked)
+        elif step.end_lockout is not None:
+            ended = manager.end_lockout(lift, step.end_lockout.by)
+            self._note(lift, Person.END_LOCKOUT, step.end_lockout.by, ended)
+
+    def _note(self, lift: str, says: Person, by: str, answer: object) -> None:
+        now = asyncio.get_running_loop().time()
+        self._recorder.note(now, lift, "person", {"says": says, "by": by, **answer_fields(answer)})
+
+
+def _together(pressed: Iterable[Inputs]) -> Inputs:
+    every = list(pressed)
+    return Inputs(
+        car_buttons=frozenset().union(*(one.car_buttons for one in every)),
+        landing_buttons=frozenset().union(*(one.landing_buttons for one in every)),
+        hold_door=frozenset().union(*(one.hold_door for one in every)),
+        close_door=frozenset().union(*(one.close_door for one in every)),
+        obstruction=frozenset().union(*(one.obstruction for one in every)),
+    )
+
+
+class _Ride:
+    """A robot that calls, waits, enters, rides, waits and leaves; it believes nothing but the state."""
+
+    def __init__(self, world: World, recorder: Recorder, lift: str, robot: Robot) -> None:
+        self._world = world
+        self._recorder = recorder
+        self._lift = lift
+        self._robot = robot
+        self._holder = holder_of(robot.holder)
+
+    async def go(self) -> None:
+        robot = self._robot
+        word = RobotWord.IN_PLACE if robot.in_words else None
+        try:
+            async with asyncio.timeout(robot.gives_up_after_s):
+                self._does(RobotDoes.CALLS, robot.from_)
+                await self._until_open(robot.from_, None)
+                self._does(RobotDoes.ENTERS, robot.from_)
+                await self._walk(robot.from_)
+                self._does(RobotDoes.RIDES, robot.to)
+                await self._until_open(robot.to, word)
+                self._does(RobotDoes.LEAVES, robot.to)
+                await self._walk(robot.to)
+                self._does(RobotDoes.DONE, robot.to)
+        except TimeoutError:
+            self._does(RobotDoes.GIVES_UP, robot.to)
+            word = None
+        if robot.releases:
+            left = RobotWord.LEFT if word is not None else None
+            self._world.ask(Ask(self._lift, self._holder, robot.to, hold_door=False, robot=left))
+
+    async def _until_open(self, floor: str, word: RobotWord | None) -> None:
+        while True:
+            self._world.ask(Ask(self._lift, self._holder, floor, hold_door=True, robot=word))
+            for _ in range(round(ASKS_EVERY_S / LOOKS_EVERY_S)):
+                await asyncio.sleep(LOOKS_EVERY_S)
+                if self._invited(self._holder, floor):
+                    return
+
+    def _invited(self, holder: Holder, floor: str) -> bool:
+        state = self._world.manager.state(self._lift)
+        return state is not None and (state.holder, state.floor, state.robot_door) == (holder, floor, RobotDoor.OPEN)
+
+    async def _walk(self, floor: str) -> None:
+        left_s = self._robot.boards_s
+        while left_s > 0:
+            self._world.ask(Ask(self._lift, self._holder, floor, hold_door=True))
+            await asyncio.sleep(min(ASKS_EVERY_S, left_s))
+            left_s -= ASKS_EVERY_S
+
+    def _does(self, what: RobotDoes, floor: str) -> None:
+        now = asyncio.get_running_loop().time()
+        self._recorder.note(now, self._lift, "robot", {"holder": self._holder, "does": what, "floor": floor})

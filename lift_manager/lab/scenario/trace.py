@@ -1,0 +1,242 @@
+"""The trace of a run: what happened, entry by entry, in the order in which it happened."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import assert_never
+
+from drivers.model import FloorName
+from lift_manager.domain import events
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event
+from lift_manager.domain.state import Holder, LiftState
+from lift_manager.lab.scenario.vocabulary import KINDS
+from lift_manager.lab.world.fault_names import fault_name
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import Struck
+from register_maps.words import Side
+from simulator.wire_faults import Exchange
+
+Value = bool | float | str | tuple[str, ...] | None
+Subject = tuple[str, str, Value, Value]
+
+_TIME_OF_DAY = re.compile(r" since \d{4}-\d\d-\d\d \d\d:\d\d| \(\d{4}-\d\d-\d\d \d\d:\d\d\)")
+"""In texts for people; the time of day is not part of a run that is to be repeated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One thing that happened."""
+
+    at_s: float
+    """Seconds since the start of the run."""
+    lift: str
+    kind: str
+    fields: Mapping[str, Value]
+    """As in `vocabulary.KINDS`; a field that has nothing to say is None."""
+
+    @property
+    def subject(self) -> Subject:
+        """What it replaces: an entry that lasts holds until the next one about the same."""
+        fields = self.fields if self.kind in ("fault", "wire") else {}
+        return self.lift, self.kind, fields.get("fault"), fields.get("controller")
+
+    def as_json(self) -> str:
+        """Return it as one line of a trace file."""
+        return json.dumps({"at_s": self.at_s, "lift": self.lift, "kind": self.kind, **self.fields}, ensure_ascii=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What the recorder must know of one lift to speak in words."""
+
+    floors: tuple[FloorName, ...]
+    commands: frozenset[str]
+    calls: frozenset[str]
+    """Those commands that name a floor."""
+    controllers: tuple[str, ...]
+
+
+class Recorder:
+    """Writes the trace; one of the witnesses of a world. Times are rounded to microseconds."""
+
+    def __init__(self, lifts: Mapping[str, Known]) -> None:
+        self.entries: list[Entry] = []
+        self.on_entry: Callable[[Entry], None] | None = None
+        self._lifts = lifts
+        self._newest: dict[Subject, Entry] = {}
+        self._given: dict[str, Mapping[str, int]] = {lift: {} for lift in lifts}
+        self._open = True
+
+    def holding(self, lift: str, kind: str) -> list[Entry]:
+        """Return the entries of a kind that lasts which hold now."""
+        return [entry for entry in self._newest.values() if (entry.lift, entry.kind) == (lift, kind)]
+
+    def close(self) -> None:
+        """Take no more: what follows is the end of the run, and not part of it."""
+        self._open = False
+
+    def note(self, at: float, lift: str, kind: str, fields: Mapping[str, object]) -> None:
+        """Add an entry; fields that are not given are None."""
+        if not self._open:
+            return
+        entry = Entry(round(at, 6), lift, kind, {name: _value(fields.get(name)) for name in KINDS[kind].fields})
+        if KINDS[kind].lasts:
+            self._newest[entry.subject] = entry
+        self.entries.append(entry)
+        if self.on_entry is not None:
+            self.on_entry(entry)
+
+    # -- what a world tells
+
+    def looked(self, at: float, lift: str, truth: Truth) -> None:
+        """Note the truth where it has changed, and what is no longer asked for."""
+        before, given = self._given[lift], dict(truth.given)
+        self._given[lift] = given
+        self._changed(at, lift, "truth", _truth_fields(truth, self._lifts[lift].floors))
+        for name, value in before.items():
+            if name not in given:
+                self.note(at, lift, "release", self._command(lift, name, value))
+
+    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """Note each command that a write newly asks for."""
+        for name in sorted(commands):
+            self.note(at, lift, "press", self._command(lift, name, self._given[lift].get(name, 0)))
+
+    def published(self, at: float, lift: str, state: LiftState) -> None:
+        """Note a state that differs from the one before in more than its age."""
+        self._changed(at, lift, "state", _state_fields(state))
+
+    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+        """Leave the bytes out: what they did is in the other entries."""
+
+    def heard(self, at: float, event: Event) -> None:
+        """Note what the manager sends out."""
+        found = _event_fields(event)
+        if found is not None:
+            kind, fields = found
+            self.note(at, event.lift, kind, fields)
+
+    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+        """Note a request with its answer."""
+        fields = {
+            "holder": ask.holder,
+            "floor": ask.floor,
+            "door": "open" if ask.hold_door else "closed",
+            "robot": ask.robot,
+            **answer_fields(answer),
+        }
+        self.note(at, ask.lift, "request", fields)
+
+    def struck(self, at: float, struck: Struck) -> None:
+        """Note a fault; one on a wire is one of every lift behind it."""
+        fields = {"fault": fault_name(struck.fault), "began": struck.began}
+        if struck.where in self._lifts:
+            self.note(at, struck.where, "fault", fields)
+            return
+        for lift, known in self._lifts.items():
+            if struck.where in known.controllers:
+                self.note(at, lift, "wire", {**fields, "controller": struck.where})
+
+    def _changed(self, at: float, lift: str, kind: str, fields: Mapping[str, object]) -> None:
+        held = self.holding(lift, kind)
+        if held and all(held[0].fields[name] == _value(value) for name, value in fields.items() if name != "age_s"):
+            return
+        self.note(at, lift, kind, fields)
+
+    def _command(self, lift: str, name: str, value: int) -> Mapping[str, object]:
+        known = self._lifts[lift]
+        floor = known.floors[value] if name in known.calls and 0 <= value < len(known.floors) else None
+        return {"command": name, "floor": floor}
+
+
+def answer_fields(answer: object) -> Mapping[str, object]:
+    """Return what an answer of the manager says."""
+    if isinstance(answer, Refused):
+        return {"accepted": False, "code": answer.code, "message": answer.message}
+    return {"accepted": True}
+
+
+def changes(entries: Iterable[Entry]) -> Iterator[tuple[Entry, Mapping[str, Value]]]:
+    """Yield each entry with the fields that say something: of one that lasts, those that differ from the one before."""
+    newest: dict[Subject, Entry] = {}
+    for entry in entries:
+        before = newest.get(entry.subject) if KINDS[entry.kind].lasts and entry.kind in ("state", "truth") else None
+        if before is None:
+            yield entry, {name: value for name, value in entry.fields.items() if value not in (None, ())}
+        else:
+            told = {n: v for n, v in entry.fields.items() if v != before.fields[n] and n != "age_s"}
+            yield entry, told
+        newest[entry.subject] = entry
+
+
+def _value(value: object) -> Value:
+    match value:
+        case None | bool() | int() | tuple():
+            return value
+        case float():
+            return round(value, 6)
+        case _:
+            return _TIME_OF_DAY.sub("", str(value)) or None
+
+
+def _truth_fields(truth: Truth, floors: tuple[FloorName, ...]) -> Mapping[str, object]:
+    return {
+        "floor": truth.at,
+        "open_at": truth.open_at,
+        "standing": truth.standing,
+        "doors_shut": truth.doors_shut,
+        "mode": truth.mode,
+        "robot_mode": truth.robot_mode,
+        "calls": tuple(floor for floor in floors if floor in truth.calls),
+        "commands": tuple(sorted(truth.commands)),
+    }
+
+
+def _state_fields(state: LiftState) -> Mapping[str, object]:
+    held = state.restrictions
+    return {
+        "quality": state.quality,
+        "reason": state.reason,
+        "age_s": state.age_s,
+        "floor": state.floor,
+        "standing": state.standing,
+        "destination": state.destination,
+        "robot_door": state.robot_door,
+        **{f"door.{side}": state.doors.get(side) for side in Side},
+        "motion": state.motion,
+        "mode": state.mode,
+        "holder": state.holder,
+        "fire_latched": held.fire_latched,
+        "lockout": held.lockout,
+        "maybe_aboard": held.maybe_aboard,
+        "waiting_for": held.waiting_for,
+    }
+
+
+def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
+    match event:
+        case events.SessionOpened(holder=holder, floor=floor):
+            return "session", {"open": True, "holder": holder, "floor": floor}
+        case events.SessionEnded(holder=holder, reason=reason, text=text, advice=advice):
+            return "session", {"open": False, "holder": holder, "reason": reason, "text": text, "advice": advice}
+        case events.Advised(holder=holder, advice=advice, text=text):
+            return "advice", {"holder": holder, "advice": advice, "text": text}
+        case events.CommandEnded(outcome=outcome):
+            fields = {"command": outcome.command.name, "floor": outcome.command.floor}
+            return "outcome", {**fields, "result": outcome.result, "proof": outcome.proof, "reason": outcome.reason}
+        case events.Alarm(text=text, holder=holder):
+            return "alarm", {"text": text, "holder": holder}
+        case events.StateChanged() | events.LockedOut() | events.LockoutOver() | events.PersonAcknowledged():
+            return None  # the states, and the answers to people, are entries of their own
+        case _:
+            assert_never(event)
+
+
+def holder_of(text: str) -> Holder:
+    """Read a holder as it is shown: `fleet:r1`, or one word for a face with a single caller."""
+    face, _, name = text.partition(":")
+    return Holder(face, name or face)

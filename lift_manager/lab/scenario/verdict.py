@@ -1,0 +1,167 @@
+"""What became of a scenario, for people and for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from lift_manager.lab.scenario.assertions import Broken, Met, Run, judge
+from lift_manager.lab.scenario.expectations import Expected
+from lift_manager.lab.scenario.play import Played
+from lift_manager.lab.scenario.trace import Entry, Value, changes
+
+AROUND = 3
+"""How many entries are shown before and after the one that broke an expectation. Chosen: what fits under it at a glance."""
+SHOWN = 60
+"""Characters of a text that are shown of it; the trace file has all of it. Chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """One expectation of one lift, and whether it was met."""
+
+    line: int
+    expectation: str
+    lift: str
+    ok: bool
+    text: str
+    because: str
+    at_s: float | None
+    around: tuple[str, ...]
+    """The entries around the one that broke it, that one marked with `>`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The result of one scenario."""
+
+    file: str
+    title: str
+    seed: int
+    lasts_s: float
+    ok: bool
+    expectations: tuple[Judgement, ...]
+    problems: tuple[str, ...]
+    """Steps that could not be done."""
+    findings: tuple[str, ...]
+    """What the judge found: lies of the manager, whatever the file expects."""
+    undetectable: tuple[str, ...]
+    """What the judge let pass, for nobody behind these registers can see it."""
+    judged: int
+    invitations: int
+    released: bool
+    entries: int
+
+
+def verdict_of(played: Played) -> Verdict:
+    """Judge what was played."""
+    loaded = played.scenario
+    judgements = tuple(
+        judgement for expected in loaded.expected for judgement in _judged(expected, played, loaded.scenario.lasts_s)
+    )
+    passed = [
+        f"{lift}: {rule}, after {fault}: {number} times" for (lift, rule, fault), number in played.excused.items()
+    ]
+    return Verdict(
+        file=str(loaded.path),
+        title=loaded.scenario.title,
+        seed=played.seed,
+        lasts_s=loaded.scenario.lasts_s,
+        ok=all(one.ok for one in judgements) and not played.findings and not played.problems,
+        expectations=judgements,
+        problems=tuple(played.problems),
+        findings=tuple(str(finding).strip() for finding in played.findings),
+        undetectable=tuple(passed),
+        judged=played.judged,
+        invitations=played.invitations,
+        released=played.released,
+        entries=len(played.trace),
+    )
+
+
+def lines(verdict: Verdict) -> Iterator[str]:
+    """Say it in full, a line at a time."""
+    yield f"{verdict.file}: {verdict.title} (seed {verdict.seed}, {verdict.lasts_s:g} s, {verdict.entries} entries)"
+    for judgement in verdict.expectations:
+        yield from _expectation_lines(judgement)
+    for problem in verdict.problems:
+        yield f"  FAILED  {problem}"
+    for finding in verdict.findings:
+        yield from _indented(f"  FAILED  judge: {finding}")
+    if not verdict.findings:
+        yield (
+            f"  ok      judge: compared {verdict.judged} published states with the truth, {verdict.invitations} said open"
+        )
+    for passed in verdict.undetectable:
+        yield f"          let pass as undetectable: {passed}"
+    if not verdict.released:
+        yield "          at the end not every output was seen to be let go"
+
+
+def summary(verdict: Verdict) -> str:
+    """Say it in one line."""
+    failed = sum(not one.ok for one in verdict.expectations) + len(verdict.problems) + len(verdict.findings)
+    word = "ok    " if verdict.ok else "FAILED"
+    return f"{word}  {verdict.file}: {verdict.title}" + ("" if verdict.ok else f" ({failed} failed)")
+
+
+def _judged(expected: Expected, played: Played, lasts_s: float) -> Iterator[Judgement]:
+    for lift in expected.lifts:
+        entries = [entry for entry in played.trace if entry.lift == lift]
+        result = judge(expected.demand, Run(entries, lasts_s), expected.window)
+        at_s = result.at_s if isinstance(result, Broken) else None
+        around = tuple(_around(result, entries)) if isinstance(result, Broken) else ()
+        shown = f"{lift}: {expected}" if len(played.scenario.lifts) > 1 else str(expected)
+        ok = isinstance(result, Met)
+        yield Judgement(expected.line, shown, lift, ok, result.text, expected.because, at_s, around)
+
+
+def _around(broken: Broken, entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield the entries around the one that broke it, or around the moment at which it had not come about."""
+    if broken.at_s is None:
+        return
+    at = next((place for place, entry in enumerate(entries) if entry is broken.entry), None)
+    if at is None:
+        at = sum(entry.at_s <= broken.at_s for entry in entries) - 1
+    told = list(changes(entries))
+    for place in range(max(0, at - AROUND), min(len(told), at + AROUND + 1)):
+        entry, fields = told[place]
+        mark = ">" if entry is broken.entry else " "
+        yield f"{mark} {entry.at_s:9.3f} s  {entry.kind:<8} {_fields(fields)}"
+
+
+def _fields(fields: object) -> str:
+    found: dict[str, Value] = dict(fields) if isinstance(fields, dict) else {}
+    return ", ".join(f"{name} {_shown(value)}" for name, value in found.items()) or "(nothing but its age)"
+
+
+def _shown(value: Value) -> str:
+    match value:
+        case None | ():
+            return "-"
+        case bool():
+            return str(value).lower()
+        case tuple():
+            return " ".join(value)
+        case _:
+            text = str(value)
+            return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"
+
+
+def _expectation_lines(one: Judgement) -> Iterator[str]:
+    if one.ok:
+        yield f"  ok      line {one.line}: {one.expectation}" + (f": {one.text}" if one.text else "")
+        return
+    yield f"  FAILED  line {one.line}: {one.expectation}"
+    when = "" if one.at_s is None else f" at {one.at_s:.3f} s"
+    yield f"          {one.text}{when}"
+    if one.because:
+        yield f"          because: {one.because}"
+    for entry in one.around:
+        yield f"          {entry}"
+
+
+def _indented(text: str) -> Iterator[str]:
+    first, *rest = text.splitlines()
+    yield first
+    yield from (f"          {line}" for line in rest)

@@ -1,0 +1,52 @@
+"""Where a site's file is, and how it is replaced so that no crash leaves half of one."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from lift_manager.store.errors import StateUnusable
+
+
+def state_path(site: str, said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
+    """Return the file of a site; `said` is the folder that its site file names.
+
+    In this order: the folder that systemd gives (`StateDirectory=`), the one of the site file, the user's own for states. The
+    end of the name tells apart sites whose names differ only in signs that a file name cannot have. Raises StateUnusable.
+    """
+    words = re.sub(r"[^0-9A-Za-z.]+", "-", site).strip("-.").lower()
+    digest = hashlib.sha256(site.encode()).hexdigest()[:8]
+    return _folder(said, site_file, environ) / f"{words or 'site'}-{digest}.json"
+
+
+def _folder(said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
+    if given := environ.get("STATE_DIRECTORY", "").split(":")[0]:
+        return Path(given)
+    if said is not None:
+        return (site_file.parent / Path(said).expanduser()).resolve()
+    if home := environ.get("XDG_STATE_HOME", ""):
+        return Path(home) / "lift-manager"
+    try:
+        return Path.home() / ".local" / "state" / "lift-manager"
+    except RuntimeError as error:
+        text = "this user has no home folder to keep the state of the lifts in; name a folder with `state:` in the site file"
+        raise StateUnusable(text) from error
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Put new content in the place of a file: on the disk, or not at all. Raises OSError."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    beside = path.with_name(f"{path.name}.new")
+    with open(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:  # noqa: PTH123  of a descriptor
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

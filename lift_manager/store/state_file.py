@@ -1,0 +1,156 @@
+"""What outlives the manager, in one small file per site."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from lift_manager.core.memory import Trouble
+from lift_manager.domain.service import Remembered
+from lift_manager.store.errors import StateUnusable
+from lift_manager.store.form import VERSION, Head, LiftForm, StateForm
+from lift_manager.store.place import replace_file
+from lift_manager.store.thread import in_thread
+
+_log = logging.getLogger(__name__)
+
+RETRY_S = (1.0, 60.0)
+"""First and longest pause after a write that failed. Chosen: somebody who makes room on the disk sees it taken up within a minute."""
+
+Write = Callable[[Path, bytes], None]
+
+
+class StateFile:
+    """The Memory of a site on disk. Nothing waits for the disk but `run` and `settled`."""
+
+    def __init__(
+        self, path: Path, site: str, lifts: Collection[str], kept: Mapping[str, Remembered], write: Write
+    ) -> None:
+        """Begin with what `opened` has read; what it holds of lifts that the site does not have any more is carried on."""
+        self.path = path
+        self._site = site
+        self._kept = dict(kept)
+        self._write = write
+        self._changed = asyncio.Event()
+        self._changed.set()  # written once at the start, so that a folder that cannot be written is known before it is needed
+        self._settled = asyncio.Event()
+        self._unwritten = set(lifts)
+        self._reported: set[str] = set()
+        """Lifts whose trouble has been told."""
+
+    def recall(self, lift: str) -> Remembered:
+        """Return what was kept last."""
+        return self._kept.get(lift, Remembered())
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        """Remember this, and write it soon."""
+        self._kept[lift] = remembered
+        self._unwritten.add(lift)
+        self._settled.clear()
+        self._changed.set()
+
+    async def run(self, trouble: Trouble) -> None:
+        """Write what is to be kept until cancelled, one write after the other."""
+        pause_s = RETRY_S[0]
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            taken, self._unwritten = self._unwritten, set()
+            try:
+                await in_thread(partial(self._write, self.path, self._data()))
+            except OSError as error:
+                self._unwritten |= taken
+                self._report(taken, error, trouble)
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(pause_s):
+                        await self._changed.wait()
+                pause_s = min(2 * pause_s, RETRY_S[1])
+                self._changed.set()
+            else:
+                self._written()
+                pause_s = RETRY_S[0]
+
+    async def settled(self) -> None:
+        """Return once everything kept so far is on the disk."""
+        await self._settled.wait()
+
+    def _data(self) -> bytes:
+        lifts = {lift: LiftForm.of(kept) for lift, kept in self._kept.items() if kept != Remembered()}
+        return StateForm(site=self._site, lifts=lifts).model_dump_json(indent=2).encode() + b"\n"
+
+    def _written(self) -> None:
+        if self._reported:
+            _log.warning("%s is written again", self.path)
+            self._reported.clear()
+        if not self._unwritten:
+            self._settled.set()
+
+    def _report(self, lifts: Collection[str], error: OSError, trouble: Trouble) -> None:
+        for lift in sorted(set(lifts) - self._reported):
+            text = (
+                f"state: what people said about {lift} cannot be written to {self.path} ({error.strerror or error}); it is in"
+                " force, but a restart would forget it; make that folder writable, it is tried again by itself"
+            )
+            _log.error("%s", text)
+            trouble(lift, text)
+            self._reported.add(lift)
+
+
+def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace_file) -> StateFile:
+    """Read what was kept of a site; a file that is not there yet holds nothing. Raises StateUnusable."""
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        return StateFile(path, site, lifts, {}, write)
+    except OSError as error:
+        raise _unusable(
+            path, f"cannot be read ({error.strerror or error})", "make it readable for this user"
+        ) from error
+    kept = {lift: form.read() for lift, form in _read(path, text, site).lifts.items()}
+    for lift in kept.keys() - set(lifts):
+        if kept[lift].keeps_robots_out:
+            what = f"keeps robots off lift {lift!r}, which the site file does not have"
+            advice = f"if it has another name, change it there too; if it is gone, take its entry out. The lifts are {', '.join(lifts)}"
+            raise _unusable(path, what, advice)
+    return StateFile(path, site, lifts, kept, write)
+
+
+def _read(path: Path, text: bytes, site: str) -> StateForm:
+    try:
+        head = Head.model_validate_json(text)
+    except ValidationError as error:
+        raise _unusable(path, f"is no state of a lift manager, or is damaged ({_first(error)})", _CURE) from error
+    if head.version != VERSION:
+        advice = f"start the version that wrote it; this one reads version {VERSION}"
+        raise _unusable(path, f"is version {head.version} of that file", advice)
+    if head.site != site:
+        advice = f"name another folder with `state:` in the site file of {site!r}, or move that file away"
+        raise _unusable(path, f"belongs to the site {head.site!r}", advice)
+    try:
+        return StateForm.model_validate_json(text)
+    except ValidationError as error:
+        raise _unusable(path, f"is damaged ({_first(error)})", _CURE) from error
+
+
+_CURE = (
+    "put back a copy of it; if there is none, let a person check every lift for a fire, a lockout and a robot in its car, and"
+    " then move the file away"
+)
+
+
+def _unusable(path: Path, what: str, advice: str) -> StateUnusable:
+    return StateUnusable(
+        f"{path} {what}; it says which lifts were locked out or had a fire, so nothing starts without it: {advice}"
+    )
+
+
+def _first(error: ValidationError) -> str:
+    found = error.errors(include_url=False)[0]
+    place = ".".join(str(part) for part in found["loc"])
+    return f"{place}: {found['msg']}" if place else str(found["msg"])

@@ -1,0 +1,87 @@
+"""What /docs says about what people say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel
+from starlette.responses import Response
+
+from lift_manager.api.people import (
+    AcknowledgedAnswer,
+    AcknowledgeRequest,
+    EndLockoutRequest,
+    LockoutAnswer,
+    LockoutEndedAnswer,
+    LockoutRequest,
+)
+from lift_manager.api.problem import MEDIA_TYPE, Problem
+
+TAG = "people"
+
+TAG_DESCRIPTION = """
+What people say about a lift. Each word is kept over restarts, with the name of who gave it.
+
+There are no keys yet to tell people by, so these are taken from the manager's own computer alone; `lift-manager ack` and
+`lift-manager lockout` on its command line use them. Errors are problem+json (RFC 9457) with a stable `code`.
+"""
+
+_ERRORS = {
+    403: "Another computer asked (`other_computer`), or another site's web page (`another_site`).",
+    404: "There is no such lift (`unknown_lift`).",
+    413: "The body is too long (`too_long`).",
+    422: "The body is not what is expected (`malformed`); `field` names the key.",
+}
+
+
+def acknowledge() -> dict[str, Any]:
+    """What the route's registration wants to know, docs included."""
+    return _route(
+        "The lift was checked",
+        "After a fire robots are refused until a person has checked the lift and says so; so are all others while a robot may be"
+        " in the car that a session left there. This says both. It is refused while the lift still tells of a fire, and while it"
+        " cannot be read, for then nobody knows.",
+        (AcknowledgeRequest, AcknowledgedAnswer),
+        "The lift still tells of a fire (`fire_active`), cannot be read (`offline`), or there is nothing to acknowledge"
+        " (`nothing_to_acknowledge`).",
+    )
+
+
+def lock_out() -> dict[str, Any]:
+    """What the route's registration wants to know, docs included."""
+    return _route(
+        "Keep robots off the lift",
+        "Ends the session, lets everything go at once and refuses every robot with this name and reason. A car that moves keeps"
+        " robot mode until it stands.",
+        (LockoutRequest, LockoutAnswer),
+        "It is locked out already (`locked_out`): a second word does not cover up the first.",
+    )
+
+
+def end_lockout() -> dict[str, Any]:
+    """What the route's registration wants to know, docs included."""
+    return _route(
+        "Let robots on the lift again",
+        "Anybody at the manager's computer can end a lockout, so that a lift is not lost with a person; who did is written down."
+        " Let only the person who made it do so, or who took the work over.",
+        (EndLockoutRequest, LockoutEndedAnswer),
+        "It is not locked out (`not_locked_out`).",
+    )
+
+
+def _route(
+    summary: str, description: str, forms: tuple[type[BaseModel], type[BaseModel]], conflict: str
+) -> dict[str, Any]:
+    body, answer = forms
+    schema = body.model_json_schema()
+    errors = {
+        status: {"description": text, "content": {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}}
+        for status, text in sorted((_ERRORS | {409: conflict}).items())
+    }
+    return {
+        "summary": summary,
+        "description": description,
+        "response_class": Response,
+        "responses": {200: {"description": "It is noted.", "model": answer}, **errors},
+        "openapi_extra": {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}},
+    }

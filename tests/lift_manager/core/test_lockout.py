@@ -1,0 +1,176 @@
+"""A technician's word keeps robots off: at once, with name and reason, and over restarts."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import pytest
+
+from lift_manager.core.memory import ShortMemory
+from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
+from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
+from lift_manager.domain.service import Advice, EndReason, Lockout, LockoutEnded
+from lift_manager.domain.state import Quality
+from register_maps.words import Motion
+from tests.lift_manager.core.heard import heard, only
+from tests.lift_manager.core.phases import PHASES, door_held, outputs, travelling
+from tests.lift_manager.core.scripted import Bench, boarded, on_bench
+from tests.lift_manager.core.test_what_cannot_be_read import WITH_MODE
+from tests.support.spine import WORKSHOP, Spine, on_spine, spine
+from tests.support.virtual_time import elapse, run_virtual
+
+AT = datetime(2026, 3, 2, 21, 30, tzinfo=UTC)
+TEXT = "locked out by M. Weber since 2026-03-02 21:30: new ropes"
+
+
+def locked_out(made: Spine) -> Lockout:
+    answer = made.task.lock_out("M. Weber", "new ropes")
+    assert isinstance(answer, Lockout), answer
+    return answer
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_lockout_ends_the_session_and_lets_everything_go_but_robot_mode_under_way(
+    phase: Callable[[Spine], Awaitable[None]],
+) -> None:
+    async def check(made: Spine) -> None:
+        await phase(made)
+        await elapse(0.1)
+        mode_was_on = made.face.picture.robot_mode_on
+        locked_out(made)
+        assert made.state.holder is None
+        pressed = len(made.presses())
+        await elapse(0.1)
+        call, hold, *_ = outputs(made)
+        assert (call, hold) == (0, 0)
+        while made.face.picture.motion is not Motion.STOPPED:
+            assert made.face.picture.robot_mode_on == mode_was_on
+            await elapse(0.05)
+        await elapse(5)
+        assert outputs(made) == [0, 0, 0, 0]
+        assert len(made.presses()) == pressed
+
+    on_spine(check)
+
+
+def test_a_lockout_is_told_to_the_robot_and_to_everybody_who_asks() -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        with made.bus.listen() as listener:
+            lockout = locked_out(made)
+            events = await heard(listener)
+        assert lockout == Lockout("M. Weber", "new ropes", AT)
+        assert only(events, LockedOut) == [LockedOut("lift", lockout)]
+        (ended,) = only(events, SessionEnded)
+        assert (ended.holder, ended.reason, ended.advice) == (WORKSHOP, EndReason.LOCKOUT, Advice.CLEAR_DOORWAY)
+        assert ended.text == "locked out by M. Weber: new ropes"
+        refused = made.refuse("L3")
+        assert refused.code is Refusal.LOCKED_OUT
+        assert refused.message == f"lift is {TEXT}; a person ends it with `lift-manager lockout lift --by NAME --end`"
+        assert made.state.restrictions.lockout == TEXT.removeprefix("locked out ")
+        assert made.ask("L2", hold=False) == Accepted()
+
+    on_spine(check, clock=lambda: AT)
+
+
+def test_a_lockout_survives_restarts_until_somebody_ends_it() -> None:
+    async def main() -> None:
+        memory = ShortMemory()
+        async with spine(memory=memory, clock=lambda: AT) as made:
+            await travelling(made)
+            locked_out(made)
+        async with spine(memory=memory, clock=lambda: AT) as made:
+            assert TEXT in made.refuse("L2").message
+            await elapse(5)
+            assert made.device.writes == []
+            with made.bus.listen() as listener:
+                ended = made.task.end_lockout("A. Beck")
+                assert only(await heard(listener), LockoutOver) == [
+                    LockoutOver("lift", LockoutEnded("A. Beck", AT, Lockout("M. Weber", "new ropes", AT)))
+                ]
+            assert isinstance(ended, LockoutEnded)
+            made.accept("L2")
+        async with spine(memory=memory) as made:
+            assert made.state.restrictions.lockout == ""
+
+    run_virtual(main)
+
+
+def test_a_second_lockout_does_not_cover_up_the_first_and_none_cannot_be_ended() -> None:
+    async def check(made: Spine) -> None:
+        nothing = made.task.end_lockout("A. Beck")
+        assert isinstance(nothing, Refused)
+        assert nothing.code is Refusal.NOT_LOCKED_OUT
+        locked_out(made)
+        second = made.task.lock_out("A. Beck", "cleaning")
+        assert isinstance(second, Refused)
+        assert second.code is Refusal.LOCKED_OUT
+        assert "by M. Weber" in second.message
+        assert made.task.remembered().lockout == Lockout("M. Weber", "new ropes", AT)
+
+    on_spine(check, clock=lambda: AT)
+
+
+def test_a_lift_that_is_only_watched_or_offline_can_be_locked_out_too() -> None:
+    async def watched(made: Spine) -> None:
+        locked_out(made)
+        assert made.refuse("L2").code is Refusal.LOCKED_OUT
+        await elapse(2)
+        assert made.device.writes == []
+
+    async def offline(made: Spine) -> None:
+        made.device.silent = True
+        await made.until(lambda state: state.quality is Quality.OFFLINE)
+        locked_out(made)
+        assert made.refuse("L2").code is Refusal.LOCKED_OUT
+
+    on_spine(watched, control=False)
+    on_spine(offline)
+
+
+def test_a_press_that_is_on_its_way_when_the_word_comes_is_not_sent() -> None:
+    async def check(made: Spine) -> None:
+        made.device.delay_s = 0.2
+        made.accept("L3")
+        while not made.face.picture.robot_mode_on:
+            await elapse(0.01)
+        locked_out(made)
+        await elapse(5)
+        assert made.presses() == []
+
+    on_spine(check)
+
+
+def test_a_robot_that_left_is_reported_to_the_lift_only_once_the_lockout_is_over() -> None:
+    async def check(made: Bench) -> None:
+        await boarded(made)
+        await made.ridden_to("L3")
+        made.driver.delay_s = 1.0
+        made.accept("L3", RobotWord.LEFT, hold=False)
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(10)
+        assert made.driver.on == set()
+        assert "robot_left" not in made.presses
+        assert isinstance(made.task.end_lockout("M. Weber"), LockoutEnded)
+        await elapse(5)
+        assert made.presses[-1] == "robot_left"
+
+    on_bench(check)
+
+
+def test_robot_mode_of_a_car_under_way_stays_permitted_in_a_lockout_until_the_car_stands() -> None:
+    async def check(made: Bench) -> None:
+        made.driver.values = replace(made.driver.values, flags={"robot_mode_on": True})
+        made.accept("L1")
+        await elapse(0.5)
+        made.driver.values = replace(made.driver.values, floor=None, motion=Motion.UP)
+        await elapse(0.5)
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(5)
+        assert made.driver.on == {"robot_mode"}
+        assert made.driver.permits["robot_mode"]() is None
+        made.driver.values = replace(made.driver.values, floor="L1", motion=Motion.STOPPED)
+        await elapse(5)
+        assert made.driver.on == set()
+
+    on_bench(check, WITH_MODE)

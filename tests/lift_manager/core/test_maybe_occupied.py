@@ -1,0 +1,244 @@
+"""A car in which a robot may have been left keeps other robots out, over restarts too, until somebody knows better."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from lift_manager.core.memory import ShortMemory
+from lift_manager.domain.asking import Refusal, Refused, RobotWord
+from lift_manager.domain.events import Alarm
+from lift_manager.domain.service import Acknowledged, Cause
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import Door, Motion
+from tests.lift_manager.core.heard import heard, only
+from tests.lift_manager.core.phases import door_held, just_accepted, travelling
+from tests.lift_manager.core.scripted import OTHER, PERMITTING, PLAIN, ROBOT, Bench, boarded, on_bench
+from tests.support.spine import OTHER as OTHER_FACE
+from tests.support.spine import WORKSHOP, Spine, spine
+from tests.support.virtual_time import elapse, run_virtual
+
+IN_PLACE, LEFT = RobotWord.IN_PLACE, RobotWord.LEFT
+
+
+async def riding(made: Spine) -> None:
+    await door_held(made)
+    made.accept("L3")
+    await made.until(lambda state: state.motion is Motion.UP)
+
+
+@pytest.mark.parametrize("phase", [door_held, riding])
+@pytest.mark.parametrize("orderly", [True, False])
+def test_after_a_restart_in_the_middle_of_a_ride_only_its_holder_may_go_on(
+    phase: Callable[[Spine], Awaitable[None]], *, orderly: bool
+) -> None:
+    async def main() -> None:
+        memory = ShortMemory()
+        async with spine(memory=memory) as made:
+            await phase(made)
+            if orderly:
+                await made.task.stop()
+        async with spine(memory=memory) as made:
+            assert made.state.restrictions.maybe_aboard == WORKSHOP
+            refused = made.refuse("L2", holder=OTHER_FACE)
+            assert refused.code is Refusal.OCCUPANCY_UNKNOWN
+            assert "a robot of workshop may still be aboard" in refused.message
+            assert "`lift-manager ack lift --by NAME`" in refused.message
+            made.accept("L3")
+            await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+            made.accept("L3", hold=False)
+            made.accept("L2", holder=OTHER_FACE)
+            assert made.task.remembered().occupied is None
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("phase", [just_accepted, travelling])
+def test_a_restart_before_the_door_stood_open_leaves_the_lift_to_everybody(
+    phase: Callable[[Spine], Awaitable[None]],
+) -> None:
+    async def main() -> None:
+        memory = ShortMemory()
+        async with spine(memory=memory) as made:
+            await phase(made)
+        async with spine(memory=memory) as made:
+            made.accept("L2", holder=OTHER_FACE)
+
+    run_virtual(main)
+
+
+def test_a_ride_that_was_released_leaves_the_lift_to_everybody() -> None:
+    async def main() -> None:
+        memory = ShortMemory()
+        async with spine(memory=memory) as made:
+            await riding(made)
+            await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+            assert memory.recall("lift").occupied is not None
+            made.accept("L3", hold=False)
+            assert memory.recall("lift").occupied is None
+        async with spine(memory=memory) as made:
+            made.accept("L2", holder=OTHER_FACE)
+
+    run_virtual(main)
+
+
+def test_a_person_who_has_looked_frees_the_lift() -> None:
+    async def main() -> None:
+        memory = ShortMemory()
+        async with spine(memory=memory) as made:
+            await door_held(made)
+        async with spine(memory=memory) as made:
+            said = made.task.acknowledge("M. Weber")
+            assert isinstance(said, Acknowledged)
+            assert said.what == (Cause.OCCUPIED,)
+            made.accept("L2", holder=OTHER_FACE)
+        assert memory.recall("lift").acknowledged == said
+
+    run_virtual(main)
+
+
+def test_its_holders_release_frees_the_lift_after_a_restart() -> None:
+    async def main() -> None:
+        memory = ShortMemory()
+        async with spine(memory=memory) as made:
+            await door_held(made)
+        async with spine(memory=memory) as made:
+            made.accept(made.state.floor or "", hold=False)
+            made.accept("L2", holder=OTHER_FACE)
+
+    run_virtual(main)
+
+
+def test_a_lease_that_ends_with_the_door_open_leaves_a_doubt_and_an_alarm() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        await elapse(31)
+        assert made.state.holder is None
+        (alarm,) = only(await heard(made.heard), Alarm)
+        assert alarm.text.startswith(
+            "maybe_occupied: the session of rmf:fleet/robot1 is over (the lease of 30 s ran out)"
+        )
+        assert alarm.holder == ROBOT
+        assert made.refuse("L3", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        made.accept("L3", holder=OTHER)
+
+    on_bench(check, PLAIN, lease_s=30)
+
+
+def test_a_ride_that_ended_on_arrival_without_a_hold_leaves_a_doubt_but_no_alarm() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        made.accept("L3", hold=False)
+        await made.car(None, Door.CLOSED)
+        await made.car("L3", Door.CLOSED)
+        await elapse(3)
+        assert made.state.holder is None
+        assert only(await heard(made.heard), Alarm) == []
+        assert made.refuse("L2", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+        made.accept("L3", hold=False)
+        made.accept("L2", holder=OTHER)
+
+    on_bench(check, PLAIN)
+
+
+def test_a_car_that_was_merely_sent_somewhere_leaves_no_doubt() -> None:
+    async def check(made: Bench) -> None:
+        made.accept("L3", hold=False)
+        await made.car(None, Door.CLOSED)
+        await made.car("L3", Door.OPEN, enter=True)
+        await elapse(3)
+        assert made.state.holder is None
+        made.accept("L2", holder=OTHER)
+
+    on_bench(check, PLAIN)
+
+
+def test_nothing_is_acknowledged_while_the_holder_rides_on() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.state.restrictions.maybe_aboard == ROBOT
+        refused = made.task.acknowledge("M. Weber")
+        assert isinstance(refused, Refused)
+        assert refused.code is Refusal.NOTHING_TO_ACKNOWLEDGE
+        assert made.state.restrictions.maybe_aboard == ROBOT
+
+    on_bench(check, PLAIN)
+
+
+def on_two_benches(first: Callable[[Bench], Awaitable[None]], second: Callable[[Bench], Awaitable[None]]) -> None:
+    """Run a manager, and another one that remembers what it knew."""
+    memory = ShortMemory()
+    on_bench(first, PERMITTING, memory=memory)
+    on_bench(second, PERMITTING, memory=memory)
+
+
+def test_a_robot_aboard_is_still_aboard_after_a_restart_and_the_lift_is_told_anew() -> None:
+    async def after(made: Bench) -> None:
+        assert made.refuse("L1", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+        made.accept("L3")
+        await elapse(1)
+        assert made.presses == ["robot_in_place", "go L3"]
+        await made.ridden_to("L3")
+        made.accept("L3", LEFT, hold=False)
+        await elapse(1)
+        assert made.presses[-1] == "robot_left"
+        made.accept("L1", holder=OTHER)
+
+    on_two_benches(boarded, after)
+
+
+def test_after_a_restart_with_the_door_open_the_car_is_not_sent_off_before_somebody_says_who_is_aboard() -> None:
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+
+    async def after(made: Bench) -> None:
+        assert made.state.floor == "L2"
+        refused = made.refuse("L3")
+        assert refused.code is Refusal.OCCUPANCY_UNKNOWN
+        assert (
+            "say that it is in place or has left, ask for L2, where the car is, or a person must look"
+            in refused.message
+        )
+        made.accept("L3", IN_PLACE)
+        await elapse(1)
+        assert made.presses == ["robot_in_place", "go L3"]
+
+    async def stays(made: Bench) -> None:
+        made.accept("L2")
+        await elapse(5)
+        assert "may have entered the car at L2" in made.refuse("L3").message
+
+    async def says_left(made: Bench) -> None:
+        made.accept("L3", LEFT)
+        await elapse(1)
+        assert made.presses == ["call L3"]
+
+    on_two_benches(before, after)
+    on_two_benches(before, stays)
+    on_two_benches(before, says_left)
+
+
+def test_what_is_remembered_is_written_twice_in_a_ride_and_not_at_every_reading() -> None:
+    async def main() -> None:
+        memory = Counting()
+        async with spine(memory=memory) as made:
+            await riding(made)
+            await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+            await elapse(60)
+            made.accept("L3", hold=False)
+            await elapse(5)
+        assert memory.kept == 2
+        assert asyncio.get_running_loop().time() > 60
+
+    run_virtual(main)
+
+
+class Counting(ShortMemory):
+    """Counts what it is asked to keep."""
+
+    kept = 0
+
+    def keep(self, lift: str, remembered: object) -> None:
+        self.kept += 1
+        super().keep(lift, remembered)  # type: ignore[arg-type]  # a Remembered

@@ -1,0 +1,89 @@
+"""What any memory of the manager does, in the process or on the disk."""
+
+import asyncio
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+from lift_manager.core.memory import Memory, ShortMemory
+from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
+from lift_manager.domain.state import Holder
+from lift_manager.store.state_file import opened
+
+AT = datetime(2026, 3, 2, 21, 30, 5, 250_000, tzinfo=UTC)
+SINGAPORE = timezone(timedelta(hours=8))
+EVERYTHING = Remembered(
+    fire_since=AT,
+    lockout=Lockout("Jürgen O'Neill", 'door "front" is being replaced', AT.astimezone(SINGAPORE)),
+    occupied=Occupied(Holder("rmf", "fleet/robot1"), True, AT),
+    acknowledged=Acknowledged("王", AT, (Cause.FIRE, Cause.OCCUPIED)),
+)
+VALUES = [
+    Remembered(),
+    EVERYTHING,
+    Remembered(fire_since=AT),
+    Remembered(lockout=EVERYTHING.lockout),
+    Remembered(occupied=Occupied(Holder("workshop", "workshop"), False, AT)),
+    Remembered(acknowledged=EVERYTHING.acknowledged),
+]
+LIFTS = ("east", "Güter / 2")
+
+
+def no_trouble(lift: str, text: str) -> None:
+    raise AssertionError(f"{lift}: {text}")
+
+
+@pytest.fixture(params=["short", "file"])
+def again(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Memory]:
+    """Make the memory, or make it again, as a restart of the manager does."""
+    if request.param == "file":
+        return lambda: opened(tmp_path / "state.json", "Main hospital", LIFTS)
+    short = ShortMemory()
+    return lambda: short
+
+
+async def written(memory: Memory) -> None:
+    """Let it write everything down."""
+    async with asyncio.timeout(10):
+        running = asyncio.ensure_future(memory.run(no_trouble))
+        await memory.settled()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+def test_a_lift_that_nothing_was_kept_of_is_free(again: Callable[[], Memory]) -> None:
+    assert again().recall("east") == Remembered()
+    assert again().recall("of no site") == Remembered()
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_what_is_kept_is_recalled_at_once_and_after_a_restart(again: Callable[[], Memory], value: Remembered) -> None:
+    async def main() -> None:
+        memory = again()
+        memory.keep("east", Remembered(fire_since=AT))
+        memory.keep("east", value)
+        assert memory.recall("east") == value
+        await written(memory)
+        assert again().recall("east") == value
+
+    asyncio.run(main())
+
+
+def test_each_lift_has_its_own(again: Callable[[], Memory]) -> None:
+    async def main() -> None:
+        memory = again()
+        for lift, value in zip(LIFTS, VALUES[1:], strict=False):
+            memory.keep(lift, value)
+        await written(memory)
+        assert [again().recall(lift) for lift in LIFTS] == VALUES[1:3]
+        memory.keep(LIFTS[0], Remembered())
+        await written(memory)
+        assert [again().recall(lift) for lift in LIFTS] == [Remembered(), VALUES[2]]
+
+    asyncio.run(main())
+
+
+def test_nothing_to_write_is_settled_at_once(again: Callable[[], Memory]) -> None:
+    asyncio.run(written(again()))
