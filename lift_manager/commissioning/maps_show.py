@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from lift_manager.commissioning import wording
+from lift_manager.commissioning.detection import Detection, detections
 from lift_manager.commissioning.maps_list import at_floor, fire
 from lift_manager.commissioning.wording import one_line
 from register_maps.codec import Codec, CommandCodec, Point, SignalCodec, compile_map
@@ -105,6 +106,8 @@ class MapSheet:
     at_same_floor: str
     fire: str
     cautions: tuple[str, ...]
+    faults: tuple[Detection, ...]
+    """What can be seen of each fault of such a lift, and what cannot."""
 
 
 def map_sheet(loaded: LoadedMap) -> MapSheet:
@@ -131,6 +134,7 @@ def map_sheet(loaded: LoadedMap) -> MapSheet:
         at_same_floor={"call": "the call itself", "open_button": "the door-open command"}[source.at_same_floor],
         fire=fire(source),
         cautions=tuple(one_line(finding.message) for finding in loaded.warnings),
+        faults=detections(codec, max_age_s=source.link.max_age_s),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
+from lift_manager.commissioning.detection import Lie
 from lift_manager.commissioning.maps_list import WIDTH
 from lift_manager.commissioning.maps_show import CommandSheet, MapSheet, PlaceSheet, SignalSheet, side_by_side
 from lift_manager.commissioning.wording import FUNCTIONS, functions
@@ -28,6 +29,8 @@ def lines(sheet: MapSheet) -> Iterator[str]:
     if sheet.parameters:
         yield from _part("PARAMETERS: what a site says")
         yield from _facts(_parameters(sheet))
+    yield from _part("FAULTS: what this map shows of them")
+    yield from _facts(_faults(sheet))
     yield from _part("LINK AND LIMITS")
     yield from _facts(_link(sheet))
 
@@ -47,6 +50,27 @@ def _head(sheet: MapSheet) -> Iterator[tuple[str, str]]:
     for caution in sheet.cautions:
         yield "caution", caution
     yield "sha256", sheet.sha256
+
+
+_WRONG = {
+    Lie.OPEN: "a door may be said to be open that is not",
+    Lie.MODE: "robots may be let in, or something be pressed, in a mode without robots",
+    Lie.EFFECT: "a command may be said to be confirmed that had no effect",
+    Lie.OUTPUT: "an output may stay on that counts as let go",
+}
+
+
+def _faults(sheet: MapSheet) -> Iterator[tuple[str, str]]:
+    """Yield what is dangerous one by one, the worst first, and the rest in one line."""
+    unseen = [fault for fault in sheet.faults if fault.within_s is None]
+    seen = [fault for fault in sheet.faults if fault.within_s is not None and fault.lies]
+    for fault in unseen:
+        yield fault.fault, f"UNDETECTABLE: {fault.how}; {'; '.join(_WRONG[lie] for lie in fault.lies)}"
+    for fault in seen:
+        until = f"; until it is over, {'; '.join(_WRONG[lie] for lie in fault.lies)}" if fault.goes_on else ""
+        yield fault.fault, f"detected within {fault.within_s:g} s: {fault.how}{until}"
+    harmless = ", ".join(fault.fault for fault in sheet.faults if fault not in (*unseen, *seen))
+    yield "no wrong word", f"because of {harmless}"
 
 
 def _link(sheet: MapSheet) -> Iterator[tuple[str, str]]:

@@ -1,0 +1,196 @@
+"""Which faults of a lift, its controller and its wire this manager can see, by what a map reads and writes. Pure.
+
+A fault that no register shows cannot be detected by anybody behind the registers. This says so for each map, before
+somebody relies on the opposite. The classes are proved by experiment: `python -m tests.campaigns.matrix`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum, unique
+
+from register_maps.codec import Codec, CommandCodec
+from register_maps.schema import CALLS
+from register_maps.vocabulary import FLAG_MODES
+from register_maps.words import Door, Mode
+
+READINGS_S = 1.0
+"""How long two polls in a row may take, with the answers of a slow controller. Chosen: the usual poll takes 0.2 s."""
+
+FOREIGN_WRITER_S = 6.0
+"""Within which a foreign write is told: our outputs are compared every 2 s, and two looks must agree (`drivers.modbus`)."""
+
+
+@unique
+class Lie(StrEnum):
+    """What may be wrong because of a fault, until it is detected."""
+
+    OPEN = "open"
+    """A door is said to be open for a robot, and is not."""
+    MODE = "mode"
+    """A robot is let in, or something is pressed, in a mode without robots."""
+    EFFECT = "effect"
+    """A command is said to be confirmed, and had no effect."""
+    OUTPUT = "output"
+    """An output is on, and counts as let go."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What becomes of one fault on lifts of one map."""
+
+    fault: str
+    """As in a scenario file."""
+    within_s: float | None
+    """How long it may go unseen, from its beginning; None: it is undetectable."""
+    lies: tuple[Lie, ...]
+    """What may be wrong meanwhile; empty: nothing ever is."""
+    how: str
+    """What shows it, or why nothing does."""
+    goes_on: bool = False
+    """It is told, and what is wrong goes on for as long as the fault does."""
+
+
+MODES = (Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE)
+"""The modes without robots that a controller changes to by itself."""
+
+_TOLD = {
+    "stuck_door": "the door limits tell where it is",
+    "reopening_door": "the door limits tell what it does",
+    "nudging_door": "the door limits tell what it does",
+    "wrong_floor": "the floor that the car tells is where it is",
+    "relevelling": "the car stays in the door zone, which is no fault",
+    "homing": "the car tells no floor, or one with its doors shut",
+    "calls_cancelled": "the call disappears, or the car does not come in time",
+    "robot_mode_withdrawn": "robot mode is read, or the call is not answered",
+    "overload": "the door stays open, and the car does not come in time",
+    "floor_ahead": "a car that moves has its doors shut",
+    "frozen_heartbeat": "what is read goes on to be true",
+}
+
+
+def detections(codec: Codec, *, max_age_s: float) -> tuple[Detection, ...]:
+    """Return what becomes of every fault that can be simulated, in a fixed order."""
+    return (*_machine(codec, max_age_s), *_registers(codec, max_age_s), *_network(max_age_s))
+
+
+def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
+    for fault in ("stuck_door", "reopening_door", "nudging_door", "wrong_floor", "relevelling", "homing"):
+        yield _harmless(fault)
+    for fault in ("calls_cancelled", "robot_mode_withdrawn", "overload"):
+        yield _harmless(fault)
+    for mode in MODES:
+        if _shows_mode(codec, mode):
+            yield Detection(f"in_mode.{mode}", max_age_s, (Lie.MODE,), "the mode is read with every poll")
+        else:
+            why = "no signal of this map tells this mode"
+            yield Detection(f"in_mode.{mode}", None, (Lie.MODE, Lie.EFFECT), why)
+
+
+def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
+    yield _wrong_floor_shown(codec)
+    yield _harmless("floor_ahead")
+    yield _contradiction(codec, max_age_s)
+    alive = codec.map.signals.get("alive")
+    beat_s = alive.must_change_within_s if alive is not None else None
+    everything = tuple(Lie)
+    if beat_s is not None:
+        within_s = beat_s + max_age_s
+        yield Detection("frozen_registers", within_s, everything, f"the heartbeat stands still for {beat_s:g} s")
+        yield Detection("frozen_heartbeat", within_s, (), f"the heartbeat stands still for {beat_s:g} s")
+        yield Detection("stopped", within_s, everything, f"the heartbeat stands still for {beat_s:g} s")
+    else:
+        why = "the map has no heartbeat: registers that stand still look like a lift that does"
+        yield Detection("frozen_registers", None, everything, why)
+        yield _harmless("frozen_heartbeat")
+        yield Detection("stopped", None, everything, why)
+    yield _lost("lost_press", codec)
+    yield _lost("ignored_writes", codec)
+    yield Detection("ignored_writes.stored", None, (Lie.EFFECT, Lie.OUTPUT), "what is read back is right")
+    yield _foreign_writer(codec)
+
+
+def _network(max_age_s: float) -> Iterator[Detection]:
+    for fault in ("reboot", "power_loss", "power_loss.outputs_held", "slot_kept"):
+        yield Detection(fault, max_age_s, (), "no answer comes, and the lift is offline")
+
+
+def _harmless(fault: str) -> Detection:
+    return Detection(fault, 0.0, (), _TOLD[fault])
+
+
+def _shows_mode(codec: Codec, mode: Mode) -> bool:
+    flags = dict(FLAG_MODES).get(mode, ())
+    if any(flag in codec.signals and flag in _FLAGS_OF_SIMULATOR for flag in flags):
+        return True
+    words = codec.map.signals["mode"].values if "mode" in codec.signals else None
+    return words is not None and mode in words.values()
+
+
+_FLAGS_OF_SIMULATOR = frozenset({"fire", "emergency_power", "inspection", "independent", "out_of_service"})
+
+
+def _wrong_floor_shown(codec: Codec) -> Detection:
+    floor = codec.signals.get("car_floor")
+    limits = {signal.points for name, signal in codec.signals.items() if name.startswith("door.") and signal.per_floor}
+    if floor is not None and floor.points in limits:
+        return Detection("says_wrong_floor", None, (Lie.OPEN, Lie.EFFECT), "another door limit is made")
+    return Detection("says_wrong_floor", None, (Lie.OPEN, Lie.EFFECT), "nothing else tells the floor")
+
+
+def _contradiction(codec: Codec, max_age_s: float) -> Detection:
+    doors = [name for name in codec.signals if name.startswith("door.")]
+    if all(_contradicts(codec, name) for name in doors):
+        return Detection("contradicting_limits", max_age_s, (Lie.OPEN,), "the door is in fault")
+    why = "the door is told by its open contact alone"
+    return Detection("contradicting_limits", None, (Lie.OPEN, Lie.EFFECT), why)
+
+
+def _contradicts(codec: Codec, name: str) -> bool:
+    """Whether this door can say something that is no door word."""
+    image = codec.empty_image()
+    signal = codec.signals[name]
+    if signal.per_floor:
+        return False
+    if signal.points and len(signal.points) == 2:
+        return True
+    spec = codec.map.signals[name]
+    try:
+        signal.insert(image, Door.OPEN)
+    except ValueError:
+        return True
+    return spec.values is not None and len(spec.values) < 2 ** min(16, signal.points[0].width)
+
+
+def _lost(fault: str, codec: Codec) -> Detection:
+    calls = [codec.commands[name] for name in CALLS if name in codec.commands]
+    loose = [command.name for command in calls if _is_loose(command)]
+    blind = [command.name for command in codec.commands.values() if not command.read_points]
+    lies = (*((Lie.EFFECT,) if loose else ()), *((Lie.OUTPUT,) if blind and fault != "lost_press" else ()))
+    if not lies:
+        within_s = max((command.spec.confirm.within_s for command in calls if command.spec.confirm), default=0.0)
+        return Detection(fault, within_s, (), "the lamp does not light, and the command is unconfirmed")
+    why = []
+    if Lie.EFFECT in lies:
+        why.append(f"{', '.join(loose)}: a car that moves for somebody else looks like the answer")
+    if Lie.OUTPUT in lies:
+        why.append(f"{', '.join(blind)}: cannot be read back")
+    return Detection(fault, None, lies, "; ".join(why))
+
+
+def _foreign_writer(codec: Codec) -> Detection:
+    lies = (Lie.EFFECT, Lie.OUTPUT)
+    blind = [command.name for command in codec.commands.values() if not command.read_points or command.lamp]
+    if len(blind) == len(codec.commands):
+        return Detection("foreign_writer", None, lies, "no output of this map can be read back")
+    how = "an alarm names the output and what was written; the lift obeys both writers meanwhile"
+    if blind:
+        how += f". Not for {', '.join(blind)}, which cannot be read back"
+    return Detection("foreign_writer", FOREIGN_WRITER_S, lies, how, goes_on=True)
+
+
+def _is_loose(command: CommandCodec) -> bool:
+    """Whether something other than the controller's own acceptance confirms a call."""
+    confirm = command.spec.confirm
+    return confirm is None or bool({"readback", "effect", "car_floor", "destination"} & set(confirm.any_of))

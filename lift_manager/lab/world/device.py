@@ -1,0 +1,83 @@
+"""Simulated devices at one address, at the end of wires without a network. Time is the loop's."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from register_maps import frames
+from register_maps.errors import BadRequest
+from register_maps.frames import Request
+from register_maps.words import BIT_TABLES
+from simulator.registers import Endpoint, Objection, RegisterFace, Silence
+
+ANSWER_S = 0.004
+"""How long a device takes to answer. Chosen: a quick PLC."""
+TARGET_SILENT = 0x0B
+
+Device = RegisterFace | Endpoint
+Reply = tuple[float, bytes | None]
+
+
+class Connected(Protocol):
+    """A wire that the device can let go of."""
+
+    def drop(self) -> None:
+        """Reset the connection."""
+
+
+class MemoryController:
+    """The devices behind one address, by unit id; frames in, answers out."""
+
+    def __init__(self, devices: Mapping[int, Device], look: Callable[[bool], None]) -> None:
+        """`look` is called after every request that was carried out, with True after a write, and before every write."""
+        self._devices = devices
+        self._look = look
+        self.wires: list[Connected] = []
+        self.on_network = True
+        """Off, it neither answers nor lets anybody in."""
+        self.keeps_slot = False
+        """It takes a connection that went away for one that is still there."""
+
+    def switch(self, *, on: bool) -> None:
+        """Put it on the network, or take it off and reset every connection."""
+        self.on_network = on
+        for wire in [] if on else tuple(self.wires):
+            wire.drop()
+
+    def answer(self, frame: bytes) -> list[Reply]:
+        """Carry out one request; no answer while the device is off."""
+        try:
+            request = frames.parse_request(frame, timed_coils=True)
+        except BadRequest as refusal:
+            return [(ANSWER_S, frames.exception_answer(frame, refusal.code))]
+        device = self._devices.get(request.unit)
+        if device is None:
+            return [(ANSWER_S, frames.exception_answer(frame, TARGET_SILENT))]
+        if request.is_write:
+            self._look(False)
+        try:
+            payload = _carry_out(device, request, asyncio.get_running_loop().time())
+        except Objection as objection:
+            return [(ANSWER_S, frames.exception_answer(frame, objection.code))]
+        except Silence:
+            return []
+        self._look(request.is_write)
+        return [(ANSWER_S, frames.answer(request, frames.tid_of(frame), payload))]
+
+
+def _carry_out(device: Device, request: Request, now: float) -> bytes:
+    if not request.is_write:
+        cells = device.read(request.table, request.address, request.count, now)
+        if request.table in BIT_TABLES:
+            return frames.pack_bits(cells)
+        return b"".join(cell.to_bytes(2, "big") for cell in cells)
+    if request.function == frames.MASK_WRITE:
+        keep, put = request.values
+        device.mask_write(request.address, keep, put, now)
+    elif request.duration is not None:
+        device.pulse(request.address, request.duration, now)
+    else:
+        device.write(request.table, request.address, request.values, now)
+    return b""

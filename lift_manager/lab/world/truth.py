@@ -1,0 +1,98 @@
+"""What simulated lifts really do, by their own physics, kept over time: the witness of every verdict."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from drivers.model import FloorName
+from register_maps.words import Door, Mode
+from simulator.registers import RegisterFace
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """One lift at one moment, whatever its registers show."""
+
+    at: FloorName | None
+    """The floor in whose door zone the car is."""
+    open_at: FloorName | None
+    """The floor at which the car is in the door zone with every door that serves it fully open."""
+    standing: bool
+    doors_shut: bool
+    mode: Mode
+    robot_mode: bool
+    calls: frozenset[FloorName]
+    """Car calls that are registered and not served yet."""
+    given: tuple[tuple[str, int], ...]
+    """What the controller is asked for over the network: command and the index of the floor, or 1."""
+
+    @property
+    def commands(self) -> frozenset[str]:
+        """Names of the commands that are present."""
+        return frozenset(name for name, _ in self.given)
+
+
+def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:
+    """Look at a lift as it is at its own time."""
+    picture = face.picture
+    at = picture.floor if picture.in_door_zone else None
+    here = face.parameters.doors_at[at] if at is not None else frozenset()
+    is_open = at is not None and all(picture.doors[side] is Door.OPEN for side in here)
+    return Truth(
+        at=None if at is None else floors[at],
+        open_at=floors[at] if is_open and at is not None else None,
+        standing=picture.speed_m_s == 0.0,
+        doors_shut=all(door is Door.CLOSED for door in picture.doors.values()),
+        mode=picture.mode,
+        robot_mode=picture.robot_mode_on,
+        calls=frozenset(floors[index] for index in picture.car_calls),
+        given=tuple(sorted(face.asked.items())),
+    )
+
+
+class History:
+    """The truth about one lift over time: what was seen at each look, taken to last until the next."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._truths: list[Truth] = []
+
+    @property
+    def last(self) -> Truth | None:
+        """The newest one; None before the first look."""
+        return self._truths[-1] if self._truths else None
+
+    def add(self, at: float, truth: Truth) -> None:
+        """Note a look; one that shows what the last one showed costs nothing."""
+        if not self._truths or truth != self._truths[-1]:
+            self._times.append(at)
+            self._truths.append(truth)
+
+    def during(self, since: float, until: float) -> Iterator[Truth]:
+        """Yield every truth that held at some time in here, newest first."""
+        index = bisect_right(self._times, until) - 1
+        while index >= 0:
+            yield self._truths[index]
+            if self._times[index] <= since:
+                return
+            index -= 1
+
+    def forget(self, before: float) -> None:
+        """Drop what was over by then."""
+        index = bisect_right(self._times, before) - 1
+        if index > 0:
+            del self._times[:index]
+            del self._truths[:index]
+
+    def at(self, when: float) -> Truth:
+        """Return the truth at one moment. Raises IndexError before the first look."""
+        index = bisect_right(self._times, when) - 1
+        if index < 0:
+            raise IndexError(f"nobody had looked at {when:g} s")
+        return self._truths[index]
+
+    def items(self) -> Iterator[tuple[float, Truth]]:
+        """Yield every change with its time, oldest first."""
+        return zip(self._times, self._truths, strict=True)

@@ -1,0 +1,33 @@
+"""A wire without a network, with weather on it."""
+
+from __future__ import annotations
+
+import asyncio
+
+from drivers.errors import ConnectProblem
+from drivers.modbus.memory import MemoryWire
+from lift_manager.lab.world.device import MemoryController
+from simulator.wire_faults import Admission, WireFaults, faulty
+
+
+class FaultyWire(MemoryWire):
+    """The wire to one simulated controller; nobody is let in while it is off."""
+
+    def __init__(self, controller: MemoryController, weather: WireFaults, *, peer: str) -> None:
+        self._controller = controller
+        self._far = faulty(controller.answer, weather, asyncio.get_running_loop().time)
+        super().__init__(self._far, admit=self._admitted, peer=peer)
+        controller.wires.append(self)
+
+    def close(self) -> None:
+        super().close()
+        self._far.close()
+        if self in self._controller.wires:
+            self._controller.wires.remove(self)
+
+    def _admitted(self) -> ConnectProblem | None:
+        if not self._controller.on_network:
+            return ConnectProblem.TIMED_OUT
+        if self._controller.keeps_slot or self._far.admit() is Admission.REFUSED:
+            return ConnectProblem.REFUSED
+        return None

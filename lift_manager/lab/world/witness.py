@@ -1,0 +1,47 @@
+"""Who watches a world: everything that happens is told to every witness, in order, at the loop's time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event
+from lift_manager.domain.state import LiftState
+from lift_manager.lab.world.truth import Truth
+from simulator.wire_faults import Exchange
+
+
+@dataclass(frozen=True, slots=True)
+class Struck:
+    """A fault of a device, or on a wire, that began or ended."""
+
+    where: str
+    """The lift, or the controller on whose wire it is."""
+    fault: object
+    began: bool
+
+
+class Witness(Protocol):
+    """What a world tells. `at` is the loop's time; nothing is told out of order."""
+
+    def looked(self, at: float, lift: str, truth: Truth) -> None:
+        """What a lift really does, whenever it may have changed."""
+
+    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """A write that the controller took newly asks for these; the truth after it was told just before."""
+
+    def published(self, at: float, lift: str, state: LiftState) -> None:
+        """What anybody who asks is told, and every change that is sent out."""
+
+    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+        """A request, what the device made of it, and what comes back, perhaps later."""
+
+    def heard(self, at: float, event: Event) -> None:
+        """What the manager sends out, states apart."""
+
+    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+        """A request to the manager, with the answer."""
+
+    def struck(self, at: float, struck: Struck) -> None:
+        """A fault began or ended."""

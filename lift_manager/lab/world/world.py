@@ -1,0 +1,268 @@
+"""A whole site on the loop's own time: simulated lifts, wires without a network, and the manager.
+
+On a virtual loop (`lift_manager.lab.virtual_time`) an hour takes seconds, and every run of a seed is the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
+
+from drivers.modbus.wire import Wire
+from drivers.model import FloorName
+from lift_manager import app
+from lift_manager.config.devices import devices
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Controller
+from lift_manager.core.bus import Subscription
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event, StateChanged
+from lift_manager.domain.state import LiftState
+from lift_manager.lab.plant import simulated_lift
+from lift_manager.lab.world.device import Device, MemoryController
+from lift_manager.lab.world.truth import truth_of
+from lift_manager.lab.world.wire import FaultyWire
+from lift_manager.lab.world.witness import Struck, Witness
+from register_maps.codec import Codec, compile_map
+from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
+from simulator.registers import RegisterFace
+from simulator.state import Inputs, Parameters, Picture
+from simulator.wire_faults import Exchange, WireFault, WireFaults
+
+LOOK_S = 0.25
+"""How often somebody asks for the state of every lift. Chosen: more often than any client does."""
+
+
+class WorldError(Exception):
+    """This site cannot be simulated, with the reason."""
+
+
+class Passengers(Protocol):
+    """People who use a lift, such as `simulator.people.People`."""
+
+    @property
+    def next_at(self) -> float:
+        """When they next want to do something."""
+
+    def act(self, now: float, picture: Picture, inputs: Inputs) -> Inputs:
+        """Return what they press, hold and block from now on."""
+
+
+@dataclass(slots=True)
+class SimulatedLift:
+    """One lift of the world, from its shaft to its registers."""
+
+    name: str
+    codec: Codec
+    floors: tuple[FloorName, ...]
+    face: RegisterFace
+    controllers: tuple[str, ...]
+    """Where it can be reached: its own controller first, then those of its endpoints."""
+    people: Passengers | None = None
+    inputs: Inputs = field(default_factory=Inputs)
+    """What people and keys do."""
+
+
+class World:
+    """Simulated lifts, the weather on their wires, and the manager that drives them."""
+
+    def __init__(
+        self,
+        loaded: LoadedSite,
+        witnesses: Sequence[Witness],
+        *,
+        seed: int = 0,
+        settings: Mapping[str, Parameters] | None = None,
+        look_s: float = LOOK_S,
+    ) -> None:
+        """`settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states. Raises WorldError for two lifts behind one unit."""
+        self.loaded = loaded
+        self.lifts: dict[str, SimulatedLift] = {}
+        self.weather: dict[str, WireFaults] = {}
+        """The faults on the wire to each controller."""
+        self._witnesses = tuple(witnesses)
+        self._look_s = look_s
+        self._units: dict[str, dict[int, Device]] = {name: {} for name in loaded.controllers}
+        for name in loaded.site.lifts:
+            self.lifts[name] = self._lift(name, (settings or {}).get(name))
+        self._commands: dict[str, frozenset[str]] = dict.fromkeys(self.lifts, frozenset())
+        """What each lift was asked for at the last look."""
+        self._controllers: dict[str, MemoryController] = {}
+        for number, name in enumerate(loaded.controllers):
+            self.weather[name] = WireFaults(seed=seed * 1000 + number)
+            self.weather[name].on_exchange = partial(self._exchanged, name)
+            behind = [lift.name for lift in self.lifts.values() if name in lift.controllers]
+            self._controllers[name] = MemoryController(self._units[name], partial(self._served, behind))
+        self._names = {(spec.host, spec.port): name for name, spec in loaded.controllers.items()}
+        self.released = False
+        """Whether every output was seen to be let go at the end."""
+        self._building = app.build(loaded, make_wire=self._wire)
+        self.manager = self._building.manager
+        """As every face sees it."""
+        self.links = self._building.links
+
+    # -- what a scenario does
+
+    def ask(self, ask: Ask) -> Accepted | Refused:
+        """Ask the manager, as a face does."""
+        answer = self.manager.request(ask)
+        now = _now()
+        for witness in self._witnesses:
+            witness.asked(now, ask, answer)
+        return answer
+
+    def begin(self, lift: str, fault: Fault) -> None:
+        """Let something go wrong with a lift or its controller."""
+        self.lifts[lift].face.begin(fault, _now())
+        self._switch(lift, fault, on=False)
+        self._struck(Struck(lift, fault, began=True), (lift,))
+
+    def end(self, lift: str, fault: Fault) -> None:
+        """Let it be well again."""
+        self.lifts[lift].face.end(fault, _now())
+        self._switch(lift, fault, on=True)
+        self._struck(Struck(lift, fault, began=False), (lift,))
+
+    def spoil(self, controller: str, fault: WireFault) -> None:
+        """Put a fault on the wire to a controller."""
+        self.weather[controller].add(fault)
+        self._struck(Struck(controller, fault, began=True), ())
+
+    def mend(self, controller: str, fault: WireFault) -> None:
+        """Take a fault off the wire again."""
+        self.weather[controller].remove(fault)
+        self._struck(Struck(controller, fault, began=False), ())
+
+    def set_inputs(self, lift: str, inputs: Inputs) -> None:
+        """Change what people press, hold and turn."""
+        self.lifts[lift].inputs = inputs
+        self.lifts[lift].face.people(_now(), inputs)
+        self._look((lift,))
+
+    def populate(self, lift: str, people: Passengers) -> None:
+        """Let passengers use a lift from now on."""
+        self.lifts[lift].people = people
+
+    # -- how it runs
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[World]:
+        """Run everything for as long as the context lasts; then let go of everything, as at the end of the program.
+
+        Raises whatever a part of the manager raised.
+        """
+        manager = self.manager
+        parts = [*(link.run() for link in self.links), *manager.drives(), manager.run()]
+        async with asyncio.TaskGroup() as tasks:
+            with manager.listen() as events:
+                running = [tasks.create_task(part) for part in parts]
+                running += [tasks.create_task(part) for part in (self._listen(events), self._watch(), self._inhabit())]
+                self._look(self.lifts)
+                try:
+                    yield self
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(app.RELEASE_WITHIN_S):
+                            await manager.stop()
+                            self.released = True
+                    self._look(self.lifts)
+                finally:
+                    for task in running:
+                        task.cancel()
+
+    async def _listen(self, events: Subscription[Event]) -> None:
+        while True:
+            event, now = await events.next(), _now()
+            if isinstance(event, StateChanged):
+                self._told(now, event.lift, event.state)
+                continue
+            for witness in self._witnesses:
+                witness.heard(now, event)
+
+    def _told(self, now: float, lift: str, state: LiftState) -> None:
+        for witness in self._witnesses:
+            witness.published(now, lift, state)
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(self._look_s)
+            now = _now()
+            self._look(self.lifts)
+            for name in self.lifts:
+                state = self.manager.state(name)
+                if state is not None:
+                    self._told(now, name, state)
+
+    async def _inhabit(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            now = _now()
+            for lift in self.lifts.values():
+                if lift.people is not None and now >= lift.people.next_at:
+                    lift.face.advance(now)
+                    inputs = lift.people.act(now, lift.face.picture, lift.inputs)
+                    if inputs != lift.inputs:
+                        self.set_inputs(lift.name, inputs)
+
+    def _look(self, lifts: Sequence[str] | Mapping[str, SimulatedLift]) -> None:
+        now = _now()
+        for name in lifts:
+            lift = self.lifts[name]
+            lift.face.advance(now)
+            truth = truth_of(lift.face, lift.floors)
+            self._commands[name] = truth.commands
+            for witness in self._witnesses:
+                witness.looked(now, name, truth)
+
+    def _served(self, lifts: Sequence[str], wrote: bool) -> None:  # noqa: FBT001 - it is the one question
+        before = {name: self._commands[name] for name in lifts}
+        self._look(lifts)
+        for name in lifts if wrote else ():
+            if new := self._commands[name] - before[name]:
+                for witness in self._witnesses:
+                    witness.pressed(_now(), name, new)
+
+    def _exchanged(self, controller: str, exchange: Exchange) -> None:
+        now = _now()
+        for witness in self._witnesses:
+            witness.exchanged(now, controller, exchange)
+
+    def _struck(self, struck: Struck, lifts: Sequence[str]) -> None:
+        now = _now()
+        self._look(lifts)
+        for witness in self._witnesses:
+            witness.struck(now, struck)
+
+    def _switch(self, lift: str, fault: Fault, *, on: bool) -> None:
+        """Take the devices of a lift off the network, or put them on it, where that is what a fault does."""
+        own = self._controllers[self.lifts[lift].controllers[0]]
+        if isinstance(fault, Reboot | PowerLoss):
+            own.switch(on=on)
+        elif isinstance(fault, SlotKept):
+            own.keeps_slot = not on
+
+    def _wire(self, controller: Controller) -> Wire:
+        name = self._names[controller.host, controller.port]
+        return FaultyWire(self._controllers[name], self.weather[name], peer=name)
+
+    def _lift(self, name: str, like: Parameters | None) -> SimulatedLift:
+        spec, source = self.loaded.site.lifts[name], self.loaded.maps[name].map
+        codec = compile_map(source, offset=spec.offset)
+        floors = {floor: entry.code for floor, entry in spec.floors.items()}
+        face = simulated_lift(codec, floors, like=like, speed=like.speed if like is not None else 1.0)
+        places = devices(self.loaded.site, spec, source)
+        for endpoint, place in places.items():
+            units = self._units[place.controller]
+            if place.unit_id in units:
+                text = f"{name}: unit {place.unit_id} of {place.controller} is another lift already; a simulated device is one lift"
+                raise WorldError(text)
+            units[place.unit_id] = face.endpoint(endpoint) if endpoint else face
+        controllers = tuple(dict.fromkeys((places[""].controller, *(place.controller for place in places.values()))))
+        return SimulatedLift(name, codec, tuple(spec.floors), face, controllers)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

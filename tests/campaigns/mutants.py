@@ -1,0 +1,178 @@
+"""Does the judge see anything? Each rule is taken out of a copy of the program in turn, and the campaign must find it.
+
+    python -m tests.campaigns.mutants
+
+The program has no switch for a rule, so a copy of its source is changed, and the campaign runs against the copy.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("lift_manager", "drivers", "register_maps", "simulator", "tests")
+WITHIN = 500
+"""Schedules in which each of them must be found."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One place in the source; the text must be there exactly once."""
+
+    file: str
+    old: str
+    new: str
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One rule taken out."""
+
+    rule: str
+    edits: tuple[Edit, ...]
+
+
+MUTANTS = (
+    Mutant(
+        "age check",
+        (
+            Edit(
+                "lift_manager/core/lift.py",
+                "return self._sight if now - self._read_at <= self._able.max_age_s else None",
+                "return self._sight",
+            ),
+            Edit(
+                "lift_manager/domain/report.py",
+                "if sight is None or age_s is None or age_s > seen.able.max_age_s:",
+                "if sight is None or age_s is None:",
+            ),
+        ),
+    ),
+    Mutant(
+        "two-reading rule",
+        (
+            Edit(
+                "lift_manager/domain/sight.py",
+                "agreed = able.one_block or (follows is not None and _evidence(follows.values) == _evidence(values))",
+                "agreed = True",
+            ),
+        ),
+    ),
+    Mutant(
+        "answer check",
+        (
+            Edit(
+                "drivers/modbus/exchange.py",
+                "if job is None or (self._tid_echo and (answer[0] << 8 | answer[1]) != self.last_tid):",
+                "if job is None:",
+            ),
+        ),
+    ),
+    Mutant(
+        "release retry",
+        (
+            Edit(
+                "drivers/modbus/output.py",
+                "self.try_at = now + min(LONGEST_RETRY_S, RETRY_S * 2.0 ** min(self.failures, 10))",
+                "self.try_at = math.inf",
+            ),
+        ),
+    ),
+    Mutant(
+        "mode check",
+        (
+            Edit("lift_manager/domain/sight.py", "if values.mode in ROBOT_FORBIDDEN_MODES:", "if False:"),
+            Edit(
+                "lift_manager/domain/sight.py",
+                "allowed = sight.values.mode not in ROBOT_FORBIDDEN_MODES",
+                "allowed = True",
+            ),
+            Edit(
+                "lift_manager/core/keeper.py",
+                "if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:",
+                "if mode is Mode.FIRE:",
+            ),
+        ),
+    ),
+    Mutant(
+        "outcome check",
+        (
+            Edit(
+                "drivers/modbus/confirm.py",
+                "    for name in expected.any_of:\n",
+                "    if expected.any_of:\n        return Proof.EFFECT\n    for name in expected.any_of:\n",
+            ),
+        ),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the campaign said of one copy."""
+
+    mutant: Mutant
+    found_after: int | None
+    """Schedules until the first finding; None: it found nothing."""
+    finding: str
+
+
+def changed_copy(mutant: Mutant, where: Path) -> Path:
+    """Copy the program and take the rule out. Raises ValueError if the source no longer reads like that."""
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, where / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for edit in mutant.edits:
+        path = where / edit.file
+        source = path.read_text()
+        if source.count(edit.old) != 1:
+            raise ValueError(f"{mutant.rule}: {edit.file} has {source.count(edit.old)} times {edit.old!r}, not once")
+        path.write_text(source.replace(edit.old, edit.new))
+    return where
+
+
+def judge(mutant: Mutant, *, first: int, schedules: int) -> Verdict:
+    """Run the campaign against a copy without this rule until it finds something."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = changed_copy(mutant, Path(folder))
+        command = [sys.executable, "-m", "tests.campaigns.truth", "--processes", "1", "--stop-at", "1"]
+        command += ["--seed", str(first), "--schedules", str(schedules)]
+        environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONHASHSEED": "0"}
+        ended = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    failures = sorted((int(seed), text) for seed, text in re.findall(r"FAILED seed (\d+): (.*)", ended.stdout))
+    if not failures:
+        return Verdict(mutant, None, ended.stderr.strip())
+    seed, text = failures[0]
+    return Verdict(mutant, seed - first + 1, text)
+
+
+def verdicts(*, first: int, schedules: int) -> Iterator[Verdict]:
+    """Judge every mutant, two at a time."""
+    with ThreadPoolExecutor(2) as pool:
+        yield from pool.map(lambda mutant: judge(mutant, first=first, schedules=schedules), MUTANTS)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--schedules", type=int, default=WITHIN)
+    given = parser.parse_args()
+    began, missed = time.monotonic(), 0
+    for verdict in verdicts(first=given.seed, schedules=given.schedules):
+        missed += verdict.found_after is None
+        place = "NOT FOUND" if verdict.found_after is None else f"found by schedule {verdict.found_after}"
+        sys.stdout.write(f"without the {verdict.mutant.rule}: {place}: {verdict.finding}\n")
+    sys.stdout.write(f"{len(MUTANTS)} rules, {missed} not found, {time.monotonic() - began:.0f} s\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,237 @@
+"""Plays a schedule: the whole manager, one simulated lift, on virtual time, with the judge watching."""
+
+import asyncio
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from lift_manager.commissioning.detection import detections
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Site
+from lift_manager.domain.asking import Ask, RobotWord
+from lift_manager.domain.state import Holder, LiftState, RobotDoor
+from lift_manager.lab.virtual_time import run_virtual
+from lift_manager.lab.world.oracle import Finding, Judged, Oracle
+from lift_manager.lab.world.witness import Witness
+from lift_manager.lab.world.world import World
+from register_maps.codec import compile_map
+from register_maps.load import Changes, LoadedMap, load
+from simulator import faults as device
+from simulator.faults import Fault
+from simulator.people import People
+from simulator.state import Parameters
+from tests.campaigns.schedules import (
+    LASTS_S,
+    POLL_S,
+    Asks,
+    DeviceFails,
+    Event,
+    PeopleCome,
+    PersonActs,
+    RobotRides,
+    Schedule,
+    WireFails,
+)
+from tests.support.trip_sites import COMPLETIONS, Completion, site_of
+
+LIFT = "lift"
+ASKS_EVERY_S = 1.0
+"""How often a client repeats itself: as the workshop's adapter does."""
+BOARDS_S = 3.0
+"""How long a robot takes through the door."""
+
+
+@dataclass
+class Played:
+    """What became of one schedule."""
+
+    schedule: Schedule
+    findings: list[Finding]
+    excused: dict[tuple[str, str, str], int] = field(default_factory=dict)
+    judged: int = 0
+    invitations: int = 0
+    rides: int = 0
+    """Robots that were let out where they wanted to go."""
+
+    @property
+    def failed(self) -> bool:
+        return bool(self.findings)
+
+
+@cache
+def loaded_site(name: str, max_session_hold_s: float, lease_s: float, between_sessions_s: float) -> LoadedSite:
+    """Return a site with one lift of a shipped map; its devices are where nothing is."""
+    added = COMPLETIONS.get(name, Completion())
+    loaded: LoadedMap = load(name, changes=Changes(added.parameters, added.override))
+    endpoints = loaded.map.endpoints
+    lift = {
+        "controller": "plc",
+        "access": "control",
+        "floors": dict(site_of(name).floors),
+        "poll_s": max(POLL_S, loaded.map.link.min_poll_s),
+        "endpoints": {endpoint: {"controller": endpoint} for endpoint in endpoints},
+        "infer_occupancy": True,
+        "accept_latching": "the controller is simulated",
+        "max_session_hold_s": max_session_hold_s,
+        "lease_s": lease_s,
+        "between_sessions_s": between_sessions_s,
+    }
+    devices = {"plc": {"host": "memory", "port": 1, "map": name}} | {
+        endpoint: {"host": "memory", "port": number} for number, endpoint in enumerate(endpoints, start=2)
+    }
+    site = Site.model_validate({"schema": 1, "name": "campaign", "controllers": devices, "lifts": {LIFT: lift}})
+    return LoadedSite(site, {LIFT: loaded}, Path("campaign"))
+
+
+def judge_of(loaded: LoadedSite) -> Oracle:
+    """Return a judge who knows what a map can and cannot show."""
+    lifts = {}
+    for name, spec in loaded.site.lifts.items():
+        source = loaded.maps[name].map
+        codec = compile_map(source)
+        max_age_s = spec.max_age_s or source.link.max_age_s
+        lifts[name] = Judged(
+            controllers=(spec.controller, *(place.controller for place in spec.endpoints.values())),
+            max_age_s=max_age_s,
+            max_session_hold_s=spec.max_session_hold_s,
+            arrive_within_s=max((c.spec.arrive_within_s for c in codec.commands.values() if c.is_call), default=120.0),
+            detections={one.fault: one for one in detections(codec, max_age_s=max_age_s)},
+            levels=frozenset(n for n, c in codec.commands.items() if c.spec.action == "hold"),
+            fleeting=frozenset(n for n, c in codec.commands.items() if c.spec.ends_itself),
+        )
+    return Oracle(lifts)
+
+
+def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
+    """Play a schedule to its end and judge it; a crash is a finding."""
+    loaded = loaded_site(schedule.map, schedule.max_session_hold_s, schedule.lease_s, schedule.between_sessions_s)
+    oracle = judge_of(loaded)
+    played = Played(schedule, oracle.findings)
+
+    async def main() -> None:
+        settings = {LIFT: Parameters(speed=schedule.speed)}
+        world = World(loaded, (oracle, *witnesses), seed=schedule.seed, settings=settings)
+        async with world.running():
+            actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
+            await asyncio.sleep(LASTS_S)
+            for actor in actors:
+                actor.cancel()
+            ended = await asyncio.gather(*actors, return_exceptions=True)
+        for error in ended:
+            if isinstance(error, Exception):
+                raise error
+
+    try:
+        run_virtual(main, limit_s=10 * LASTS_S)
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt):
+            raise
+        text = "".join(traceback.format_exception(error))
+        oracle.findings.append(Finding(LASTS_S, LIFT, "crash", text))
+    played.excused, played.judged, played.invitations = oracle.excused, oracle.judged, oracle.invitations
+    return played
+
+
+async def act(world: World, lift: str, event: Event, played: Played) -> None:
+    """Let one event happen, from the moment it is due; it begins to count when this is called."""
+    await asyncio.sleep(event.at)
+    match event:
+        case RobotRides():
+            await _ride(world, lift, event, played)
+        case Asks():
+            floors = world.lifts[lift].floors
+            world.ask(Ask(lift, _holder(event.holder), floors[event.floor % len(floors)], event.hold))
+        case DeviceFails():
+            if not applies(world, lift, event.fault):
+                return
+            world.begin(lift, event.fault)
+            await asyncio.sleep(event.for_s)
+            world.end(lift, event.fault)
+        case WireFails():
+            for controller in world.lifts[lift].controllers:
+                world.spoil(controller, event.fault)
+            await asyncio.sleep(event.for_s)
+            for controller in world.lifts[lift].controllers:
+                world.mend(controller, event.fault)
+        case PersonActs():
+            _person_acts(world, lift, event.what)
+        case PeopleCome():
+            world.populate(lift, People(seed=event.seed, floors=len(world.lifts[lift].floors)))
+
+
+def _person_acts(world: World, lift: str, what: str) -> None:
+    manager = world.manager
+    match what:
+        case "acknowledge":
+            manager.acknowledge(lift, "the guard")
+        case "lock_out":
+            manager.lock_out(lift, "the guard", "moving furniture")
+        case _:
+            manager.end_lockout(lift, "the guard")
+
+
+def applies(world: World, name: str, fault: Fault) -> bool:
+    """Whether the lift has what fails, and it does not fail already."""
+    lift = world.lifts[name]
+    if isinstance(fault, device.ForeignWriter) and fault.command not in lift.codec.commands:
+        return False
+    return fault not in lift.face.faults
+
+
+async def _ride(world: World, lift: str, robot: RobotRides, played: Played) -> None:
+    """Call, wait, enter, ride, wait, leave; as a client that believes nothing but the state."""
+    floors = world.lifts[lift].floors
+    pickup, destination = floors[robot.pickup % len(floors)], floors[robot.destination % len(floors)]
+    holder = _holder(robot.holder)
+    word = RobotWord.IN_PLACE if robot.in_words else None
+    try:
+        async with asyncio.timeout(robot.gives_up_after_s):
+            await _until_open(world, Ask(lift, holder, pickup, hold_door=True))
+            await _repeat(world, Ask(lift, holder, pickup, hold_door=True), BOARDS_S)
+            await _until_open(world, Ask(lift, holder, destination, hold_door=True, robot=word))
+            await _repeat(world, Ask(lift, holder, destination, hold_door=True), BOARDS_S)
+            played.rides += 1
+    except TimeoutError:
+        if not robot.releases:
+            return
+    word = RobotWord.LEFT if robot.in_words else None
+    if robot.releases:
+        world.ask(Ask(lift, holder, destination, hold_door=False, robot=word))
+
+
+async def _until_open(world: World, ask: Ask) -> None:
+    while True:
+        world.ask(ask)
+        for _ in range(4):
+            await asyncio.sleep(ASKS_EVERY_S / 4)
+            if _invited(world.manager.state(ask.lift), ask):
+                return
+
+
+def _invited(state: LiftState | None, ask: Ask) -> bool:
+    return state is not None and (state.holder, state.floor, state.robot_door) == (
+        ask.holder,
+        ask.floor,
+        RobotDoor.OPEN,
+    )
+
+
+async def _repeat(world: World, ask: Ask, for_s: float) -> None:
+    for _ in range(round(for_s / ASKS_EVERY_S)):
+        world.ask(ask)
+        await asyncio.sleep(ASKS_EVERY_S)
+
+
+def _holder(text: str) -> Holder:
+    face, _, name = text.partition(":")
+    return Holder(face, name or face)
+
+
+Fails = Callable[[Schedule], bool]
+
+
+def still_fails(finding: Finding) -> Fails:
+    """Return the question whether a schedule still breaks the same rule."""
+    return lambda schedule: any(found.rule == finding.rule for found in play(schedule).findings)

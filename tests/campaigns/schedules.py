@@ -1,0 +1,220 @@
+"""What happens to one lift in one minute: drawn from a seed, replayed exactly, and made smaller one event at a time. Pure."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from random import Random
+from typing import Any
+
+from lift_manager.lab.world.fault_names import every_device_fault
+from register_maps.words import Table
+from simulator import faults as device
+from simulator import wire_faults as wire
+from simulator.faults import Fault
+from simulator.wire_faults import Access, Target, WireFault
+from tests.support.trip_sites import NO_TRIP
+
+LASTS_S = 60.0
+POLL_S = 0.2
+HOLDERS = ("workshop", "fleet:r1", "fleet:r2")
+
+
+@dataclass(frozen=True)
+class RobotRides:
+    """A robot that calls the lift, rides and leaves, asking again every second as clients do."""
+
+    at: float
+    holder: str
+    pickup: int
+    """Index of the floor."""
+    destination: int
+    in_words: bool
+    gives_up_after_s: float
+    """It stops asking, wherever it is."""
+    releases: bool
+    """Whether it lets the lift go at the end, or just falls silent."""
+
+
+@dataclass(frozen=True)
+class Asks:
+    """One request that has nothing to do with anything."""
+
+    at: float
+    holder: str
+    floor: int
+    hold: bool
+
+
+@dataclass(frozen=True)
+class DeviceFails:
+    """A fault of the lift or its controller."""
+
+    at: float
+    fault: Fault
+    for_s: float
+
+
+@dataclass(frozen=True)
+class WireFails:
+    """A fault on the wire."""
+
+    at: float
+    fault: WireFault
+    for_s: float
+
+
+@dataclass(frozen=True)
+class PeopleCome:
+    """Passengers from here on."""
+
+    at: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class PersonActs:
+    """A person with the right to: checks the lift, keeps robots off it, lets them on it again."""
+
+    at: float
+    what: str
+    """acknowledge, lock_out or end_lockout."""
+
+
+Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """One minute of one lift."""
+
+    seed: int
+    map: str
+    speed: float
+    max_session_hold_s: float
+    lease_s: float
+    between_sessions_s: float
+    events: tuple[Event, ...]
+
+    def __str__(self) -> str:
+        head = f"seed {self.seed}, {self.map}, speed {self.speed:g}, hold {self.max_session_hold_s:g} s, lease {self.lease_s:g} s"
+        return "\n".join([head, *(f"  {event.at:6.2f} s  {event}" for event in self.events)])
+
+
+def draw(seed: int, maps: Sequence[str]) -> Schedule:
+    """Draw a schedule; the same for the same seed and list of maps."""
+    random = Random(seed)
+    name = random.choice([one for one in maps if one not in NO_TRIP])
+    events: list[Event] = [_robot(random, first=True)]
+    events += [_robot(random, first=False) for _ in range(random.choice((0, 0, 1, 2)))]
+    events += [_ask(random) for _ in range(random.choice((0, 0, 1, 4)))]
+    events += [_device(random) for _ in range(random.choice((0, 1, 1, 2)))]
+    events += [_wire(random) for _ in range(random.choice((0, 0, 1, 2)))]
+    if random.random() < 0.6:
+        events.append(PeopleCome(random.uniform(0, 20), random.getrandbits(32)))
+    for what in random.choice(((), (), ("acknowledge",), ("acknowledge", "acknowledge"), ("lock_out", "end_lockout"))):
+        events.append(PersonActs(random.uniform(5, 55), what))
+    return Schedule(
+        seed=seed,
+        map=name,
+        speed=random.choice((1.0, 2.0, 4.0, 20.0)),
+        max_session_hold_s=random.choice((6.0, 20.0, 900.0)),
+        lease_s=random.choice((8.0, 300.0)),
+        between_sessions_s=random.choice((0.0, 5.0)),
+        events=tuple(sorted(events, key=lambda event: event.at)),
+    )
+
+
+def shrink(schedule: Schedule, fails: Callable[[Schedule], bool], *, tries: int = 200) -> Schedule:
+    """Return a smaller schedule that still fails: fewer events first, then simpler ones."""
+    smaller = True
+    while smaller:
+        smaller = False
+        for candidate in _smaller(schedule):
+            tries -= 1
+            if tries < 0:
+                return schedule
+            if fails(candidate):
+                schedule, smaller = candidate, True
+                break
+    return schedule
+
+
+def _smaller(schedule: Schedule) -> list[Schedule]:
+    events = schedule.events
+    found = [replace(schedule, events=events[:n] + events[n + 1 :]) for n in range(len(events))]
+    for n, event in enumerate(events):
+        found += [replace(schedule, events=(*events[:n], one, *events[n + 1 :])) for one in _simpler(event)]
+    plain = replace(schedule, speed=1.0), replace(schedule, lease_s=300.0), replace(schedule, max_session_hold_s=900.0)
+    return found + [one for one in plain if one != schedule]
+
+
+def _simpler(event: Event) -> list[Event]:
+    match event:
+        case DeviceFails() | WireFails() if event.for_s > 1:
+            return [replace(event, for_s=event.for_s / 2)]
+        case RobotRides() if event.in_words or not event.releases:
+            return [replace(event, in_words=False, releases=True)]
+        case _:
+            return []
+
+
+def _robot(random: Random, *, first: bool) -> RobotRides:
+    pickup = random.randrange(8)
+    return RobotRides(
+        at=random.uniform(0.5, 4) if first else random.uniform(5, 45),
+        holder=HOLDERS[0] if first else random.choice(HOLDERS),
+        pickup=pickup,
+        destination=pickup + random.randrange(1, 4),
+        in_words=random.random() < 0.5,
+        gives_up_after_s=random.choice((5.0, 30.0, 60.0, 60.0)),
+        releases=random.random() < 0.8,
+    )
+
+
+def _ask(random: Random) -> Asks:
+    return Asks(random.uniform(1, 58), random.choice(HOLDERS), random.randrange(8), random.random() < 0.6)
+
+
+def _device(random: Random) -> DeviceFails:
+    every = every_device_fault()
+    place = random.randrange(len(every) + 1)
+    fault = every[place] if place < len(every) else _foreign(random)
+    return DeviceFails(random.uniform(2, 50), fault, random.choice((1.0, 4.0, 10.0, 60.0)))
+
+
+def _foreign(random: Random) -> Fault:
+    command = random.choice(("hold_door.front", "go_to", "call", "robot_mode", "close_door.front"))
+    return device.ForeignWriter(command, floor=random.randrange(2), pressed=random.random() < 0.6)
+
+
+def _wire(random: Random) -> WireFails:
+    kind = random.choice(wire.WIRE_FAULTS)
+    said: dict[str, Any] = _OWN[kind](random) if kind in _OWN else {}
+    said |= {"probability": random.choice((1.0, 1.0, 0.5, 0.1)), "times": random.choice((None, None, 1, 3))}
+    if any(field.name == "on" for field in fields(kind)):
+        said["on"] = random.choice((Target(), Target(), *_TARGETS))
+    return WireFails(random.uniform(1, 50), kind(**said), random.choice((0.5, 3.0, 10.0, 60.0)))
+
+
+_TARGETS = (
+    Target(access=Access.READS),
+    Target(access=Access.WRITES),
+    *(Target(table=table) for table in Table),
+)
+
+_OWN: dict[type, Callable[[Random], dict[str, Any]]] = {
+    wire.AnswerWithException: lambda random: {"code": random.choice((1, 2, 3, 4, 5, 6, 10, 11, 77))},
+    wire.WrongTransactionId: lambda random: {
+        "offset": random.choice((-2, -1, 1, 7)),
+        "fixed": random.choice((None, 0)),
+    },
+    wire.WrongCount: lambda random: {"by": random.choice((-1, 1, 2)), "field_only": random.random() < 0.3},
+    wire.WrongEcho: lambda random: {"part": random.choice(tuple(wire.EchoPart))},
+    wire.Delay: lambda random: {"seconds": random.choice((0.05, 0.2, 0.45, 0.9))},
+    wire.UniformDelay: lambda random: {"least_s": 0.01, "most_s": random.choice((0.1, 0.6, 1.5))},
+    wire.LongTailedDelay: lambda random: {"median_s": random.choice((0.05, 0.2))},
+    wire.LateAnswer: lambda random: {"seconds": random.choice((0.3, 0.6, 0.9, 2.0, 5.0))},
+    wire.DuplicateAnswer: lambda random: {"after_s": random.choice((0.0, 0.05, 0.3, 1.0))},
+    wire.Bandwidth: lambda random: {"bytes_per_s": random.choice((100, 1000))},
+    wire.ConnectionLimit: lambda random: {"clients": random.choice((0, 1)), "silent": random.random() < 0.5},
+}
+"""What each kind of fault is told beside its limits."""

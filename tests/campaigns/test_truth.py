@@ -1,0 +1,69 @@
+"""Seeded minutes of every map under faults, people and robots: the first half of what every test run plays."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.campaigns.playing import play, still_fails
+from tests.campaigns.schedules import DeviceFails, draw, shrink
+from tests.campaigns.truth import AT_A_TIME, ROOT, Tally, maps, report, run
+
+FIRST_HALF = range(1, 101, AT_A_TIME)
+
+
+@pytest.mark.parametrize("first", FIRST_HALF)
+def test_nothing_that_must_never_happen_happens(first: int) -> None:
+    tally = run(range(first, first + AT_A_TIME))
+    assert not tally.failed, "\n".join(report(tally, 0.0))
+    assert tally.invitations > 100  # a manager that never says open would break no rule either
+    assert tally.rides > 5
+
+
+def test_a_seed_is_the_same_schedule_every_time() -> None:
+    assert draw(7, maps()) == draw(7, maps())
+    assert draw(7, maps()) != draw(8, maps())
+
+
+def test_a_seed_replays_exactly_in_another_process_whatever_the_order_of_its_sets() -> None:
+    code = (
+        "from tests.campaigns.playing import play; from tests.campaigns.schedules import draw;"
+        "from tests.campaigns.truth import maps; p = [play(draw(n, maps())) for n in (3, 5)];"
+        "print([(one.judged, one.invitations, one.rides, sorted(one.excused.items())) for one in p])"
+    )
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=ROOT,
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(said) == 1
+
+
+def test_a_failure_shrinks_to_the_event_that_makes_it() -> None:
+    schedule = draw(11, maps())
+    guilty = next(event for event in schedule.events)
+
+    def fails(candidate: object) -> bool:
+        return guilty in candidate.events  # type: ignore[attr-defined]  # a schedule
+
+    assert shrink(schedule, fails).events == (guilty,)
+
+
+def test_a_crash_of_the_manager_is_a_finding_and_ends_nothing_else() -> None:
+    schedule = draw(1, maps())
+    broken = DeviceFails(at=1.0, fault="no fault at all", for_s=1.0)  # type: ignore[arg-type]  # that is the point
+    played = play(type(schedule)(**{**vars(schedule), "events": (broken,)}))
+    assert [finding.rule for finding in played.findings] == ["crash"]
+    assert still_fails(played.findings[0])(played.schedule)
+
+
+def test_the_report_names_every_failure_with_its_seed() -> None:
+    tally = Tally(schedules=2, failed=[(42, "something")])
+    assert "FAILED seed 42: something" in report(tally, 1.0)

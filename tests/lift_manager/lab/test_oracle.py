@@ -1,0 +1,260 @@
+"""The judge finds each thing that must never happen, lets pass what nobody can see, and nothing else."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.model import Command, CommandKind, Outcome, Proof, Result
+from lift_manager.commissioning.detection import Detection, Lie
+from lift_manager.domain.events import CommandEnded
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.lab.world.oracle import Judged, Oracle
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import Struck
+from register_maps import frames
+from register_maps.words import Mode, Motion, Side, Table
+from simulator.faults import FrozenRegisters, LostPress
+from simulator.wire_faults import Exchange
+
+STANDS_OPEN = Truth(
+    at="L2",
+    open_at="L2",
+    standing=True,
+    doors_shut=False,
+    mode=Mode.NORMAL,
+    robot_mode=True,
+    calls=frozenset(),
+    given=(),
+)
+DRIVES = replace(STANDS_OPEN, at=None, open_at=None, standing=False, doors_shut=True)
+ROBOT = Holder("fleet", "r1")
+
+
+def judge(**about: object) -> Oracle:
+    known = {
+        "controllers": ("plc",),
+        "max_age_s": 1.0,
+        "max_session_hold_s": 20.0,
+        "arrive_within_s": 30.0,
+        "detections": {},
+        "levels": frozenset({"hold_door.front"}),
+    }
+    return Oracle({"lift": Judged(**(known | about))})  # type: ignore[arg-type]  # keywords of Judged
+
+
+def state(*, age_s: float = 0.1, **said: object) -> LiftState:
+    words = {
+        "lift": "lift",
+        "floors": ("L1", "L2"),
+        "quality": Quality.LIVE,
+        "reason": "",
+        "age_s": age_s,
+        "floor": "L2",
+        "standing": True,
+        "destination": "L2",
+        "robot_door": RobotDoor.OPEN,
+        "doors": {},
+        "motion": Motion.STOPPED,
+        "mode": Mode.NORMAL,
+        "holder": ROBOT,
+        "held_since_s": 5.0,
+        "not_visible": {},
+    }
+    return LiftState(**(words | said))  # type: ignore[arg-type]  # keywords of LiftState
+
+
+def answered(at: float, *, right: bytes = b"right", came: bytes = b"right") -> Exchange:
+    request = frames.frame(frames.read(Table.HOLDING, 0, 4), 1)
+    answers = ((at, came),) if came else ()
+    return Exchange(sent_at=at, request=request, executed=True, right=right, answers=answers, honest=True, faults=())
+
+
+def polled(oracle: Oracle, until: float, truth: Truth = STANDS_OPEN, since: float = 0.0) -> None:
+    """Let the lift be polled five times a second, rightly."""
+    at = since
+    while at <= until + 1e-9:
+        oracle.looked(at, "lift", truth)
+        oracle.exchanged(at, "plc", answered(at))
+        at += 0.2
+
+
+def rules(oracle: Oracle) -> list[str]:
+    return [finding.rule for finding in oracle.findings]
+
+
+def test_a_lift_that_is_what_it_is_said_to_be_breaks_no_rule() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    oracle.published(4.1, "lift", state())
+    assert rules(oracle) == []
+    assert (oracle.judged, oracle.invitations) == (1, 1)
+
+
+def test_an_open_door_that_is_not_there_is_found() -> None:
+    oracle = judge()
+    polled(oracle, 4.0, DRIVES)
+    oracle.published(4.1, "lift", state())
+    assert rules(oracle) == ["said open and was not"]
+
+
+def test_an_open_door_at_another_floor_is_found() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    oracle.published(4.1, "lift", state(floor="L1"))
+    assert rules(oracle) == ["said open and was not"]
+
+
+def test_a_door_that_shut_after_the_reading_was_taken_is_no_lie_yet() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    oracle.looked(4.15, "lift", DRIVES)
+    oracle.published(4.2, "lift", state(age_s=0.2))
+    assert rules(oracle) == []
+
+
+def test_a_door_that_was_shut_before_the_reading_was_taken_is_a_lie() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    polled(oracle, 4.6, DRIVES, since=4.2)
+    oracle.published(4.7, "lift", state(age_s=0.2))
+    assert rules(oracle) == ["said open and was not"]
+
+
+def test_a_state_that_no_fresh_answer_bears_out_is_stale_whatever_age_it_claims() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    oracle.published(5.2, "lift", state(age_s=0.1))
+    assert "stale" in rules(oracle)
+
+
+def test_an_answer_that_is_still_on_its_way_does_not_make_a_state_fresh() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    late = answered(4.9)
+    oracle.exchanged(4.9, "plc", replace(late, answers=((5.9, b"right"),)))
+    oracle.published(5.2, "lift", state(robot_door=RobotDoor.MOVING))
+    assert rules(oracle) == ["stale"]
+
+
+@pytest.mark.parametrize("came", [b"", b"wrong", b"right"[:-1]])
+def test_an_answer_that_was_spoilt_does_not_make_a_state_fresh(came: bytes) -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    oracle.exchanged(4.9, "plc", answered(4.9, came=came))
+    oracle.published(5.2, "lift", state(robot_door=RobotDoor.MOVING))
+    assert rules(oracle) == ["stale"]
+
+
+def test_a_lift_that_is_said_to_be_offline_may_be_anything() -> None:
+    oracle = judge()
+    polled(oracle, 4.0, DRIVES)
+    oracle.published(9.0, "lift", state(quality=Quality.OFFLINE, robot_door=RobotDoor.MOVING))
+    assert rules(oracle) == []
+
+
+def test_an_invitation_into_a_lift_on_fire_is_found() -> None:
+    oracle = judge()
+    polled(oracle, 4.0, replace(STANDS_OPEN, mode=Mode.FIRE))
+    oracle.published(4.1, "lift", state(age_s=0.1))
+    assert rules(oracle) == ["said open in a forbidden mode"]
+
+
+def test_a_press_long_after_the_mode_forbade_it_is_found_and_one_before_anybody_could_know_is_not() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    polled(oracle, 8.0, replace(STANDS_OPEN, mode=Mode.INSPECTION), since=4.2)
+    oracle.pressed(4.3, "lift", frozenset({"go_to"}))
+    assert rules(oracle) == []
+    oracle.pressed(8.1, "lift", frozenset({"go_to"}))
+    assert rules(oracle) == ["pressed in a forbidden mode"]
+
+
+def test_a_confirmed_call_that_the_lift_never_had_is_found() -> None:
+    oracle = judge()
+    polled(oracle, 4.0, DRIVES)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), not_granted=False)
+    oracle.heard(4.1, CommandEnded("lift", outcome))
+    assert rules(oracle) == ["confirmed without effect"]
+
+
+def test_a_confirmed_call_that_was_registered_is_right() -> None:
+    oracle = judge()
+    polled(oracle, 4.0, replace(DRIVES, calls=frozenset({"L1"})))
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), not_granted=False)
+    oracle.heard(4.1, CommandEnded("lift", outcome))
+    assert rules(oracle) == []
+
+
+def test_a_confirmed_hold_that_the_controller_never_had_is_found() -> None:
+    oracle = judge()
+    polled(oracle, 4.0)
+    hold = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
+    oracle.heard(4.1, CommandEnded("lift", Outcome(hold, Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)))
+    assert rules(oracle) == ["confirmed without effect"]
+
+
+HELD = replace(STANDS_OPEN, given=(("hold_door.front", 1),))
+
+
+def test_a_door_that_is_held_for_nobody_is_found() -> None:
+    oracle = judge()
+    polled(oracle, 2.0, HELD)
+    oracle.published(2.0, "lift", state(holder=None))
+    polled(oracle, 12.0, HELD, since=2.2)
+    assert rules(oracle) == ["output on too long"]
+
+
+def test_a_door_that_is_held_for_longer_than_the_site_allows_is_found_although_somebody_wants_it() -> None:
+    oracle = judge()
+    oracle.published(0.0, "lift", state(quality=Quality.OFFLINE))
+    polled(oracle, 25.0, HELD)
+    assert rules(oracle) == []
+    polled(oracle, 28.0, HELD, since=25.2)
+    assert rules(oracle) == ["output on too long"]
+
+
+def test_an_output_that_nobody_could_let_go_of_because_of_the_wire_is_not_held_against_the_manager() -> None:
+    oracle = judge()
+    polled(oracle, 2.0, HELD)
+    oracle.published(2.0, "lift", state(holder=None))
+    at = 2.2
+    while at < 12.0:
+        oracle.looked(at, "lift", HELD)
+        oracle.exchanged(at, "plc", answered(at, came=b""))
+        at += 0.2
+    assert rules(oracle) == []
+
+
+def frozen(within_s: float | None) -> dict[str, Detection]:
+    return {"frozen_registers": Detection("frozen_registers", within_s, (Lie.OPEN,), "")}
+
+
+@pytest.mark.parametrize(("within_s", "found"), [(None, []), (10.0, []), (2.0, ["said open and was not"])])
+def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_long(
+    within_s: float | None, found: list[str]
+) -> None:
+    oracle = judge(detections=frozen(within_s))
+    polled(oracle, 2.0)
+    oracle.struck(2.0, Struck("lift", FrozenRegisters(), began=True))
+    polled(oracle, 6.0, DRIVES, since=2.2)
+    oracle.published(6.1, "lift", state())
+    assert rules(oracle) == found
+    assert oracle.excused == ({} if found else {("lift", "said open and was not", "frozen_registers"): 1})
+
+
+def test_a_fault_excuses_nothing_but_its_own_lies() -> None:
+    oracle = judge(detections={"lost_press": Detection("lost_press", None, (Lie.EFFECT,), "")})
+    polled(oracle, 2.0, DRIVES)
+    oracle.struck(2.0, Struck("lift", LostPress(), began=True))
+    oracle.published(2.1, "lift", state())
+    assert rules(oracle) == ["said open and was not"]
+
+
+def test_an_excuse_ends_soon_after_its_fault() -> None:
+    oracle = judge(detections=frozen(None))
+    polled(oracle, 2.0, DRIVES)
+    oracle.struck(2.0, Struck("lift", FrozenRegisters(), began=True))
+    oracle.struck(3.0, Struck("lift", FrozenRegisters(), began=False))
+    polled(oracle, 9.0, DRIVES, since=3.2)
+    oracle.published(9.1, "lift", state())
+    assert rules(oracle) == ["said open and was not"]
