@@ -85,6 +85,8 @@ def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
             yield Detection(f"in_mode.{mode}", max_age_s, (Lie.MODE,), "the mode is read with every poll")
         else:
             why = "no signal of this map tells this mode"
+            if "robot_mode_on" in codec.signals:
+                why += "; a withdrawn robot mode may be all there is to see of it, and bars robots that hold the lift"
             yield Detection(f"in_mode.{mode}", None, (Lie.MODE, Lie.EFFECT), why)
 
 

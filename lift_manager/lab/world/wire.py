@@ -17,7 +17,6 @@ class FaultyWire(MemoryWire):
         self._controller = controller
         self._far = faulty(controller.answer, weather, asyncio.get_running_loop().time)
         super().__init__(self._far, admit=self._admitted, peer=peer)
-        controller.wires.append(self)
 
     def close(self) -> None:
         super().close()
@@ -30,4 +29,5 @@ class FaultyWire(MemoryWire):
             return ConnectProblem.TIMED_OUT
         if self._controller.keeps_slot or self._far.admit() is Admission.REFUSED:
             return ConnectProblem.REFUSED
+        self._controller.wires.append(self)
         return None

@@ -1,0 +1,206 @@
+"""A site of simulated lifts on virtual time: the real manager on wires without a network, with everything on record."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Site
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.world import World, WorldError
+from register_maps.load import load
+from register_maps.words import Mode
+from simulator.faults import InMode, PowerLoss, SlotKept, StuckDoor
+from simulator.people import People
+from simulator.state import Inputs
+from simulator.wire_faults import Exchange, HalfOpen
+
+ROBOT = Holder("fleet", "r1")
+
+
+class Recorder:
+    """A witness that keeps everything."""
+
+    def __init__(self) -> None:
+        self.truths: list[tuple[float, Truth]] = []
+        self.presses: list[tuple[float, frozenset[str]]] = []
+        self.states: list[tuple[float, LiftState]] = []
+        self.exchanges: list[Exchange] = []
+        self.events: list[Event] = []
+        self.asks: list[tuple[Ask, Accepted | Refused]] = []
+        self.faults: list[tuple[float, Struck]] = []
+
+    def looked(self, at: float, lift: str, truth: Truth) -> None:
+        self.truths.append((at, truth))
+
+    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        self.presses.append((at, commands))
+
+    def published(self, at: float, lift: str, state: LiftState) -> None:
+        self.states.append((at, state))
+
+    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+        self.exchanges.append(exchange)
+
+    def heard(self, at: float, event: Event) -> None:
+        self.events.append(event)
+
+    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+        self.asks.append((ask, answer))
+
+    def struck(self, at: float, struck: Struck) -> None:
+        self.faults.append((at, struck))
+
+
+def site(*lifts: str, units: bool = True) -> LoadedSite:
+    """Lifts behind one controller, each a unit of its own."""
+    spec = {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2, "L3": 3}}
+    made = {
+        "schema": 1,
+        "name": "world",
+        "controllers": {"plc": {"host": "memory", "port": 1, "map": "generic-registers"}},
+        "lifts": {name: spec | ({"unit_id": n} if units else {}) for n, name in enumerate(lifts, start=1)},
+    }
+    return LoadedSite(Site.model_validate(made), {name: load("generic-registers") for name in lifts}, Path("world"))
+
+
+def in_world(check: Callable[[World], Awaitable[None]], *lifts: str) -> Recorder:
+    seen = Recorder()
+
+    async def main() -> None:
+        world = World(site(*(lifts or ("lift",))), (seen,))
+        async with world.running():
+            await check(world)
+        assert world.released
+
+    run_virtual(main)
+    return seen
+
+
+async def until(world: World, true: Callable[[LiftState], bool], lift: str = "lift") -> float:
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    async with asyncio.timeout(60):
+        while True:
+            state = world.manager.state(lift)
+            if state is not None and true(state):
+                return loop.time() - began
+            await elapse(0.05)
+
+
+def is_open_at(floor: str) -> Callable[[LiftState], bool]:
+    return lambda state: (state.floor, state.robot_door) == (floor, RobotDoor.OPEN)
+
+
+def test_a_robot_rides_and_everything_about_it_is_told_to_the_witnesses() -> None:
+    async def check(world: World) -> None:
+        await elapse(2)
+        assert world.ask(Ask("lift", ROBOT, "L3", hold_door=True)) == Accepted()
+        await until(world, is_open_at("L3"))
+
+    seen = in_world(check)
+    assert any(truth.open_at == "L3" for _, truth in seen.truths)
+    assert any("go_to" in commands for _, commands in seen.presses)
+    assert any(is_open_at("L3")(state) for _, state in seen.states)
+    assert {type(event).__name__ for event in seen.events} >= {"SessionOpened", "CommandEnded", "SessionEnded"}
+    assert seen.asks == [(Ask("lift", ROBOT, "L3", hold_door=True), Accepted())]
+    assert all(exchange.honest for exchange in seen.exchanges)
+    assert seen.truths[-1][1].given == ()  # everything was let go at the end
+
+
+def test_the_truth_is_that_of_the_lift_and_not_of_its_registers() -> None:
+    async def check(world: World) -> None:
+        await elapse(1)
+        world.begin("lift", StuckDoor())
+        world.set_inputs("lift", Inputs(landing_buttons=frozenset({0})))
+        await elapse(5)
+
+    seen = in_world(check)
+    assert all(truth.doors_shut for _, truth in seen.truths)
+    assert [struck for _, struck in seen.faults] == [Struck("lift", StuckDoor(), began=True)]
+
+
+def test_a_device_without_power_is_off_the_network_until_it_has_it_again() -> None:
+    async def check(world: World) -> None:
+        await until(world, lambda state: state.quality is Quality.LIVE)
+        world.begin("lift", PowerLoss())
+        await until(world, lambda state: state.quality is Quality.OFFLINE)
+        await elapse(10)
+        world.end("lift", PowerLoss())
+        assert await until(world, lambda state: state.quality is Quality.LIVE) < 3
+
+    in_world(check)
+
+
+def test_a_slot_that_is_kept_lets_nobody_in() -> None:
+    async def check(world: World) -> None:
+        await until(world, lambda state: state.quality is Quality.LIVE)
+        world.begin("lift", SlotKept())
+        world.begin("lift", PowerLoss())
+        world.end("lift", PowerLoss())
+        await elapse(10)
+        state = world.manager.state("lift")
+        assert state is not None
+        assert state.quality is Quality.OFFLINE
+        world.end("lift", SlotKept())
+        await until(world, lambda state: state.quality is Quality.LIVE)
+
+    in_world(check)
+
+
+def test_weather_is_that_of_one_controller() -> None:
+    async def check(world: World) -> None:
+        await until(world, lambda state: state.quality is Quality.LIVE)
+        world.spoil("plc", HalfOpen())
+        await until(world, lambda state: state.quality is Quality.OFFLINE)
+        world.mend("plc", HalfOpen())
+        await until(world, lambda state: state.quality is Quality.LIVE)
+
+    in_world(check)
+
+
+def test_several_lifts_may_stand_behind_one_controller_as_units() -> None:
+    async def check(world: World) -> None:
+        await until(world, lambda state: state.quality is Quality.LIVE, "west")
+        world.begin("east", InMode(Mode.FIRE))
+        await until(world, lambda state: state.mode is Mode.FIRE, "east")
+        state = world.manager.state("west")
+        assert state is not None
+        assert state.mode is Mode.NORMAL
+
+    in_world(check, "east", "west")
+
+
+def test_two_lifts_behind_one_unit_cannot_be_simulated_and_the_message_says_which() -> None:
+    with pytest.raises(WorldError, match=r"west: unit 1 of plc is another lift already"):
+        World(site("east", "west", units=False), ())
+
+
+def test_people_use_the_lift_when_they_are_let_in() -> None:
+    async def check(world: World) -> None:
+        world.populate("lift", People(seed=3, floors=3))
+        await elapse(300)
+
+    seen = in_world(check)
+    assert len({truth.open_at for _, truth in seen.truths} - {None}) > 1
+
+
+def test_the_same_seed_tells_the_same_story() -> None:
+    async def check(world: World) -> None:
+        world.populate("lift", People(seed=5, floors=3))
+        world.spoil("plc", HalfOpen(probability=0.02, times=1))
+        world.ask(Ask("lift", ROBOT, "L2", hold_door=True))
+        await elapse(60)
+
+    def story(seen: Recorder) -> list[object]:
+        return [seen.truths, [(at, replace(state, not_visible={})) for at, state in seen.states], seen.presses]
+
+    assert story(in_world(check)) == story(in_world(check))
