@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,18 @@ from lift_manager.config.check import check_site
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.problem import Key
 from lift_manager.config.site import Site, is_parameter_value
-from lift_manager.lab.plant import default_floors
+from lift_manager.lab.plant import default_floors, simulated_lift
 from lift_manager.lab.scenario.expectations import Expected, read_expectations
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.steps import Planned, read_steps
 from lift_manager.lab.scenario.trace import Known
-from register_maps.codec import compile_map
+from register_maps.codec import Codec, compile_map
 from register_maps.errors import MapFileError
 from register_maps.load import Changes, LoadedMap, load
 from register_maps.source import KeyPath, read, try_validate
 from register_maps.vocabulary import HANDSHAKE
+from simulator.faults import Fault
 
 LIFT = "lift"
 """The name of the lift of a scenario that names a map."""
@@ -60,15 +62,25 @@ def known_lifts(site: LoadedSite) -> dict[str, Known]:
     """Return what there is to know of every lift of a site."""
     found = {}
     for name, spec in site.site.lifts.items():
-        commands = compile_map(site.maps[name].map).commands
+        codec = compile_map(site.maps[name].map, offset=spec.offset)
+        commands = codec.commands
         places = (spec.controller, *(endpoint.controller for endpoint in spec.endpoints.values()))
         found[name] = Known(
             floors=tuple(spec.floors),
             commands=frozenset(commands),
             calls=frozenset(command for command, codec in commands.items() if codec.is_call),
             controllers=tuple(dict.fromkeys(places)),
+            objection=partial(_objection, codec, {floor: entry.code for floor, entry in spec.floors.items()}),
         )
     return found
+
+
+def _objection(codec: Codec, floors: Mapping[str, int], fault: Fault) -> str:
+    try:
+        simulated_lift(codec, floors).begin(fault, 0.0)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def _site(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite | None:

@@ -11,7 +11,7 @@ from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import DOINGS, GOES_WITH_IN_STEP, Scenario, Step
 from lift_manager.lab.scenario.trace import Known
 from register_maps.source import KeyPath
-from simulator.faults import Fault, ForeignWriter
+from simulator.faults import Fault, ForeignCell, ForeignWriter
 from simulator.people import Traffic
 
 
@@ -154,11 +154,13 @@ def _check_parts(parts: Parts, path: KeyPath, known: Known, mistakes: Mistakes) 
     if parts.wire is not None and parts.wire.controller not in (None, *known.controllers):
         message = f"no controller {parts.wire.controller!r}; there is {', '.join(known.controllers)}"
         mistakes.say((*path, "wire", "controller"), message)
+    if isinstance(parts.fault, ForeignCell) and (objection := known.objection(parts.fault)):
+        mistakes.say((*path, "fault", "foreign_cell"), objection)
     if not isinstance(parts.fault, ForeignWriter):
         return
     here: KeyPath = (*path, "fault", "foreign_writer")
     if parts.fault.command not in known.commands:
         message = f"no command {parts.fault.command!r}; the map has {', '.join(sorted(known.commands))}"
         mistakes.say((*here, "command"), message)
-    elif parts.fault.command in known.calls and parts.fault.floor is None:
+    elif parts.fault.command in known.calls and parts.fault.pressed and parts.fault.floor is None:
         mistakes.say(here, f"must say for which `floor` {parts.fault.command} is written")

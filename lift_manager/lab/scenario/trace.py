@@ -18,6 +18,7 @@ from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
 from register_maps.words import Side
+from simulator.faults import Fault
 from simulator.wire_faults import Exchange
 
 Value = bool | float | str | tuple[str, ...] | None
@@ -58,6 +59,8 @@ class Known:
     calls: frozenset[str]
     """Those commands that name a floor."""
     controllers: tuple[str, ...]
+    objection: Callable[[Fault], str]
+    """Why the simulated lift cannot have a fault; empty when it can."""
 
 
 class Recorder:

@@ -117,14 +117,16 @@ def _judged(expected: Expected, played: Played, lasts_s: float) -> Iterator[Judg
 
 
 def _around(broken: Broken, entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield the entries around the one that broke it, or around the moment at which it had not come about."""
+    """Yield the entries around the moment at which it was broken, and the one that broke it, which may have come before."""
     if broken.at_s is None:
         return
-    at = next((place for place, entry in enumerate(entries) if entry is broken.entry), None)
-    if at is None:
-        at = sum(entry.at_s <= broken.at_s for entry in entries) - 1
+    its = next((place for place, entry in enumerate(entries) if entry is broken.entry), None)
+    at = sum(entry.at_s <= broken.at_s for entry in entries) - 1
+    if its is not None and entries[its].at_s == broken.at_s:
+        at = its
     told = list(changes(entries))
-    for place in range(max(0, at - AROUND), min(len(told), at + AROUND + 1)):
+    places = set(range(max(0, at - AROUND), min(len(told), at + AROUND + 1)))
+    for place in sorted(places if its is None else places | {its}):
         entry, fields = told[place]
         mark = ">" if entry is broken.entry else " "
         yield f"{mark} {entry.at_s:9.3f} s  {entry.kind:<8} {_fields(fields)}"

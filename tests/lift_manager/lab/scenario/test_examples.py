@@ -1,0 +1,46 @@
+"""Every example is a scenario that is as it says."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from lift_manager.lab.scenario.load import load_scenario
+from lift_manager.lab.scenario.play import play
+from lift_manager.lab.scenario.verdict import lines, verdict_of
+from tests.lift_manager.lab.scenario.scenario_files import EXAMPLES
+
+FILES = sorted(EXAMPLES.glob("*.yaml"))
+
+
+def test_there_are_examples() -> None:
+    assert len(FILES) >= 6
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_an_example_is_as_it_says(path: Path) -> None:
+    verdict = verdict_of(play(load_scenario(path)))
+    assert verdict.ok, "\n".join(lines(verdict))
+    assert verdict.invitations > 0
+    assert verdict.undetectable == ()
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_an_example_says_what_it_is_about_and_names_its_schema(path: Path) -> None:
+    first, about, *rest = path.read_text().splitlines()
+    assert first == "# yaml-language-server: $schema=../../lift_manager/lab/scenario/scenario.schema.json"
+    assert about.startswith("# ")
+    assert about.endswith(".")
+    assert 10 <= len(rest) <= 40
+
+
+def kinds() -> Iterator[str]:
+    for path in FILES:
+        loaded = load_scenario(path)
+        yield from (step.does for step in loaded.steps)
+        yield from (type(expected.demand).__name__ for expected in loaded.expected)
+
+
+def test_the_examples_together_show_what_there_is() -> None:
+    assert {"robot", "fault", "wire", "people", "inputs", "acknowledge"} <= set(kinds())
+    assert {"Never", "Eventually", "Ordered", "Count"} <= set(kinds())
