@@ -26,7 +26,7 @@ from lift_manager.config.site import Controller
 from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Memory, ShortMemory, wall_clock
+from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.progress import patience_s
 from lift_manager.core.ticker import Ticker
@@ -67,11 +67,15 @@ def over_tcp(controller: Controller) -> Wire:
 
 
 def build(
-    loaded: LoadedSite, make_wire: Callable[[Controller], Wire] = over_tcp, *, memory: Memory | None = None
+    loaded: LoadedSite,
+    make_wire: Callable[[Controller], Wire] = over_tcp,
+    *,
+    memory: Memory | None = None,
+    clock: Clock | None = None,
 ) -> Building:
     """Make one link per controller and hand it to the lifts on it; without a memory, a restart forgets what people said."""
     memory = memory or ShortMemory()
-    clock = wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
+    clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
     bus: Bus[Event] = Bus()
     ticker = Ticker()
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}

@@ -59,7 +59,6 @@ _TOLD = {
     "stuck_door": "the door limits tell where it is",
     "reopening_door": "the door limits tell what it does",
     "nudging_door": "the door limits tell what it does",
-    "wrong_floor": "the floor that the car tells is where it is",
     "relevelling": "the car stays in the door zone, which is no fault",
     "homing": "the car tells no floor, or one with its doors shut",
     "calls_cancelled": "the call disappears, or the car does not come in time",
@@ -76,7 +75,10 @@ def detections(codec: Codec, *, max_age_s: float) -> tuple[Detection, ...]:
 
 
 def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
-    for fault in ("stuck_door", "reopening_door", "nudging_door", "wrong_floor", "relevelling", "homing"):
+    for fault in ("stuck_door", "reopening_door", "nudging_door"):
+        yield _harmless(fault)
+    yield _wrong_floor(codec)
+    for fault in ("relevelling", "homing"):
         yield _harmless(fault)
     for fault in ("calls_cancelled", "robot_mode_withdrawn", "overload"):
         yield _harmless(fault)
@@ -131,6 +133,15 @@ def _shows_mode(codec: Codec, mode: Mode) -> bool:
 
 
 _FLAGS_OF_SIMULATOR = frozenset({"fire", "emergency_power", "inspection", "independent", "out_of_service"})
+
+
+def _wrong_floor(codec: Codec) -> Detection:
+    calls = [codec.commands[name] for name in CALLS if name in codec.commands]
+    if not any(_is_loose(call) for call in calls):
+        return Detection("wrong_floor", 0.0, (), "the floor that the car tells is where it is")
+    how = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
+    within_s = max(call.spec.arrive_within_s for call in calls)
+    return Detection("wrong_floor", within_s, (Lie.EFFECT,), how)
 
 
 def _wrong_floor_shown(codec: Codec) -> Detection:

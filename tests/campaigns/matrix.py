@@ -21,6 +21,7 @@ from lift_manager.domain.asking import Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.virtual_time import run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
+from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Finding, Oracle
 from lift_manager.lab.world.world import World
 from register_maps.codec import compile_map
@@ -29,7 +30,7 @@ from simulator import faults as device
 from simulator import wire_faults as wire
 from simulator.faults import Fault, InMode
 from simulator.wire_faults import WireFault
-from tests.campaigns.playing import LIFT, applies, judge_of, loaded_site
+from tests.campaigns.playing import LIFT, applies, loaded_site
 from tests.campaigns.truth import maps, quiet
 from tests.support.trip_sites import NO_TRIP
 

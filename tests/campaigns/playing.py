@@ -7,21 +7,21 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from lift_manager.commissioning.detection import detections
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, RobotWord
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import run_virtual
-from lift_manager.lab.world.oracle import Finding, Judged, Oracle
+from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.oracle import Finding
 from lift_manager.lab.world.witness import Witness
 from lift_manager.lab.world.world import World
-from register_maps.codec import compile_map
 from register_maps.load import Changes, LoadedMap, load
 from simulator import faults as device
 from simulator.faults import Fault
 from simulator.people import People
 from simulator.state import Parameters
+from tests.campaigns.aboard import Aboard
 from tests.campaigns.schedules import (
     LASTS_S,
     POLL_S,
@@ -30,6 +30,7 @@ from tests.campaigns.schedules import (
     Event,
     PeopleCome,
     PersonActs,
+    Restarts,
     RobotRides,
     Schedule,
     WireFails,
@@ -54,6 +55,11 @@ class Played:
     invitations: int = 0
     rides: int = 0
     """Robots that were let out where they wanted to go."""
+    aboard: Aboard = field(init=False)
+    """Whose robots stand in the cars."""
+
+    def __post_init__(self) -> None:
+        self.aboard = Aboard(self.findings)
 
     @property
     def failed(self) -> bool:
@@ -85,25 +91,6 @@ def loaded_site(name: str, max_session_hold_s: float, lease_s: float, between_se
     return LoadedSite(site, {LIFT: loaded}, Path("campaign"))
 
 
-def judge_of(loaded: LoadedSite) -> Oracle:
-    """Return a judge who knows what a map can and cannot show."""
-    lifts = {}
-    for name, spec in loaded.site.lifts.items():
-        source = loaded.maps[name].map
-        codec = compile_map(source)
-        max_age_s = spec.max_age_s or source.link.max_age_s
-        lifts[name] = Judged(
-            controllers=(spec.controller, *(place.controller for place in spec.endpoints.values())),
-            max_age_s=max_age_s,
-            max_session_hold_s=spec.max_session_hold_s,
-            arrive_within_s=max((c.spec.arrive_within_s for c in codec.commands.values() if c.is_call), default=120.0),
-            detections={one.fault: one for one in detections(codec, max_age_s=max_age_s)},
-            levels=frozenset(n for n, c in codec.commands.items() if c.spec.action == "hold"),
-            fleeting=frozenset(n for n, c in codec.commands.items() if c.spec.ends_itself),
-        )
-    return Oracle(lifts)
-
-
 def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
     """Play a schedule to its end and judge it; a crash is a finding."""
     loaded = loaded_site(schedule.map, schedule.max_session_hold_s, schedule.lease_s, schedule.between_sessions_s)
@@ -112,7 +99,7 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
 
     async def main() -> None:
         settings = {LIFT: Parameters(speed=schedule.speed)}
-        world = World(loaded, (oracle, *witnesses), seed=schedule.seed, settings=settings)
+        world = World(loaded, (oracle, played.aboard, *witnesses), seed=schedule.seed, settings=settings)
         async with world.running():
             actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
             await asyncio.sleep(LASTS_S)
@@ -144,21 +131,26 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
             floors = world.lifts[lift].floors
             world.ask(Ask(lift, _holder(event.holder), floors[event.floor % len(floors)], event.hold))
         case DeviceFails():
-            if not applies(world, lift, event.fault):
-                return
-            world.begin(lift, event.fault)
-            await asyncio.sleep(event.for_s)
-            world.end(lift, event.fault)
+            if applies(world, lift, event.fault):
+                world.begin(lift, event.fault)
+                await asyncio.sleep(event.for_s)
+                world.end(lift, event.fault)
         case WireFails():
-            for controller in world.lifts[lift].controllers:
-                world.spoil(controller, event.fault)
-            await asyncio.sleep(event.for_s)
-            for controller in world.lifts[lift].controllers:
-                world.mend(controller, event.fault)
+            await _spoil(world, lift, event)
+        case Restarts():
+            await world.restart()
         case PersonActs():
             _person_acts(world, lift, event.what)
         case PeopleCome():
             world.populate(lift, People(seed=event.seed, floors=len(world.lifts[lift].floors)))
+
+
+async def _spoil(world: World, lift: str, event: WireFails) -> None:
+    for controller in world.lifts[lift].controllers:
+        world.spoil(controller, event.fault)
+    await asyncio.sleep(event.for_s)
+    for controller in world.lifts[lift].controllers:
+        world.mend(controller, event.fault)
 
 
 def _person_acts(world: World, lift: str, what: str) -> None:
@@ -189,8 +181,10 @@ async def _ride(world: World, lift: str, robot: RobotRides, played: Played) -> N
     try:
         async with asyncio.timeout(robot.gives_up_after_s):
             await _until_open(world, Ask(lift, holder, pickup, hold_door=True))
+            played.aboard.entered(lift, holder)
             await _repeat(world, Ask(lift, holder, pickup, hold_door=True), BOARDS_S)
-            await _until_open(world, Ask(lift, holder, destination, hold_door=True, robot=word))
+            await _until_open(world, Ask(lift, holder, destination, hold_door=robot.holds, robot=word))
+            played.aboard.left(lift)
             await _repeat(world, Ask(lift, holder, destination, hold_door=True), BOARDS_S)
             played.rides += 1
     except TimeoutError:
@@ -211,11 +205,10 @@ async def _until_open(world: World, ask: Ask) -> None:
 
 
 def _invited(state: LiftState | None, ask: Ask) -> bool:
-    return state is not None and (state.holder, state.floor, state.robot_door) == (
-        ask.holder,
-        ask.floor,
-        RobotDoor.OPEN,
-    )
+    if state is None or (state.floor, state.robot_door) != (ask.floor, RobotDoor.OPEN):
+        return False
+    # who did not want the door held does not hold the lift any more once it is there
+    return state.holder == ask.holder or (state.holder is None and not ask.hold_door)
 
 
 async def _repeat(world: World, ask: Ask, for_s: float) -> None:

@@ -30,6 +30,8 @@ class RobotRides:
     in_words: bool
     gives_up_after_s: float
     """It stops asking, wherever it is."""
+    holds: bool
+    """Whether it wants the door held where it gets out; otherwise it lets the lift go by arriving there."""
     releases: bool
     """Whether it lets the lift go at the end, or just falls silent."""
 
@@ -79,7 +81,14 @@ class PersonActs:
     """acknowledge, lock_out or end_lockout."""
 
 
-Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs
+@dataclass(frozen=True)
+class Restarts:
+    """The manager is killed and started again."""
+
+    at: float
+
+
+Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | Restarts
 
 
 @dataclass(frozen=True)
@@ -112,6 +121,8 @@ def draw(seed: int, maps: Sequence[str]) -> Schedule:
         events.append(PeopleCome(random.uniform(0, 20), random.getrandbits(32)))
     for what in random.choice(((), (), ("acknowledge",), ("acknowledge", "acknowledge"), ("lock_out", "end_lockout"))):
         events.append(PersonActs(random.uniform(5, 55), what))
+    if random.random() < 0.15:
+        events.append(Restarts(random.uniform(5, 50)))
     return Schedule(
         seed=seed,
         map=name,
@@ -166,6 +177,7 @@ def _robot(random: Random, *, first: bool) -> RobotRides:
         destination=pickup + random.randrange(1, 4),
         in_words=random.random() < 0.5,
         gives_up_after_s=random.choice((5.0, 30.0, 60.0, 60.0)),
+        holds=random.random() < 0.8,
         releases=random.random() < 0.8,
     )
 

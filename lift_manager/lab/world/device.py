@@ -43,7 +43,12 @@ class MemoryController:
     def switch(self, *, on: bool) -> None:
         """Put it on the network, or take it off and reset every connection."""
         self.on_network = on
-        for wire in [] if on else tuple(self.wires):
+        if not on:
+            self.hang_up()
+
+    def hang_up(self) -> None:
+        """Reset every connection."""
+        for wire in tuple(self.wires):
             wire.drop()
 
     def answer(self, frame: bytes) -> list[Reply]:

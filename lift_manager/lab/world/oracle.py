@@ -32,6 +32,10 @@ RELEASES_WITHIN_S = 6.0
 the map has its own width, and a slow trip of the car comes to its end before robot mode falls."""
 MODE_KNOWN_WITHIN_S = 1.0
 """How soon a mode without robots is known on a wire that works: two polls, the second for a map read in several blocks."""
+SILENT_S = 1.0
+"""A wire on which nothing was asked for so long does not work: a lift is polled five times as often."""
+FOREIGN_CLEARED_S = 70.0
+"""What somebody else has pressed is let go of at most once a minute (`drivers.modbus.foreign`), and the release takes its time."""
 SETTLES_S = 2.0
 """How long what a fault has spoiled may show after its end: two readings, and the age of the last wrong one."""
 
@@ -126,7 +130,8 @@ class Oracle:
         for name in watched.on_since.keys() - truth.commands:
             del watched.on_since[name]
             watched.unwanted_since.pop(name, None)
-        if watched.active and any(excuse.fault in DISOBEYS for excuse in watched.active):
+        disobeyed = any(excuse.fault in DISOBEYS for excuse in watched.active)
+        if disobeyed or at - watched.last_exchange > SILENT_S:
             watched.clean_since = at
         if watched.on_since:
             self._outputs(at, lift, watched, truth)
@@ -176,7 +181,7 @@ class Oracle:
         for watched in self._lifts.values():
             if controller not in watched.about.controllers:
                 continue
-            if not usable or exchange.faults or exchange.sent_at - watched.last_exchange > 1.0:
+            if not usable or exchange.faults or exchange.sent_at - watched.last_exchange > SILENT_S:
                 watched.clean_since = max(at, arrives if arrives < math.inf else at)
             watched.last_exchange = exchange.sent_at
             if usable and is_read:
@@ -220,7 +225,8 @@ class Oracle:
             if math.isinf(excuse.until) and Lie.OUTPUT in excuse.lies and not watched.about.detections[name].goes_on:
                 # what was not let go meanwhile, and cannot be read back, stays on until it is written again
                 watched.excuses.append(replace(excuse, lies=(Lie.OUTPUT,)))
-            excuse.until = min(excuse.until, at + SETTLES_S)
+            settles_s = FOREIGN_CLEARED_S if name == "foreign_writer" else SETTLES_S
+            excuse.until = min(excuse.until, at + settles_s)
             watched.excuses.append(excuse)
 
     def _invitation(self, at: float, lift: str, watched: _Watched, state: LiftState) -> None:

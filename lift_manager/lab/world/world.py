@@ -9,18 +9,21 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Protocol
 
+from drivers.modbus.link import Link
 from drivers.modbus.wire import Wire
 from drivers.model import FloorName
 from lift_manager import app
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
-from lift_manager.core.bus import Subscription
+from lift_manager.core.manager import LiftManager
+from lift_manager.core.memory import Clock, ShortMemory
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event, StateChanged
+from lift_manager.domain.events import StateChanged
 from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.device import Device, MemoryController
@@ -35,6 +38,9 @@ from simulator.wire_faults import Exchange, WireFault, WireFaults
 
 LOOK_S = 0.25
 """How often somebody asks for the state of every lift. Chosen: more often than any client does."""
+
+BEGAN_AT = datetime(2026, 1, 5, 12, tzinfo=UTC)
+"""A Monday noon: robots may begin at any hour that a site is likely to allow. Chosen."""
 
 
 class WorldError(Exception):
@@ -78,8 +84,12 @@ class World:
         seed: int = 0,
         settings: Mapping[str, Parameters] | None = None,
         look_s: float = LOOK_S,
+        clock: Clock | None = None,
     ) -> None:
-        """`settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states. Raises WorldError for two lifts behind one unit."""
+        """Put everything together; raises WorldError for two lifts behind one unit.
+
+        `settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states.
+        """
         self.loaded = loaded
         self.lifts: dict[str, SimulatedLift] = {}
         self.weather: dict[str, WireFaults] = {}
@@ -100,10 +110,15 @@ class World:
         self._names = {(spec.host, spec.port): name for name, spec in loaded.controllers.items()}
         self.released = False
         """Whether every output was seen to be let go at the end."""
-        self._building = app.build(loaded, make_wire=self._wire)
-        self.manager = self._building.manager
-        """As every face sees it."""
-        self.links = self._building.links
+        self._memory = ShortMemory()
+        self._clock = clock or office_hours
+        self._program: list[asyncio.Task[None]] = []
+        """The manager, task by task."""
+        self.manager: LiftManager
+        """As every face sees it; another one after a restart."""
+        self.links: tuple[Link, ...]
+        self._tasks: asyncio.TaskGroup
+        self._build()
 
     # -- what a scenario does
 
@@ -155,32 +170,51 @@ class World:
 
         Raises whatever a part of the manager raised.
         """
-        manager = self.manager
-        parts = [*(link.run() for link in self.links), *manager.drives(), manager.run()]
         async with asyncio.TaskGroup() as tasks:
-            with manager.listen() as events:
-                running = [tasks.create_task(part) for part in parts]
-                running += [tasks.create_task(part) for part in (self._listen(events), self._watch(), self._inhabit())]
+            self._tasks = tasks
+            others = [tasks.create_task(part) for part in (self._watch(), self._inhabit())]
+            self._start()
+            self._look(self.lifts)
+            try:
+                yield self
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(app.RELEASE_WITHIN_S):
+                        await self.manager.stop()
+                        self.released = True
                 self._look(self.lifts)
-                try:
-                    yield self
-                    with suppress(TimeoutError):
-                        async with asyncio.timeout(app.RELEASE_WITHIN_S):
-                            await manager.stop()
-                            self.released = True
-                    self._look(self.lifts)
-                finally:
-                    for task in running:
-                        task.cancel()
+            finally:
+                for task in (*self._program, *others):
+                    task.cancel()
 
-    async def _listen(self, events: Subscription[Event]) -> None:
-        while True:
-            event, now = await events.next(), _now()
-            if isinstance(event, StateChanged):
-                self._told(now, event.lift, event.state)
-                continue
-            for witness in self._witnesses:
-                witness.heard(now, event)
+    async def restart(self) -> None:
+        """Kill the manager as `kill -9` does, letting go of nothing, and start it again with what it had written down."""
+        program, self._program = self._program, []
+        for task in program:
+            task.cancel()
+        await asyncio.gather(*program, return_exceptions=True)
+        for controller in self._controllers.values():
+            controller.hang_up()
+        self._build()
+        self._start()
+
+    def _build(self) -> None:
+        building = app.build(self.loaded, make_wire=self._wire, memory=self._memory, clock=self._clock)
+        self.manager = building.manager
+        self.links = building.links
+
+    def _start(self) -> None:
+        parts = [*(link.run() for link in self.links), *self.manager.drives(), self.manager.run(), self._listen()]
+        self._program = [self._tasks.create_task(part) for part in parts]
+
+    async def _listen(self) -> None:
+        with self.manager.listen() as events:
+            while True:
+                event, now = await events.next(), _now()
+                if isinstance(event, StateChanged):
+                    self._told(now, event.lift, event.state)
+                    continue
+                for witness in self._witnesses:
+                    witness.heard(now, event)
 
     def _told(self, now: float, lift: str, state: LiftState) -> None:
         for witness in self._witnesses:
@@ -262,6 +296,11 @@ class World:
             units[place.unit_id] = face.endpoint(endpoint) if endpoint else face
         controllers = tuple(dict.fromkeys((places[""].controller, *(place.controller for place in places.values()))))
         return SimulatedLift(name, codec, tuple(spec.floors), face, controllers)
+
+
+def office_hours() -> datetime:
+    """Return the time of day in a building where the world began at noon on a Monday."""
+    return BEGAN_AT + timedelta(seconds=_now())
 
 
 def _now() -> float:

@@ -1,0 +1,64 @@
+"""Who is really in the car, by what the robots of a schedule do: nobody else may be given the lift meanwhile."""
+
+from drivers.model import FloorName
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event, PersonAcknowledged, SessionEnded, SessionOpened
+from lift_manager.domain.service import EndReason
+from lift_manager.domain.state import Holder, LiftState
+from lift_manager.lab.world.oracle import Finding
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import Struck
+from simulator.wire_faults import Exchange
+
+
+class Aboard:
+    """A witness that is told by the robots when they are in and out, and by the manager to whom it gives the lift."""
+
+    def __init__(self, findings: list[Finding]) -> None:
+        self._findings = findings
+        self._robots: dict[str, Holder] = {}
+        """Whose robot stands in each car."""
+        self._at: dict[str, FloorName | None] = {}
+
+    def entered(self, lift: str, holder: Holder) -> None:
+        """A robot is in the car."""
+        self._robots[lift] = holder
+
+    def left(self, lift: str) -> None:
+        """It is out."""
+        self._robots.pop(lift, None)
+
+    def heard(self, at: float, event: Event) -> None:
+        """Compare to whom the lift is given with who stands in it; its holder's word and a person's are believed."""
+        match event:
+            case PersonAcknowledged(lift=lift):
+                self.left(lift)
+            case SessionEnded(lift=lift, holder=holder, reason=EndReason.RELEASED) if self._robots.get(lift) == holder:
+                self.left(lift)
+            case SessionOpened(lift=lift, holder=holder) if self._robots.get(lift, holder) != holder:
+                text = f"{holder} is given a lift in which a robot of {self._robots[lift]} stands"
+                self._findings.append(Finding(at, lift, "given to another with a robot aboard", text))
+            case _:
+                pass
+
+    def looked(self, at: float, lift: str, truth: Truth) -> None:
+        """Know where the car is."""
+        self._at[lift] = truth.at
+
+    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """Not its business."""
+
+    def published(self, at: float, lift: str, state: LiftState) -> None:
+        """Not its business."""
+
+    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+        """Not its business."""
+
+    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+        """Believe a holder that lets go of the lift where it stands: that is its word that it is out."""
+        lets_go = isinstance(answer, Accepted) and not ask.hold_door and self._at.get(ask.lift) == ask.floor
+        if lets_go and self._robots.get(ask.lift) == ask.holder:
+            self.left(ask.lift)
+
+    def struck(self, at: float, struck: Struck) -> None:
+        """Not its business."""
