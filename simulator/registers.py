@@ -79,12 +79,16 @@ class RegisterFace:
         self._homes = False
         """The program has begun, and does not know yet where its car is."""
         self._watchers: list[Callable[[], None]] = []
+        self._pictured: tuple[State, Picture] | None = None
+        """The picture of a state that has not changed since is the same one."""
         self._show()
 
     @property
     def picture(self) -> Picture:
         """What the lift really does, by its own physics."""
-        return controller.picture(self._state, self.parameters)
+        if self._pictured is None or self._pictured[0] is not self._state:
+            self._pictured = self._state, controller.picture(self._state, self.parameters)
+        return self._pictured[1]
 
     @property
     def asked(self) -> Mapping[str, int]:

@@ -126,7 +126,7 @@ def draw(seed: int, maps: Sequence[str]) -> Schedule:
     return Schedule(
         seed=seed,
         map=name,
-        speed=random.choice((1.0, 2.0, 4.0, 20.0)),
+        speed=random.choice((1.0, 1.0, 2.0, 2.0, 4.0, 4.0, 4.0, 20.0)),
         max_session_hold_s=random.choice((6.0, 20.0, 900.0)),
         lease_s=random.choice((8.0, 300.0)),
         between_sessions_s=random.choice((0.0, 5.0)),

@@ -14,6 +14,7 @@ ALLOWED = {
     "lift_manager/cli/main.py": "import lift_manager.cli.maps, lift_manager.lab.demo, lift_manager.app, drivers.errors",
     "lift_manager/cli/maps.py": "import lift_manager.commissioning.doctor",
     "lift_manager/lab/demo.py": "import simulator.server, lift_manager.app, drivers.modbus.wire",
+    "lift_manager/lab/pytest_plugin.py": "import lift_manager.__main__, lift_manager.app",
     "lift_manager/app.py": "import drivers.modbus.link, lift_manager.web.server, lift_manager.rmf.dds, lift_manager.store",
     "lift_manager/commissioning/doctor.py": "import drivers.modbus.lift, lift_manager.core.lift, lift_manager.config",
     "lift_manager/web/server.py": "import lift_manager.core.lift, lift_manager.api, lift_manager.domain",

@@ -86,4 +86,6 @@ def test_the_wheel_says_its_licence_its_command_and_that_it_is_not_for_upload(wh
     assert "Classifier: Private :: Do Not Upload" in metadata
     assert "Requires-Python: >=3.11" in metadata
     assert f"{info(wheel)}/licenses/LICENSE" in wheel.namelist()
-    assert "lift-manager = lift_manager.__main__:main" in wheel.read(f"{info(wheel)}/entry_points.txt").decode()
+    entry_points = wheel.read(f"{info(wheel)}/entry_points.txt").decode()
+    assert "[console_scripts]\nlift-manager = lift_manager.__main__:main\n" in entry_points
+    assert "[pytest11]\nlift_manager = lift_manager.lab.pytest_plugin\n" in entry_points

@@ -7,6 +7,7 @@ that it gives its own words: those may not be newer than the data that reached i
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -27,6 +28,8 @@ ANSWER_TAKES_S = 0.02
 """Between the moment at which a device looks at itself and the arrival of its answer, on a quick wire."""
 KEPT_S = 30.0
 """How long the past is remembered; longer than any outcome takes to come, and than any window below."""
+ANSWERS_KEPT = 256
+"""Right answers that are remembered: more than are asked for within the age of any reading, and those still on their way."""
 RELEASES_WITHIN_S = 6.0
 """How long an output may stay on that nobody wants, on a wire that works: retries of a release come up to 2 s apart, a pulse of
 the map has its own width, and a slow trip of the car comes to its end before robot mode falls."""
@@ -93,7 +96,7 @@ class _Watched:
     """Of these, those that nobody wants."""
     excuses: list[_Excuse] = field(default_factory=list)
     active: list[_Excuse] = field(default_factory=list)
-    newest: list[tuple[float, float]] = field(default_factory=list)
+    newest: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=ANSWERS_KEPT))
     """Right answers to reads: when they arrive, and when they were asked for."""
     clean_since: float = -math.inf
     last_exchange: float = -math.inf
@@ -185,7 +188,6 @@ class Oracle:
                 watched.clean_since = max(at, arrives if arrives < math.inf else at)
             watched.last_exchange = exchange.sent_at
             if usable and is_read:
-                watched.newest = [pair for pair in watched.newest if pair[0] > at - KEPT_S][-64:]
                 watched.newest.append((arrives, exchange.sent_at))
 
     def heard(self, at: float, event: Event) -> None:

@@ -32,6 +32,7 @@ from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
 from register_maps.codec import Codec, compile_map
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
+from simulator.modes import Key
 from simulator.registers import RegisterFace
 from simulator.state import Inputs, Parameters, Picture
 from simulator.wire_faults import Exchange, WireFault, WireFaults
@@ -295,7 +296,9 @@ class World:
                 raise WorldError(text)
             units[place.unit_id] = face.endpoint(endpoint) if endpoint else face
         controllers = tuple(dict.fromkeys((places[""].controller, *(place.controller for place in places.values()))))
-        return SimulatedLift(name, codec, tuple(spec.floors), face, controllers)
+        # whoever changes what people do must not turn the key of a lift that stands on robot
+        inputs = Inputs(key=Key.ROBOT if face.picture.robot_mode_on else Key.NORMAL)
+        return SimulatedLift(name, codec, tuple(spec.floors), face, controllers, inputs=inputs)
 
 
 def office_hours() -> datetime:

@@ -1,0 +1,20 @@
+"""What the pytest fixtures `lift_simulator`, `modbus_faults` and `lift_site` are made of; see lab/README.md."""
+
+from lift_manager.lab.bench.bench import Bench
+from lift_manager.lab.bench.errors import BenchBroken, BenchError, NeverSeen
+from lift_manager.lab.bench.log import Logged
+from lift_manager.lab.bench.simulator import LiftSimulator, Write
+from lift_manager.lab.bench.site import LiftSite
+from lift_manager.lab.bench.wire import ModbusFaults
+
+__all__ = [
+    "Bench",
+    "BenchBroken",
+    "BenchError",
+    "LiftSimulator",
+    "LiftSite",
+    "Logged",
+    "ModbusFaults",
+    "NeverSeen",
+    "Write",
+]

@@ -1,0 +1,75 @@
+"""Everything of one test: a thread, and on it the lifts, the wires and the manager, each started when it is first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any, Self
+
+from lift_manager.lab.bench.errors import BenchError
+from lift_manager.lab.bench.plan import plan_lifts
+from lift_manager.lab.bench.simulator import LiftSimulator, Plant
+from lift_manager.lab.bench.site import LiftSite, RunningSite
+from lift_manager.lab.bench.thread import LoopThread
+from lift_manager.lab.bench.wire import ModbusFaults, Wires
+
+
+class Bench:
+    """Close it in the end: then no thread, task or socket of it is left. Raises then what broke on it."""
+
+    def __init__(self, wishes: Sequence[Mapping[str, Any]], *, near: Path, folder: Path) -> None:
+        """`wishes` are what the markers say, `near` is where their maps are looked for, and `folder` takes files. Raises BenchError."""
+        self._plans = plan_lifts(wishes, near)
+        self._plants = {plan.name: Plant(plan) for plan in self._plans}
+        self._folder = folder
+        self._wires: Wires | None = None
+        self._site: LiftSite | None = None
+        with ExitStack() as stack:
+            self._thread = stack.enter_context(LoopThread())
+            self._simulators = {name: LiftSimulator(plant, self._thread) for name, plant in self._plants.items()}
+            stack.enter_context(self._thread.hosting(_all_of(self._plants.values())))
+            self._open = stack.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def simulator(self) -> LiftSimulator:
+        """Return the one lift of the test. Raises BenchError where there are several."""
+        if len(self._simulators) > 1:
+            lifts = ", ".join(self._simulators)
+            first = next(iter(self._simulators))
+            raise BenchError(
+                f"lift_simulator is the lift of a test with one, and this has {lifts}; take lift_site.simulator({first!r})"
+            )
+        return next(iter(self._simulators.values()))
+
+    def modbus_faults(self) -> ModbusFaults:
+        """Return the wires of all lifts."""
+        return ModbusFaults(self._started_wires(), self._thread, *self._plants)
+
+    def site(self) -> LiftSite:
+        """Return the manager, which reaches its lifts over the wires. Raises BenchError for what no site file may say."""
+        if self._site is None:
+            site = RunningSite(self._plans, self._started_wires(), self._plants, self._folder)
+            self._open.enter_context(self._thread.hosting(site.running()))
+            self._site = LiftSite(site, self._simulators, self.modbus_faults(), self._thread)
+        return self._site
+
+    def _started_wires(self) -> Wires:
+        if self._wires is None:
+            wires = Wires(self._plants)
+            self._open.enter_context(self._thread.hosting(wires.running()))
+            self._wires = wires
+        return self._wires
+
+
+@asynccontextmanager
+async def _all_of(plants: Iterable[Plant]) -> AsyncIterator[None]:
+    async with AsyncExitStack() as stack:
+        for plant in plants:
+            await stack.enter_async_context(plant.running())
+        yield

@@ -1,0 +1,128 @@
+"""What lifts a test wants: the marker `lift`, read and checked before anything is started."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lift_manager.config.site import Lift
+from lift_manager.lab.bench.errors import BenchError
+from lift_manager.lab.bench.naming import device_fault
+from lift_manager.lab.plant import default_floors
+from register_maps.codec import Codec, compile_map
+from register_maps.errors import MapFileError
+from register_maps.load import Changes, LoadedMap, load
+from register_maps.plain import closest
+from simulator.faults import Fault
+
+NAME = "lift"
+MAP = "generic-registers"
+SPEED = 20.0
+"""Mechanical seconds in one real second. Chosen: a ride over one floor is then a matter of the robot mode and the pulse, which
+take their own time at any speed."""
+POLL_S = 0.05
+"""Chosen: as often as the simulated controller looks at its inputs."""
+ACCEPTED = "the controller is simulated and ends with the test"
+
+_OWN_KEYS = ("name", "map", "floors", "speed", "faults")
+_FIXED_KEYS = frozenset({"controller", "endpoints", "offset", "unit_id", "floors"})
+"""What of a lift in a site file the bench says itself."""
+_SITE_KEYS = tuple(name for name in Lift.model_fields if name not in _FIXED_KEYS)
+
+
+@dataclass(frozen=True, slots=True)
+class LiftPlan:
+    """One lift of a test."""
+
+    name: str
+    map: LoadedMap
+    codec: Codec
+    floors: Mapping[str, int]
+    speed: float
+    faults: tuple[Fault, ...]
+    """Those with which it begins."""
+    keys: Mapping[str, Any]
+    """What the site file says of this lift, beside its place and floors."""
+
+
+def plan_lifts(wishes: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPlan, ...]:
+    """Return the lifts of a test, one for each wish, or the usual one where there is none.
+
+    `near` is the folder for maps that are given by a path. Raises BenchError.
+    """
+    plans = tuple(_plan(wish, near) for wish in wishes or ({},))
+    names = [plan.name for plan in plans]
+    for name in names:
+        if names.count(name) > 1:
+            raise BenchError(f"two lifts have the name {name!r}; write @pytest.mark.lift('another name', ...)")
+    return plans
+
+
+def wish_of(args: Sequence[object], kwargs: Mapping[str, object]) -> dict[str, object]:
+    """Return what one marker wishes for. Raises BenchError for a key that it does not have."""
+    allowed = (*_OWN_KEYS, *_SITE_KEYS)
+    if len(args) > 1:
+        raise BenchError(f"@pytest.mark.lift takes one name and then keys, not {', '.join(map(repr, args))}")
+    for key in kwargs:
+        if key not in allowed:
+            hint = closest(key, allowed) or f"; there is {', '.join(allowed)}"
+            fixed = "; the bench says that itself" if key in _FIXED_KEYS else hint
+            raise BenchError(f"@pytest.mark.lift has no {key!r}{fixed}")
+    if args and "name" in kwargs:
+        raise BenchError(f"@pytest.mark.lift names its lift twice: {args[0]!r} and {kwargs['name']!r}")
+    return {**({"name": args[0]} if args else {}), **kwargs}
+
+
+def _plan(wish: Mapping[str, Any], near: Path) -> LiftPlan:
+    name, map_name, speed = wish.get("name", NAME), wish.get("map", MAP), wish.get("speed", SPEED)
+    if not isinstance(name, str) or not name:
+        raise BenchError(f"the name of a lift is text, not {name!r}")
+    if isinstance(speed, bool) or not isinstance(speed, int | float) or not speed > 0:
+        raise BenchError(f"{name}: speed must be a number above 0, such as 20, not {speed!r}")
+    if not isinstance(map_name, str | Path):
+        raise BenchError(f"{name}: map must be the name of a shipped map or a path, not {map_name!r}")
+    keys = {key: wish[key] for key in _SITE_KEYS if key in wish}
+    changes = Changes(keys.get("parameters", {}), keys.get("override", {}))
+    try:
+        loaded = load(map_name, near=near, changes=changes)
+    except (MapFileError, OSError) as error:
+        raise BenchError(f"{name}: map {map_name!s} cannot be used: {error}") from error
+    codec = compile_map(loaded.map)
+    floors = _floors(name, wish.get("floors"), codec)
+    least_s = max(POLL_S, loaded.map.link.min_poll_s)
+    usual = {"access": "control", "poll_s": least_s, "between_sessions_s": 0, "accept_latching": ACCEPTED}
+    return LiftPlan(
+        name,
+        loaded,
+        codec,
+        floors,
+        float(speed),
+        _faults(name, wish.get("faults", ()), tuple(floors)),
+        usual | keys,
+    )
+
+
+def _floors(name: str, wish: object, codec: Codec) -> dict[str, int]:
+    if wish is None:
+        try:
+            return default_floors(codec.map)
+        except ValueError as error:
+            raise BenchError(f"{name}: {error}") from error
+    if not isinstance(wish, Mapping) or len(wish) < 2:
+        raise BenchError(
+            f'{name}: floors must be two or more, lowest first, such as {{"L1": 1, "L2": 2}}, not {wish!r}'
+        )
+    for floor, code in wish.items():
+        if not isinstance(floor, str) or isinstance(code, bool) or not isinstance(code, int):
+            raise BenchError(f'{name}: floors are names with codes, such as {{"L1": 1}}, not {{{floor!r}: {code!r}}}')
+    return dict(wish)
+
+
+def _faults(name: str, wish: Any, floors: tuple[str, ...]) -> tuple[Fault, ...]:
+    wished = wish if isinstance(wish, list | tuple | set | frozenset) else [wish]
+    try:
+        return tuple(device_fault(fault, {}, floors) for fault in wished)
+    except BenchError as error:
+        raise BenchError(f"{name}: {error}") from error

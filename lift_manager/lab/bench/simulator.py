@@ -1,0 +1,328 @@
+"""A simulated lift and its controllers on the loop of the bench, and the handle by which a test reaches it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from drivers.model import FloorName
+from lift_manager.core.bus import Bus
+from lift_manager.lab.bench.errors import BenchError, NeverSeen
+from lift_manager.lab.bench.naming import device_fault
+from lift_manager.lab.bench.plan import LiftPlan
+from lift_manager.lab.bench.thread import LoopThread
+from lift_manager.lab.plant import simulated_lift
+from lift_manager.lab.world.truth import History, Truth, truth_of
+from register_maps.words import Side, Table
+from simulator.faults import Fault
+from simulator.modes import Key
+from simulator.registers import Endpoint, RegisterFace
+from simulator.server import SimulatedController
+from simulator.state import Inputs, Picture
+
+HOST = "127.0.0.1"
+WITHIN_S = 5.0
+"""How long a test waits where it does not say. Chosen: several rides at the usual speed, on a machine that is busy."""
+_FINGER_SCANS = 3
+"""For how many scans a person presses a button. Chosen: no scan can miss it."""
+
+TruthCondition = Callable[[Truth], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """The controller is newly asked for something over the network, or no longer: a press or a release."""
+
+    at_s: float
+    """By `time.monotonic`."""
+    command: str
+    """As in the map, such as `go_to` or `hold_door.front`."""
+    floor: FloorName | None
+    """Of a call."""
+    on: bool
+    """False when it is no longer asked for, whoever let go of it."""
+
+
+class Plant:
+    """One lift on the loop of the bench: everything here is called on that loop."""
+
+    def __init__(self, plan: LiftPlan) -> None:
+        """Raises BenchError for floors that the map cannot express."""
+        try:
+            self.face = simulated_lift(plan.codec, plan.floors, speed=plan.speed)
+        except ValueError as error:
+            raise BenchError(f"{plan.name}: {error}") from error
+        self.name = plan.name
+        self.floors = tuple(plan.floors)
+        self.history = History()
+        self.writes: list[Write] = []
+        self.changes: Bus[Truth] = Bus()
+        self.ports: dict[str, int] = {}
+        """Where each device listens, by endpoint; the controller itself goes by the empty name."""
+        self._plan = plan
+        self._inputs = Inputs(key=Key.ROBOT if self.face.picture.robot_mode_on else Key.NORMAL)
+        self._given: frozenset[tuple[str, int]] = frozenset()
+        self._fingers: list[asyncio.TimerHandle] = []
+        self._next_scan: asyncio.TimerHandle | None = None
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Listen, and let time pass."""
+        source = self._plan.codec.map
+        async with AsyncExitStack() as stack:
+            for endpoint in ("", *source.endpoints):
+                device = _Recorded(self.face.endpoint(endpoint) if endpoint else self.face, self.look)
+                server = SimulatedController({source.unit_of(endpoint): device}, host=HOST)
+                await server.start()
+                stack.push_async_callback(server.stop)
+                self.ports[endpoint] = server.port
+            for fault in self._plan.faults:
+                self.begin(fault)
+            self._scan()
+            try:
+                yield
+            finally:
+                for timer in (*self._fingers, self._next_scan):
+                    if timer is not None:
+                        timer.cancel()
+
+    def look(self) -> Truth:
+        """Step the lift to this moment, note what has changed, and return what it really does."""
+        now = _now()
+        self.face.advance(now)
+        before, truth = self.history.last, truth_of(self.face, self.floors)
+        self._note(now)
+        if truth != before:
+            self.history.add(now, truth)
+            self.changes.publish(truth)
+        return truth
+
+    def begin(self, fault: Fault) -> None:
+        """Let something go wrong. Raises BenchError for what this map cannot have."""
+        try:
+            self.face.begin(fault, _now())
+        except ValueError as error:
+            raise BenchError(f"{self.name}: {error}") from error
+        self.look()
+
+    def end(self, fault: Fault) -> None:
+        """Let it be well again. Raises BenchError for a fault that is not there."""
+        if fault not in self.face.faults:
+            present = ", ".join(map(repr, self.face.faults)) or "none"
+            raise BenchError(f"{self.name}: {fault!r} has not begun, or has ended; present: {present}")
+        self.face.end(fault, _now())
+        self.look()
+
+    def people(self, **changes: Any) -> None:
+        """Change what people press, hold and turn; the names are those of the fields of Inputs."""
+        self._inputs = replace(self._inputs, **changes)
+        self.face.people(_now(), self._inputs)
+        self.look()
+
+    def press(self, kind: str, floor: FloorName) -> None:
+        """Put a finger on a button, and take it off some scans later; `kind` is car_buttons or landing_buttons."""
+        if floor not in self.floors:
+            raise BenchError(f"{self.name}: no floor {floor!r}; there is {', '.join(self.floors)}")
+        button = self.floors.index(floor)
+
+        def let_go() -> None:
+            self.people(**{kind: getattr(self._inputs, kind) - {button}})
+
+        self.people(**{kind: getattr(self._inputs, kind) | {button}})
+        held_s = _FINGER_SCANS * self.face.parameters.scan_s
+        self._fingers.append(asyncio.get_running_loop().call_later(held_s, let_go))
+
+    async def reached(self, condition: TruthCondition, within_s: float) -> Truth:
+        """Return the first truth for which the condition holds. Raises NeverSeen."""
+        with self.changes.listen() as changes:
+            truth = self.look()
+            try:
+                async with asyncio.timeout(within_s):
+                    while not condition(truth):
+                        truth = await changes.next()
+            except TimeoutError:
+                raise NeverSeen(
+                    f"{self.name}: what was waited for did not come within {within_s:g} s; really it is {truth}"
+                ) from None
+        return truth
+
+    def _scan(self) -> None:
+        """Look as often as the controller does, so that a change is seen whether or not anybody asks for registers."""
+        self.look()
+        self._next_scan = asyncio.get_running_loop().call_later(self.face.parameters.scan_s, self._scan)
+
+    def _note(self, now: float) -> None:
+        given = frozenset(self.face.asked.items())
+        if given == self._given:
+            return
+        for on, changed in ((False, self._given - given), (True, given - self._given)):
+            for command, value in sorted(changed):
+                is_call = self._plan.codec.commands[command].is_call
+                self.writes.append(Write(now, command, self.floors[value] if is_call else None, on))
+        self._given = given
+
+
+class _Recorded:
+    """A device whose writes are noted as they come, so that two within one scan are two."""
+
+    def __init__(self, device: RegisterFace | Endpoint, look: Callable[[], object]) -> None:
+        self._device = device
+        self._look = look
+
+    def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
+        """Read cells."""
+        return self._device.read(table, address, count, now)
+
+    def stored(self, table: Table, address: int, now: float) -> int:
+        """Return what was last written to a cell."""
+        return self._device.stored(table, address, now)
+
+    def write(self, table: Table, address: int, values: Sequence[int], now: float) -> None:
+        """Write cells."""
+        self._look()
+        self._device.write(table, address, values, now)
+        self._look()
+
+    def pulse(self, address: int, counts: int, now: float) -> None:
+        """Set a coil for so many counts."""
+        self._look()
+        self._device.pulse(address, counts, now)
+        self._look()
+
+    @property
+    def on_network(self) -> bool:
+        """Whether it answers at all."""
+        return self._device.on_network
+
+    @property
+    def faults(self) -> frozenset[Fault]:
+        """What is the matter with it."""
+        return self._device.faults
+
+    def watch(self, watcher: Callable[[], None]) -> None:
+        """Call this whenever one of the two has changed."""
+        self._device.watch(watcher)
+
+
+class LiftSimulator:
+    """A simulated lift with a Modbus/TCP controller, from any thread.
+
+    Faults are values of `simulator.faults`, or names such as `"stuck_door"` and `"in_mode.fire"` with the values of their fields
+    as keywords. What a test asks for and cannot be raises BenchError.
+    """
+
+    def __init__(self, plant: Plant, thread: LoopThread) -> None:
+        self._plant = plant
+        self._thread = thread
+
+    @property
+    def name(self) -> str:
+        """As the manager calls it."""
+        return self._plant.name
+
+    @property
+    def host(self) -> str:
+        """Where its controller is, without the faults of the wire."""
+        return HOST
+
+    @property
+    def port(self) -> int:
+        """The Modbus/TCP port of its controller; `ports` has those of further devices."""
+        return self.ports[""]
+
+    @property
+    def ports(self) -> Mapping[str, int]:
+        """The ports of its devices by endpoint; the controller itself goes by the empty name."""
+        return self._plant.ports
+
+    @property
+    def floors(self) -> tuple[FloorName, ...]:
+        """Lowest first."""
+        return self._plant.floors
+
+    # -- what it really does
+
+    @property
+    def truth(self) -> Truth:
+        """What the lift really does at this moment, by its own physics, whatever its registers show."""
+        return self._thread.call(self._plant.look)
+
+    @property
+    def picture(self) -> Picture:
+        """The same in the words of the simulator: floors are indices, doors and speed are there one by one."""
+
+        def look() -> Picture:
+            self._plant.look()
+            return self._plant.face.picture
+
+        return self._thread.call(look)
+
+    @property
+    def history(self) -> tuple[tuple[float, Truth], ...]:
+        """Every change of the truth since the start, with its time by `time.monotonic`."""
+        return self._thread.call(lambda: tuple(self._plant.history.items()))
+
+    @property
+    def writes(self) -> tuple[Write, ...]:
+        """What the controller was asked for over the network, and no longer asked for, in order."""
+        return self._thread.call(lambda: tuple(self._plant.writes))
+
+    def wait_for(self, condition: TruthCondition, *, within_s: float = WITHIN_S) -> Truth:
+        """Return the first truth from here on for which the condition holds. Raises NeverSeen, which fails the test."""
+        return self._thread.run(self._plant.reached(condition, within_s), within_s=within_s)
+
+    async def when(self, condition: TruthCondition, *, within_s: float = WITHIN_S) -> Truth:
+        """Wait as `wait_for` does, for an asyncio test, whose loop goes on meanwhile."""
+        return await self._thread.run_async(self._plant.reached(condition, within_s))
+
+    # -- what goes wrong
+
+    def begin(self, fault: Fault | str, **values: object) -> Fault:
+        """Let a fault begin; returns it as a value."""
+        value = device_fault(fault, values, self.floors)
+        self._thread.call(lambda: self._plant.begin(value))
+        return value
+
+    def end(self, fault: Fault | str, **values: object) -> None:
+        """Let a fault end."""
+        value = device_fault(fault, values, self.floors)
+        self._thread.call(lambda: self._plant.end(value))
+
+    @contextmanager
+    def fault(self, fault: Fault | str, **values: object) -> Iterator[Fault]:
+        """Have a fault for as long as the context lasts."""
+        value = self.begin(fault, **values)
+        try:
+            yield value
+        finally:
+            self.end(value)
+
+    @property
+    def faults(self) -> frozenset[Fault]:
+        """Those that have begun and not ended."""
+        return self._thread.call(lambda: self._plant.face.faults)
+
+    # -- what people do
+
+    def press_landing(self, floor: FloorName) -> None:
+        """Press the button beside the shaft door of a floor, and let it go again."""
+        self._thread.call(lambda: self._plant.press("landing_buttons", floor))
+
+    def press_car(self, floor: FloorName) -> None:
+        """Press the button of a floor in the car, and let it go again."""
+        self._thread.call(lambda: self._plant.press("car_buttons", floor))
+
+    def set_fire(self, on: bool) -> None:  # noqa: FBT001 - it is all that the name leaves open
+        """Let the fire alarm of the building come, or go."""
+        self._thread.call(lambda: self._plant.people(fire=on))
+
+    def block_doorway(self, *sides: Side) -> None:
+        """Let somebody stand in the light curtain of these doors, and of no others; without a door, of none."""
+        self._thread.call(lambda: self._plant.people(obstruction=frozenset(sides)))
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,302 @@
+"""A whole manager on the loop of the bench, on a free port, and the handle for a test."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from socket import socket
+from typing import Any
+
+from drivers.model import FloorName, Outcome
+from lift_manager import app
+from lift_manager.config.load import load_site
+from lift_manager.core.bus import Subscription
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.events import Event, StateChanged
+from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded
+from lift_manager.domain.state import Holder, LiftState
+from lift_manager.lab.bench.errors import BenchError, NeverSeen
+from lift_manager.lab.bench.log import Log, Logged, NotingFacade
+from lift_manager.lab.bench.plan import LiftPlan
+from lift_manager.lab.bench.simulator import HOST, WITHIN_S, LiftSimulator, Plant
+from lift_manager.lab.bench.thread import LoopThread
+from lift_manager.lab.bench.wire import ModbusFaults, Wires
+from lift_manager.web.app import make_app
+from lift_manager.web.server import listen, serve
+from register_maps.errors import MapFileError
+
+FACE = "bench"
+"""The face through which a test asks for somebody."""
+
+StateCondition = Callable[[LiftState], bool]
+EventCondition = Callable[[Event | Refused], bool]
+
+
+class RunningSite:
+    """The manager of a test: everything here is called on the loop of the bench."""
+
+    def __init__(self, plans: Sequence[LiftPlan], wires: Wires, plants: Mapping[str, Plant], folder: Path) -> None:
+        """`folder` takes the site file. Raises BenchError for what a site file may not say."""
+        path = folder / "site.yaml"
+        path.write_text(json.dumps(site_file(plans, wires.ports, folder), indent=2), "utf-8")
+        try:
+            loaded = load_site(path)
+        except MapFileError as error:
+            found = "\n".join(f"{finding.key}: {finding.message}" for finding in error.findings)
+            raise BenchError(f"the marker `lift` makes a site that cannot be:\n{found}") from error
+        self.log = Log()
+        self.port = 0
+        self._plants = plants
+        self._building = app.build(loaded)
+        self.manager = self._building.manager
+        self.facade = NotingFacade(self.manager, self.log)
+        self._running: list[asyncio.Task[None]] = []
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Drive the lifts and serve the API. Raises whatever a part of the manager raised."""
+        manager = self.manager
+        with listen(HOST, 0) as sock, manager.listen() as events:
+            self.port = sock.getsockname()[1]
+            async with asyncio.TaskGroup() as tasks:
+                parts = [*(link.run() for link in self._building.links), *manager.drives(), manager.run()]
+                self._running += [tasks.create_task(part) for part in (*parts, self._listen(events))]
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(app.FIRST_LOOK_S):
+                        await manager.first_look()
+                self._running.append(tasks.create_task(self._serve(sock)))
+                yield
+                self._cancel()
+
+    async def stop(self) -> bool:
+        """End as a manager that is told to; returns whether every output was seen to be let go."""
+        released = False
+        with suppress(TimeoutError):
+            async with asyncio.timeout(app.RELEASE_WITHIN_S):
+                await self.manager.stop()
+                released = True
+        self._cancel()
+        await asyncio.wait(self._running)
+        return released
+
+    async def reached(self, lift: str, condition: StateCondition, within_s: float) -> LiftState:
+        """Return the first state for which the condition holds. Raises NeverSeen."""
+        with self.manager.listen() as events:
+            try:
+                async with asyncio.timeout(within_s):
+                    while True:
+                        event = await events.next()
+                        if isinstance(event, StateChanged) and event.lift == lift and condition(event.state):
+                            return event.state
+            except TimeoutError:
+                raise NeverSeen(self._instead(lift, within_s)) from None
+
+    async def told(self, condition: EventCondition, within_s: float) -> Logged:
+        """Return the first entry of the log for which the condition holds. Raises NeverSeen."""
+        with self.log.news.listen() as news:
+            for entry in self.log.entries:
+                if condition(entry.what):
+                    return entry
+            try:
+                async with asyncio.timeout(within_s):
+                    while not condition((entry := await news.next()).what):
+                        pass
+                    return entry
+            except TimeoutError:
+                told = "; ".join(str(entry.what) for entry in self.log.entries) or "nothing"
+                raise NeverSeen(f"not told within {within_s:g} s; there was {told}") from None
+
+    async def _serve(self, sock: socket) -> None:
+        await serve(make_app(self.facade), sock)
+
+    async def _listen(self, events: Subscription[Event]) -> None:
+        while True:
+            event = await events.next()
+            if not isinstance(event, StateChanged):
+                self.log.add(event.lift, event)
+
+    def _cancel(self) -> None:
+        for task in self._running:
+            task.cancel()
+
+    def _instead(self, lift: str, within_s: float) -> str:
+        lines = [
+            f"{lift}: what was waited for did not come within {within_s:g} s",
+            f"published: {self.manager.state(lift)}",
+            f"really: {self._plants[lift].look()}",
+            *(f"told: {entry.what}" for entry in self.log.entries if entry.lift == lift),
+        ]
+        return "\n".join(lines)
+
+
+class LiftSite:
+    """A manager in front of simulated lifts, from any thread. Where a test has one lift, no method needs to be told which."""
+
+    def __init__(
+        self, site: RunningSite, simulators: Mapping[str, LiftSimulator], faults: ModbusFaults, thread: LoopThread
+    ) -> None:
+        self._site = site
+        self._simulators = simulators
+        self._faults = faults
+        self._thread = thread
+
+    @property
+    def address(self) -> str:
+        """Where the manager is, such as `http://127.0.0.1:40123`."""
+        return f"http://{HOST}:{self._site.port}"
+
+    @property
+    def url(self) -> str:
+        """The base of the workshop API: `lift_names`, `lift_state` and `lift_request` are below it."""
+        return f"{self.address}/open-rmf/demo-lift"
+
+    @property
+    def lifts(self) -> tuple[str, ...]:
+        """The names of the lifts, in the order of their markers."""
+        return tuple(self._simulators)
+
+    def simulator(self, lift: str | None = None) -> LiftSimulator:
+        """Return one lift itself."""
+        return self._simulators[self._named(lift)]
+
+    def modbus_faults(self, lift: str | None = None) -> ModbusFaults:
+        """Return the wire of one lift."""
+        return self._faults.of(self._named(lift))
+
+    # -- what the manager says
+
+    def state(self, lift: str | None = None) -> LiftState:
+        """Return what the manager publishes about a lift at this moment."""
+        name = self._named(lift)
+        state = self._thread.call(lambda: self._site.manager.state(name))
+        assert state is not None  # noqa: S101  the name was looked up among the lifts of this site
+        return state
+
+    def wait_for(self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None) -> LiftState:
+        """Return the first state from here on for which the condition holds. Raises NeverSeen, which fails the test.
+
+        The condition is asked whenever the state changes in more than its age, on another thread; it may not wait.
+        """
+        return self._thread.run(self._site.reached(self._named(lift), condition, within_s), within_s=within_s)
+
+    async def when(
+        self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None
+    ) -> LiftState:
+        """Wait as `wait_for` does, for an asyncio test, whose loop goes on meanwhile."""
+        return await self._thread.run_async(self._site.reached(self._named(lift), condition, within_s))
+
+    def wait_for_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> Logged:
+        """Return the first event of this test, also a past one, for which the condition holds. Raises NeverSeen."""
+        return self._thread.run(self._site.told(condition, within_s), within_s=within_s)
+
+    async def when_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> Logged:
+        """Wait as `wait_for_event` does, for an asyncio test."""
+        return await self._thread.run_async(self._site.told(condition, within_s))
+
+    @property
+    def events(self) -> tuple[Logged, ...]:
+        """Sessions, outcomes, alarms, advice, refusals and people's words, oldest first."""
+        return self._thread.call(lambda: tuple(self._site.log.entries))
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """What a person should know of, in words."""
+        return self._thread.call(lambda: self._site.log.alarms)
+
+    @property
+    def refusals(self) -> tuple[Refused, ...]:
+        """Every answer no, to whoever asked."""
+        return self._thread.call(lambda: self._site.log.refusals)
+
+    @property
+    def outcomes(self) -> tuple[Outcome, ...]:
+        """What became of the commands to the lifts."""
+        return self._thread.call(lambda: self._site.log.outcomes)
+
+    # -- what others do
+
+    def ask(
+        self,
+        floor: FloorName,
+        *,
+        by: str = "another robot",
+        hold_door: bool = True,
+        robot: RobotWord | None = None,
+        lift: str | None = None,
+    ) -> Accepted | Refused:
+        """Ask for the car in the name of somebody who is not a client of the workshop API."""
+        ask = Ask(self._named(lift), Holder(FACE, by), floor, hold_door=hold_door, robot=robot)
+        return self._thread.call(lambda: self._site.facade.request(ask))
+
+    @contextmanager
+    def held(self, floor: FloorName, *, by: str = "another robot", lift: str | None = None) -> Iterator[None]:
+        """Let somebody else hold the lift for as long as the context lasts. Raises BenchError where they may not."""
+        answer = self.ask(floor, by=by, lift=lift)
+        if isinstance(answer, Refused):
+            raise BenchError(f"{by} may not hold the lift: {answer.message}")
+        try:
+            yield
+        finally:
+            self.ask(floor, by=by, hold_door=False, robot=RobotWord.LEFT, lift=lift)
+
+    def acknowledge(self, *, by: str, lift: str | None = None) -> Acknowledged | Refused:
+        """Let a person say that they have checked the lift, after a fire or with a robot that may be aboard."""
+        name = self._named(lift)
+        return self._thread.call(lambda: self._site.facade.acknowledge(name, by))
+
+    def lock_out(self, *, by: str, reason: str, lift: str | None = None) -> Lockout | Refused:
+        """Let a person keep robots off."""
+        name = self._named(lift)
+        return self._thread.call(lambda: self._site.facade.lock_out(name, by, reason))
+
+    def end_lockout(self, *, by: str, lift: str | None = None) -> LockoutEnded | Refused:
+        """Let a person let robots on again."""
+        name = self._named(lift)
+        return self._thread.call(lambda: self._site.facade.end_lockout(name, by))
+
+    def stop(self) -> bool:
+        """Let the manager end as when it is told to; returns whether every output was seen to be let go. Its port then refuses."""
+        return self._thread.run(self._site.stop(), within_s=app.RELEASE_WITHIN_S)
+
+    def _named(self, lift: str | None) -> str:
+        lifts = ", ".join(self.lifts)
+        if lift is None:
+            if len(self._simulators) > 1:
+                raise BenchError(f"there are several lifts, {lifts}; say which with lift={self.lifts[0]!r}")
+            return self.lifts[0]
+        if lift not in self._simulators:
+            raise BenchError(f"no lift {lift!r}; there is {lifts}")
+        return lift
+
+
+def site_file(plans: Sequence[LiftPlan], ports: Mapping[str, Mapping[str, int]], folder: Path) -> dict[str, Any]:
+    """Return a site file's contents: each lift on a controller of its own name, its endpoints on further ones.
+
+    Each map is laid beside it in `folder`.
+    """
+    controllers: dict[str, Any] = {}
+    lifts: dict[str, Any] = {}
+    for number, plan in enumerate(plans):
+        (folder / f"map-{number}.yaml").write_bytes(plan.map.path.read_bytes())
+        for endpoint, port in ports[plan.name].items():
+            controllers[_controller(plan.name, endpoint)] = {"host": HOST, "port": port} | (
+                {} if endpoint else {"map": f"./map-{number}.yaml"}
+            )
+        lifts[plan.name] = {
+            "controller": _controller(plan.name, ""),
+            "floors": dict(plan.floors),
+            "endpoints": {
+                endpoint: {"controller": _controller(plan.name, endpoint), "unit_id": plan.codec.map.unit_of(endpoint)}
+                for endpoint in ports[plan.name]
+                if endpoint
+            },
+            **plan.keys,
+        }
+    return {"schema": 1, "name": "bench", "controllers": controllers, "lifts": lifts}
+
+
+def _controller(lift: str, endpoint: str) -> str:
+    return f"{lift} {endpoint}" if endpoint else lift

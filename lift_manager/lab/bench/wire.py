@@ -1,0 +1,153 @@
+"""The faulty wires between the manager and the controllers, on the loop of the bench, and the handle for a test."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Iterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from operator import attrgetter
+
+from lift_manager.lab.bench.errors import BenchError
+from lift_manager.lab.bench.naming import wire_fault
+from lift_manager.lab.bench.simulator import HOST, Plant
+from lift_manager.lab.bench.thread import LoopThread
+from simulator.proxy import FaultProxy
+from simulator.wire_faults import (
+    DropRequest,
+    HalfOpen,
+    ResetConnection,
+    Struck,
+    WireFault,
+    WireFaults,
+)
+
+
+class Wires:
+    """One proxy in front of every device of every lift: everything here is called on the loop of the bench."""
+
+    def __init__(self, plants: Mapping[str, Plant]) -> None:
+        self.faults: dict[str, tuple[WireFaults, ...]] = {}
+        """Of each lift, one for each of its devices."""
+        self.ports: dict[str, dict[str, int]] = {}
+        """Of each lift, by endpoint."""
+        self._plants = plants
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Listen on a free port for each device."""
+        async with AsyncExitStack() as stack:
+            for name, plant in self._plants.items():
+                proxies = {
+                    endpoint: FaultProxy(HOST, port, WireFaults(seed=number))
+                    for number, (endpoint, port) in enumerate(plant.ports.items())
+                }
+                for proxy in proxies.values():
+                    await stack.enter_async_context(proxy)
+                self.faults[name] = tuple(proxy.faults for proxy in proxies.values())
+                self.ports[name] = {endpoint: proxy.port for endpoint, proxy in proxies.items()}
+            yield
+
+
+class ModbusFaults:
+    """What goes wrong between the manager and its controllers, from any thread: on every wire, or on those of one lift.
+
+    Faults are values of `simulator.wire_faults`, or names such as `"late_answer"` with the values of their fields as keywords.
+    """
+
+    def __init__(self, wires: Wires, thread: LoopThread, *lifts: str) -> None:
+        """`lifts` are those whose wires are meant."""
+        self._wires = wires
+        self._thread = thread
+        self._lifts = lifts
+
+    def of(self, lift: str) -> ModbusFaults:
+        """Return the same for the wires of one lift. Raises BenchError for one that this test does not have."""
+        if lift not in self._wires.faults:
+            raise BenchError(f"no lift {lift!r}; there is {', '.join(self._wires.faults)}")
+        return ModbusFaults(self._wires, self._thread, lift)
+
+    @property
+    def host(self) -> str:
+        """Where the proxies listen."""
+        return HOST
+
+    @property
+    def port(self) -> int:
+        """The port in front of the controller of the one lift."""
+        if len(self._lifts) != 1:
+            raise BenchError(
+                f"there are {len(self._lifts)} lifts; say which: modbus_faults.of({self._lifts[0]!r}).port"
+            )
+        return self._wires.ports[self._lifts[0]][""]
+
+    def add(self, fault: WireFault | str, **values: object) -> WireFault:
+        """Put a fault on the wires; returns it as a value. `times=1` lets it strike once on each of them."""
+        value = wire_fault(fault, values)
+
+        def add() -> None:
+            for wire in self._mine():
+                wire.add(value)
+
+        self._thread.call(add)
+        return value
+
+    def remove(self, fault: WireFault | str, **values: object) -> None:
+        """Take a fault off the wires. Raises BenchError if it is not there."""
+        value = wire_fault(fault, values)
+
+        def remove() -> None:
+            if not all(value in wire.faults for wire in self._mine()):
+                raise BenchError(
+                    f"{value!r} is not on the wire; there is {', '.join(map(repr, self._present())) or 'none'}"
+                )
+            for wire in self._mine():
+                wire.remove(value)
+
+        self._thread.call(remove)
+
+    def clear(self) -> None:
+        """Take every fault away. A connection that is dead stays dead, as after a cable was pulled; the next one lives."""
+
+        def clear() -> None:
+            for wire in self._mine():
+                wire.clear()
+
+        self._thread.call(clear)
+
+    @contextmanager
+    def fault(self, fault: WireFault | str, **values: object) -> Iterator[WireFault]:
+        """Have a fault for as long as the context lasts."""
+        value = self.add(fault, **values)
+        try:
+            yield value
+        finally:
+            self.remove(value)
+
+    def silence(self) -> WireFault:
+        """Let no request reach the controller, and so get no answer, while connections stay."""
+        return self.add(DropRequest())
+
+    def cut(self) -> WireFault:
+        """Pull the cable: every connection, a later one too, is dead from its next request on, and nobody is told that it ended."""
+        return self.add(HalfOpen())
+
+    def reset(self) -> WireFault:
+        """Reset the connection at its next request, once; that request is lost."""
+        return self.add(ResetConnection(times=1))
+
+    @property
+    def present(self) -> tuple[WireFault, ...]:
+        """Those that are set, also used up ones."""
+        return self._thread.call(self._present)
+
+    @property
+    def struck(self) -> tuple[Struck, ...]:
+        """Everything that has been struck, in order of time: the fault, the request, and when by `time.monotonic`."""
+        return self._thread.call(
+            lambda: tuple(sorted((one for wire in self._mine() for one in wire.done), key=attrgetter("at")))
+        )
+
+    def _mine(self) -> list[WireFaults]:
+        return [wire for lift in self._lifts for wire in self._wires.faults[lift]]
+
+    def _present(self) -> tuple[WireFault, ...]:
+        return tuple(dict.fromkeys(fault for wire in self._mine() for fault in wire.faults))

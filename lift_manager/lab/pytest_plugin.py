@@ -1,0 +1,88 @@
+"""pytest fixtures for robot teams: a lift, its controller, its cable and its manager, all of which can be made to fail.
+
+Until a test asks for one of them nothing heavy is imported: every pytest of this interpreter loads this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from lift_manager.__main__ import stop_if_shadowed
+
+if TYPE_CHECKING:
+    from lift_manager.lab.bench import Bench, LiftSimulator, LiftSite, ModbusFaults
+
+MARKER = (
+    "lift(name, *, map, floors, speed, faults, **keys): a simulated lift for lift_simulator, modbus_faults and lift_site;"
+    " `keys` are those of a lift in a site file; one marker for each lift"
+)
+
+try:
+    stop_if_shadowed()
+except SystemExit as shadowed:
+    raise pytest.UsageError(
+        f"{shadowed} Or leave the plugin out, with 'pytest -p no:lift_manager', if no test needs a lift."
+    ) from None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line("markers", MARKER)
+
+
+@pytest.fixture
+def lift_bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
+    """What the other fixtures stand on: a thread, and on it the lifts that the markers ask for."""
+    # heavy, and so imported here, when a test needs it
+    from lift_manager.lab.bench import Bench  # noqa: PLC0415
+    from lift_manager.lab.bench.plan import wish_of  # noqa: PLC0415
+
+    with ExitStack() as stack:
+        with _in_words():
+            wishes = [wish_of(mark.args, mark.kwargs) for mark in _marks(request)]
+            bench = stack.enter_context(Bench(wishes, near=request.path.parent, folder=tmp_path))
+        yield bench
+
+
+@pytest.fixture
+def lift_simulator(lift_bench: Bench) -> LiftSimulator:
+    """A simulated lift with a Modbus/TCP controller on a free loopback port."""
+    with _in_words():
+        return lift_bench.simulator()
+
+
+@pytest.fixture
+def modbus_faults(lift_bench: Bench) -> ModbusFaults:
+    """The wires to the controllers, on which anything can be made to go wrong; those of `lift_site` are these."""
+    return lift_bench.modbus_faults()
+
+
+@pytest.fixture
+def lift_site(lift_bench: Bench) -> LiftSite:
+    """A whole manager on a free loopback port, in front of faulty wires and simulated lifts."""
+    with _in_words():
+        return lift_bench.site()
+
+
+def _marks(request: pytest.FixtureRequest) -> list[pytest.Mark]:
+    """Return the markers of the test, else those of its class, else those of its module, as they are read."""
+    found = list(request.node.iter_markers_with_node(name="lift"))
+    marks = [mark for node, mark in found if node is found[0][0]]
+    # decorators are applied from below
+    return marks[::-1] if found and found[0][0] is request.node else marks
+
+
+@contextmanager
+def _in_words() -> Iterator[None]:
+    """Fail with the sentence that says what is wrong in the test, without a traceback of ours."""
+    from lift_manager.lab.bench import BenchError  # noqa: PLC0415
+
+    try:
+        yield
+    except BenchError as error:
+        raise pytest.fail.Exception(str(error), pytrace=False) from None
