@@ -54,6 +54,8 @@ class Finding:
     lift: str
     rule: str
     text: str
+    lie: Lie | None = None
+    """What kind of thing is wrong, where a fault may make it so."""
 
     def __str__(self) -> str:
         return f"{self.at:8.3f} s  {self.lift}: {self.rule}: {self.text}"
@@ -285,7 +287,7 @@ class Oracle:
                 key = (lift, rule, excuse.fault)
                 self.excused[key] = self.excused.get(key, 0) + 1
                 return
-        self.findings.append(Finding(at, lift, rule, text))
+        self.findings.append(Finding(at, lift, rule, text, lie))
 
 
 def _words(truth: Truth) -> str:
