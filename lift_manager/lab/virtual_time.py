@@ -5,6 +5,7 @@ time and are refused here. Code under test reads the clock as `asyncio.get_runni
 """
 
 import asyncio
+import math
 import selectors
 from collections.abc import Callable, Coroutine, Iterable
 from typing import Any, Never, TypeVar
@@ -79,6 +80,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self._limit_s = limit_s
         self._turns = 0
         super().__init__(_JumpingSelector(self._jump))
+        self._move_to(0.0)
 
     def time(self) -> float:
         return self._now_s
@@ -100,7 +102,13 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             self._limit_s = self._now_s + _CLEANUP_S
             raise TimeLimitError(message)
         self._turns = 0
-        self._now_s += timeout_s
+        self._move_to(self._now_s + timeout_s)
+
+    def _move_to(self, now_s: float) -> None:
+        self._now_s = now_s
+        # asyncio calls a timer this much early; any more, and who sleeps until a time wakes before it, sleeps again, and
+        # time stands still for all
+        self._clock_resolution = math.ulp(now_s)
 
     def _waiting(self) -> str:
         return _describe(asyncio.all_tasks(self))

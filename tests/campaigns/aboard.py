@@ -5,7 +5,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event, PersonAcknowledged, SessionEnded, SessionOpened
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
-from lift_manager.lab.world.oracle import Finding
+from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
 from simulator.wire_faults import Exchange

@@ -19,6 +19,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import run_virtual
 from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World
 from tests.campaigns.playing import LIFT, Played, act, loaded_site
 from tests.campaigns.schedules import LASTS_S, Event, PeopleCome, RobotRides, Schedule, draw
@@ -83,7 +84,7 @@ def live(*, lifts: int, hours: float, seed: int) -> Day:
     lasts_s = hours * 3600
 
     async def main() -> None:
-        world = World(loaded, (oracle, day.played.aboard), seed=seed, look_s=POLL_S)
+        world = World(loaded, (oracle, Rules(oracle), day.played.aboard), seed=seed, look_s=POLL_S)
         async with world.running():
             busy = [
                 asyncio.ensure_future(_busy(world, name, seed * 1000 + n, day)) for n, name in enumerate(world.lifts)

@@ -21,8 +21,9 @@ from lift_manager.domain.asking import Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.virtual_time import run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
+from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.judging import judge_of
-from lift_manager.lab.world.oracle import Finding, Oracle
+from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.world import World
 from register_maps.codec import compile_map
 from register_maps.words import Mode

@@ -7,13 +7,16 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from lift_manager import app
+from lift_manager.commissioning.detection import Lie
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, RobotWord
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import run_virtual
+from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.judging import judge_of
-from lift_manager.lab.world.oracle import Finding
+from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import Witness
 from lift_manager.lab.world.world import World
 from register_maps.load import Changes, LoadedMap, load
@@ -99,7 +102,8 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
 
     async def main() -> None:
         settings = {LIFT: Parameters(speed=schedule.speed)}
-        world = World(loaded, (oracle, played.aboard, *witnesses), seed=schedule.seed, settings=settings)
+        witnesses_of_ours = (oracle, Rules(oracle), played.aboard)
+        world = World(loaded, (*witnesses_of_ours, *witnesses), seed=schedule.seed, settings=settings)
         async with world.running():
             actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
             await asyncio.sleep(LASTS_S)
@@ -109,6 +113,8 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
         for error in ended:
             if isinstance(error, Exception):
                 raise error
+        if not world.released and oracle.is_clean(LIFT, LASTS_S, app.RELEASE_WITHIN_S):
+            oracle.find(LASTS_S, LIFT, "held at the end", "nothing stood against letting go of everything", Lie.OUTPUT)
 
     try:
         run_virtual(main, limit_s=10 * LASTS_S)

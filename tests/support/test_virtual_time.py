@@ -207,3 +207,17 @@ def test_the_errors_are_failures_of_a_test_and_share_one_root() -> None:
 def test_virtual_time_does_not_pass_on_a_real_loop() -> None:
     with pytest.raises(VirtualTimeError, match="tests do not sleep"):
         asyncio.run(elapse(0.001))
+
+
+def test_nobody_wakes_before_the_time_until_which_it_sleeps() -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        for step in range(1, 2000):
+            until = loop.time() + 0.1 / (step % 7 + 1)
+            woken = loop.create_future()
+            loop.call_at(until, woken.set_result, None)
+            loop.call_at(until - 5e-10, lambda: None)
+            await woken
+            assert loop.time() >= until
+
+    run_virtual(main)

@@ -12,8 +12,9 @@ from lift_manager.lab.scenario.schema import Simulated
 from lift_manager.lab.scenario.stage import Stage
 from lift_manager.lab.scenario.trace import Entry, Recorder
 from lift_manager.lab.virtual_time import run_virtual
+from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.judging import judge_of
-from lift_manager.lab.world.oracle import Finding
+from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World, WorldError
 from simulator.state import Parameters
 
@@ -55,7 +56,7 @@ def play(loaded: LoadedScenario, *, seed: int | None = None) -> Played:
 
     async def main() -> None:
         settings = {name: _settings(loaded.scenario.simulator) for name in site.site.lifts}
-        world = World(site, (oracle, recorder), seed=seed, settings=settings)
+        world = World(site, (oracle, Rules(oracle), recorder), seed=seed, settings=settings)
         async with world.running():
             stage = Stage(world, recorder, seed)
             async with asyncio.TaskGroup() as tasks:

@@ -9,18 +9,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from drivers.model import Command, CommandKind, Result
-from lift_manager.commissioning.detection import Detection, Lie
+from drivers.model import Command, CommandKind, FloorName, Result
+from lift_manager.commissioning.detection import Lie
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import CommandEnded, Event
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from lift_manager.lab.world.fault_names import fault_name
+from lift_manager.lab.world.judged import Finding, Judged, Read
 from lift_manager.lab.world.truth import History, Truth
 from lift_manager.lab.world.witness import Struck
 from register_maps.frames import parse_request
 from register_maps.words import ROBOT_FORBIDDEN_MODES
+from simulator.faults import ForeignWriter
 from simulator.wire_faults import Exchange
 
 ROUNDING_S = 1e-6
@@ -42,39 +44,8 @@ FOREIGN_CLEARED_S = 70.0
 SETTLES_S = 2.0
 """How long what a fault has spoiled may show after its end: two readings, and the age of the last wrong one."""
 
-DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped", "foreign_writer"})
+DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 """Faults under which nobody can let go of an output, as nobody can on a wire that fails."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that must never happen."""
-
-    at: float
-    lift: str
-    rule: str
-    text: str
-    lie: Lie | None = None
-    """What kind of thing is wrong, where a fault may make it so."""
-
-    def __str__(self) -> str:
-        return f"{self.at:8.3f} s  {self.lift}: {self.rule}: {self.text}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
-    """What the judge must know of one lift."""
-
-    controllers: tuple[str, ...]
-    max_age_s: float
-    max_session_hold_s: float
-    arrive_within_s: float
-    detections: Mapping[str, Detection]
-    """What becomes of each fault, by its name; without any, nothing is excused."""
-    levels: frozenset[str]
-    """Commands that stay on until they are let go."""
-    fleeting: frozenset[str] = frozenset()
-    """Commands that the device ends by itself."""
 
 
 @dataclass(slots=True)
@@ -98,8 +69,19 @@ class _Watched:
     """Of these, those that nobody wants."""
     excuses: list[_Excuse] = field(default_factory=list)
     active: list[_Excuse] = field(default_factory=list)
-    newest: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=ANSWERS_KEPT))
-    """Right answers to reads: when they arrive, and when they were asked for."""
+    newest: dict[Read, deque[tuple[float, float]]] = field(default_factory=dict)
+    """Right answers to each block of the poll: when they arrive, and when they were asked for."""
+    pressed_at: dict[str, float] = field(default_factory=dict)
+    stuck: set[str] = field(default_factory=set)
+    """Outputs that a fault left on, and that nobody can see."""
+    foreign: dict[str, float] = field(default_factory=dict)
+    """Outputs that somebody else writes, with the time until which what was written may stand."""
+    floor: FloorName | None = None
+    """Of the last request that was accepted, and since when it is that one."""
+    floor_asked_at: float = -math.inf
+    troubles: int = 0
+    """Faults that are present, on the lift and on its wires."""
+    troubled_until: float = -math.inf
     clean_since: float = -math.inf
     last_exchange: float = -math.inf
     state: LiftState | None = None
@@ -135,8 +117,9 @@ class Oracle:
         for name in watched.on_since.keys() - truth.commands:
             del watched.on_since[name]
             watched.unwanted_since.pop(name, None)
+            watched.stuck.discard(name)
         disobeyed = any(excuse.fault in DISOBEYS for excuse in watched.active)
-        if disobeyed or at - watched.last_exchange > SILENT_S:
+        if disobeyed or self._is_cut_off(watched, at):
             watched.clean_since = at
         if watched.on_since:
             self._outputs(at, lift, watched, truth)
@@ -149,7 +132,7 @@ class Oracle:
         if state.quality is not Quality.LIVE:
             return
         if state.age_s is None or not self._is_fresh(watched, at):
-            self._find(
+            self.find(
                 at,
                 lift,
                 "stale",
@@ -162,6 +145,7 @@ class Oracle:
     def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether anything may be pressed now."""
         watched = self._lifts[lift]
+        watched.pressed_at |= dict.fromkeys(commands, at)
         truth = watched.history.last
         if truth is None or truth.mode not in ROBOT_FORBIDDEN_MODES:
             return
@@ -169,7 +153,7 @@ class Oracle:
         clean_s = at - max(watched.mode_since, watched.clean_since)
         if clean_s > MODE_KNOWN_WITHIN_S or for_s > watched.about.max_age_s + ANSWER_TAKES_S:
             names = ", ".join(sorted(commands))
-            self._find(
+            self.find(
                 at,
                 lift,
                 "pressed in a forbidden mode",
@@ -182,15 +166,17 @@ class Oracle:
         came = b"".join(data for _, data in exchange.answers)
         usable = exchange.right is not None and came.startswith(exchange.right)
         arrives = exchange.answers[0][0] if exchange.answers else math.inf
-        is_read = not parse_request(exchange.request, timed_coils=True).is_write
+        request = parse_request(exchange.request, timed_coils=True)
+        read = (controller, request.unit, request.table, request.address, request.count)
         for watched in self._lifts.values():
             if controller not in watched.about.controllers:
                 continue
-            if not usable or exchange.faults or exchange.sent_at - watched.last_exchange > SILENT_S:
+            if not usable or exchange.faults or self._is_cut_off(watched, exchange.sent_at):
                 watched.clean_since = max(at, arrives if arrives < math.inf else at)
             watched.last_exchange = exchange.sent_at
-            if usable and is_read:
-                watched.newest.append((arrives, exchange.sent_at))
+            if usable and not request.is_write and read in watched.about.blocks:
+                kept = watched.newest.setdefault(read, deque(maxlen=ANSWERS_KEPT))
+                kept.append((arrives, exchange.sent_at))
 
     def heard(self, at: float, event: Event) -> None:
         """See whether what is said to be confirmed has happened."""
@@ -198,40 +184,58 @@ class Oracle:
             watched = self._lifts[event.lift]
             if not self._had_effect(watched, event.outcome.command, at):
                 text = f"{event.outcome.command} is said to be confirmed by {event.outcome.proof}, and had no effect"
-                self._find(at, event.lift, "confirmed without effect", text, Lie.EFFECT)
+                since = watched.pressed_at.get(event.outcome.command.name, watched.floor_asked_at)
+                since = min(since, watched.floor_asked_at)
+                self.find(at, event.lift, "confirmed without effect", text, Lie.EFFECT, since=since)
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """Requests decide nothing here."""
+        """Know since when the lift is wanted where it is: no press for that floor is older."""
+        watched = self._lifts[ask.lift]
+        if isinstance(answer, Accepted) and ask.floor != watched.floor:
+            watched.floor, watched.floor_asked_at = ask.floor, at
 
     def struck(self, at: float, struck: Struck) -> None:
         """Know what cannot be detected, and how soon the rest must be."""
-        name = fault_name(struck.fault)
         for lift, watched in self._lifts.items():
-            if struck.where in watched.about.controllers and struck.where != lift:
-                watched.clean_since = at
-            if struck.where != lift:
+            if struck.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
-            detection = watched.about.detections.get(name)
-            if detection is None:
-                continue
-            if struck.began:
-                until = math.inf if detection.within_s is None or detection.goes_on else at + detection.within_s
-                watched.active.append(_Excuse(detection.lies, at, until, name))
-            else:
-                self._over(watched, name, at)
+            watched.troubles += 1 if struck.began else -1
+            watched.troubled_until = at + RELEASES_WITHIN_S
+            if struck.where == lift:
+                self._is_faulty(watched, struck, at)
+
+    def is_clean(self, lift: str, at: float, for_s: float) -> bool:
+        """Whether everything that was asked of this lift was answered rightly and obeyed for so long."""
+        watched = self._lifts[lift]
+        return not watched.troubles and at - watched.clean_since > for_s
 
     # -- how it is judged
 
-    def _over(self, watched: _Watched, name: str, at: float) -> None:
+    def _is_faulty(self, watched: _Watched, struck: Struck, at: float) -> None:
+        name = fault_name(struck.fault)
+        detection = watched.about.detections.get(name)
+        if isinstance(struck.fault, ForeignWriter):
+            watched.foreign[struck.fault.command] = math.inf if struck.began else at + FOREIGN_CLEARED_S
+        if detection is None:
+            return
+        if struck.began:
+            until = math.inf if detection.within_s is None or detection.goes_on else at + detection.within_s
+            watched.active.append(_Excuse(detection.lies, at, until, name))
+            return
         for excuse in [one for one in watched.active if one.fault == name][:1]:
             watched.active.remove(excuse)
-            if math.isinf(excuse.until) and Lie.OUTPUT in excuse.lies and not watched.about.detections[name].goes_on:
+            if math.isinf(excuse.until) and Lie.OUTPUT in excuse.lies and not detection.goes_on:
                 # what was not let go meanwhile, and cannot be read back, stays on until it is written again
-                watched.excuses.append(replace(excuse, lies=(Lie.OUTPUT,)))
-            settles_s = FOREIGN_CLEARED_S if name == "foreign_writer" else SETTLES_S
-            excuse.until = min(excuse.until, at + settles_s)
+                watched.stuck |= watched.on_since.keys()
+            excuse.until = min(excuse.until, at + SETTLES_S)
             watched.excuses.append(excuse)
+
+    @staticmethod
+    def _is_cut_off(watched: _Watched, at: float) -> bool:
+        """Whether nothing was asked for so long because nobody could ask; a manager that merely keeps silent has no excuse."""
+        troubled = watched.troubles > 0 or at < watched.troubled_until
+        return troubled and at - watched.last_exchange > max(SILENT_S, 3 * watched.about.poll_s)
 
     def _invitation(self, at: float, lift: str, watched: _Watched, state: LiftState) -> None:
         since = at - (state.age_s or 0.0) - ROUNDING_S
@@ -239,13 +243,20 @@ class Oracle:
         if not any(truth.open_at == state.floor for truth in truths):
             was = truths[-1]
             text = f"said open at {state.floor}, {state.age_s:.2f} s old; the car was {_words(was)}"
-            self._find(at, lift, "said open and was not", text, Lie.OPEN)
+            self.find(at, lift, "said open and was not", text, Lie.OPEN)
         if all(truth.mode in ROBOT_FORBIDDEN_MODES for truth in truths):
-            self._find(at, lift, "said open in a forbidden mode", f"the mode was {truths[0].mode}", Lie.MODE)
+            self.find(at, lift, "said open in a forbidden mode", f"the mode was {truths[0].mode}", Lie.MODE)
 
     def _is_fresh(self, watched: _Watched, at: float) -> bool:
+        """Whether every block of the poll was rightly answered within the age of a reading."""
         oldest = at - watched.about.max_age_s - ROUNDING_S
-        return any(arrives <= at + ROUNDING_S and asked >= oldest for arrives, asked in reversed(watched.newest))
+        return all(
+            any(
+                arrives <= at + ROUNDING_S and asked >= oldest
+                for arrives, asked in reversed(watched.newest.get(read, ()))
+            )
+            for read in watched.about.blocks
+        )
 
     def _outputs(self, at: float, lift: str, watched: _Watched, truth: Truth) -> None:
         for name in tuple(watched.on_since):
@@ -255,15 +266,31 @@ class Oracle:
                 watched.unwanted_since.pop(name, None)
                 continue
             since = watched.unwanted_since.setdefault(name, at)
-            limit_s = (
-                RELEASES_WITHIN_S if name.startswith("hold_door") else RELEASES_WITHIN_S + watched.about.arrive_within_s
-            )
-            if at - max(since, watched.clean_since) > limit_s:
+            if at - max(since, watched.clean_since) > self._limit_s(watched, name, truth):
                 text = f"{name} is on, and nobody has wanted it for {at - since:.1f} s"
                 held = watched.state is not None and watched.state.holder is not None
                 by_mode = held and truth.mode in ROBOT_FORBIDDEN_MODES
-                self._find(at, lift, "output on too long", text, Lie.MODE if by_mode else Lie.OUTPUT)
+                if not self._is_let_pass(watched, lift, name, at):
+                    self.find(at, lift, "output on too long", text, Lie.MODE if by_mode else Lie.OUTPUT)
                 watched.unwanted_since[name] = at
+
+    @staticmethod
+    def _limit_s(watched: _Watched, name: str, truth: Truth) -> float:
+        """Return how long this may stay on although nobody wants it.
+
+        Robot mode is not dropped under way, and that a robot left is told for as long as it takes.
+        """
+        if (name == "robot_mode" and not truth.standing) or name == "robot_left":
+            return RELEASES_WITHIN_S + watched.about.arrive_within_s
+        return RELEASES_WITHIN_S
+
+    def _is_let_pass(self, watched: _Watched, lift: str, name: str, at: float) -> bool:
+        fault = "foreign_writer" if at <= watched.foreign.get(name, -math.inf) else "left on unseen"
+        if fault == "left on unseen" and name not in watched.stuck:
+            return False
+        key = (lift, "output on too long", fault)
+        self.excused[key] = self.excused.get(key, 0) + 1
+        return True
 
     def _is_wanted(self, watched: _Watched, name: str, truth: Truth, at: float) -> bool:
         state = watched.state
@@ -275,15 +302,20 @@ class Oracle:
         return not name.startswith("hold_door") or on_s <= watched.about.max_session_hold_s
 
     def _had_effect(self, watched: _Watched, command: Command, at: float) -> bool:
-        truths = watched.history.during(at - KEPT_S, at)
+        since = watched.pressed_at.get(command.name, at - KEPT_S)
+        truths = watched.history.during(since, at)
         if command.kind in (CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO):
             return any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
         return any(command.name in truth.commands for truth in truths)
 
-    def _find(self, at: float, lift: str, rule: str, text: str, lie: Lie | None = None) -> None:
+    def find(
+        self, at: float, lift: str, rule: str, text: str, lie: Lie | None = None, *, since: float | None = None
+    ) -> None:
+        """Note a finding, unless a fault excuses this kind of lie: one that is present, or was at some time after `since`."""
+        began = at if since is None else since
         watched = self._lifts[lift]
         for excuse in (*watched.active, *watched.excuses):
-            if lie in excuse.lies and excuse.since - ROUNDING_S <= at <= excuse.until:
+            if lie in excuse.lies and excuse.since - ROUNDING_S <= at and began <= excuse.until:
                 key = (lift, rule, excuse.fault)
                 self.excused[key] = self.excused.get(key, 0) + 1
                 return

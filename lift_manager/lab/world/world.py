@@ -27,6 +27,7 @@ from lift_manager.domain.events import StateChanged
 from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.device import Device, MemoryController
+from lift_manager.lab.world.rules import RESTART
 from lift_manager.lab.world.truth import truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
@@ -195,6 +196,7 @@ class World:
         await asyncio.gather(*program, return_exceptions=True)
         for controller in self._controllers.values():
             controller.hang_up()
+        self._struck(Struck("manager", RESTART, began=True), ())
         self._build()
         self._start()
 
@@ -267,9 +269,9 @@ class World:
 
     def _struck(self, struck: Struck, lifts: Sequence[str]) -> None:
         now = _now()
-        self._look(lifts)
         for witness in self._witnesses:
             witness.struck(now, struck)
+        self._look(lifts)
 
     def _switch(self, lift: str, fault: Fault, *, on: bool) -> None:
         """Take the devices of a lift off the network, or put them on it, where that is what a fault does."""

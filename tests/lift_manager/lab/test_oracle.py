@@ -8,7 +8,8 @@ from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.commissioning.detection import Detection, Lie
 from lift_manager.domain.events import CommandEnded
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
-from lift_manager.lab.world.oracle import Judged, Oracle
+from lift_manager.lab.world.judged import Judged
+from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
 from register_maps import frames
@@ -37,7 +38,7 @@ def judge(**about: object) -> Oracle:
         "max_session_hold_s": 20.0,
         "arrive_within_s": 30.0,
         "detections": {},
-        "levels": frozenset({"hold_door.front"}),
+        "blocks": frozenset({("plc", 1, Table.HOLDING, 0, 4)}),
     }
     return Oracle({"lift": Judged(**(known | about))})  # type: ignore[arg-type]  # keywords of Judged
 
@@ -258,3 +259,66 @@ def test_an_excuse_ends_soon_after_its_fault() -> None:
     polled(oracle, 9.0, DRIVES, since=3.2)
     oracle.published(9.1, "lift", state())
     assert rules(oracle) == ["said open and was not"]
+
+
+def test_one_block_of_the_poll_that_is_not_answered_makes_the_whole_state_stale() -> None:
+    blocks = frozenset({("plc", 1, Table.HOLDING, 0, 4), ("plc", 1, Table.DISCRETE, 0, 8)})
+    oracle = judge(blocks=blocks)
+    polled(oracle, 4.0)
+    oracle.published(4.1, "lift", state(robot_door=RobotDoor.MOVING))
+    assert rules(oracle) == ["stale"]
+
+
+def test_a_manager_that_merely_keeps_silent_is_not_excused_by_it() -> None:
+    oracle = judge(poll_s=1.2)
+    oracle.published(0.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING, quality=Quality.OFFLINE))
+    for tick in range(12):
+        oracle.looked(tick * 1.2, "lift", HELD)
+        oracle.exchanged(tick * 1.2, "plc", answered(tick * 1.2))
+    assert "output on too long" in rules(oracle)
+
+
+def test_a_call_that_nobody_wants_any_more_is_found_as_soon_as_a_door_is() -> None:
+    oracle = judge()
+    called = replace(STANDS_OPEN, given=(("go_to", 1),))
+    polled(oracle, 2.0, called)
+    oracle.published(2.0, "lift", state(holder=None))
+    polled(oracle, 12.0, called, since=2.2)
+    assert rules(oracle) == ["output on too long"]
+
+
+def test_robot_mode_may_last_while_the_car_is_under_way() -> None:
+    oracle = judge()
+    driving = replace(DRIVES, given=(("robot_mode", 1),))
+    polled(oracle, 2.0, driving)
+    oracle.published(2.0, "lift", state(holder=None, robot_door=RobotDoor.MOVING))
+    polled(oracle, 20.0, driving, since=2.2)
+    assert rules(oracle) == []
+    polled(oracle, 30.0, replace(driving, standing=True), since=20.2)
+    assert set(rules(oracle)) == {"output on too long"}
+
+
+def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None:
+    oracle = judge()
+    polled(oracle, 2.0, replace(DRIVES, calls=frozenset({"L1"})))
+    polled(oracle, 6.0, DRIVES, since=2.2)
+    oracle.pressed(6.0, "lift", frozenset({"go_to"}))
+    polled(oracle, 7.0, DRIVES, since=6.2)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
+    oracle.heard(7.1, CommandEnded("lift", outcome))
+    assert rules(oracle) == ["confirmed without effect"]
+
+
+def test_what_a_fault_left_on_unseen_is_let_pass_only_until_it_has_been_off_once() -> None:
+    lies = {"frozen_registers": Detection("frozen_registers", None, (Lie.OUTPUT,), "")}
+    oracle = judge(detections=lies)
+    polled(oracle, 2.0, HELD)
+    oracle.published(2.0, "lift", state(holder=None))
+    oracle.struck(2.0, Struck("lift", FrozenRegisters(), began=True))
+    oracle.struck(3.0, Struck("lift", FrozenRegisters(), began=False))
+    polled(oracle, 20.0, HELD, since=2.2)
+    assert rules(oracle) == []
+    assert oracle.excused
+    polled(oracle, 21.0, STANDS_OPEN, since=20.2)
+    polled(oracle, 35.0, HELD, since=21.2)
+    assert set(rules(oracle)) == {"output on too long"}

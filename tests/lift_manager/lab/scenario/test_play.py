@@ -13,7 +13,7 @@ from lift_manager.lab.scenario.play import play
 from lift_manager.lab.scenario.trace import Entry
 from lift_manager.lab.scenario.verdict import lines, verdict_of
 from lift_manager.lab.scenario.vocabulary import KINDS
-from lift_manager.lab.world.oracle import Finding
+from lift_manager.lab.world.judged import Finding
 from register_maps.words import Table
 from simulator.faults import ForeignCell
 from tests.lift_manager.lab.scenario.scenario_files import EXAMPLES, HEAD, ROOT, first, loaded, played, text_of, verdict

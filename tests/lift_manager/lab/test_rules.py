@@ -1,0 +1,173 @@
+"""The judge of who gets the lift finds each way to put a robot before people, or one robot before another."""
+
+from dataclasses import replace
+
+from lift_manager.domain.asking import Accepted, Ask
+from lift_manager.domain.events import LockedOut, LockoutOver, PersonAcknowledged, SessionEnded, SessionOpened
+from lift_manager.domain.service import EndReason
+from lift_manager.domain.state import Holder, LiftState
+from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.rules import RESTART, Rules
+from lift_manager.lab.world.witness import Struck
+from register_maps.words import Mode
+from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, STANDS_OPEN, judge, polled, state
+
+OTHER = Holder("fleet", "r2")
+
+
+def book(**about: object) -> tuple[Oracle, Rules]:
+    oracle = judge(**about)
+    rules = Rules(oracle)
+    rules.looked(0.0, "lift", STANDS_OPEN)
+    return oracle, rules
+
+
+def found(oracle: Oracle) -> list[str]:
+    return [finding.rule for finding in oracle.findings]
+
+
+def opened(holder: Holder = ROBOT) -> SessionOpened:
+    return SessionOpened("lift", holder, "L1")
+
+
+def ended(reason: EndReason = EndReason.RELEASED) -> SessionEnded:
+    return SessionEnded("lift", ROBOT, reason, "", None)
+
+
+def ask(floor: str = "L1", holder: Holder = ROBOT) -> Ask:
+    return Ask("lift", holder, floor, hold_door=True)
+
+
+def on_fire() -> LiftState:
+    return state(mode=Mode.FIRE, holder=None)
+
+
+def test_a_robot_that_is_let_in_after_a_fire_is_found_until_a_person_has_looked() -> None:
+    oracle, rules = book()
+    rules.published(1.0, "lift", on_fire())
+    rules.asked(9.0, ask(), Accepted())
+    assert found(oracle) == ["let in after a fire"]
+    rules.heard(10.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.asked(19.0, ask(), Accepted())
+    assert found(oracle) == ["let in after a fire"]
+
+
+def test_a_press_after_a_fire_is_found_over_a_restart_too() -> None:
+    oracle, rules = book()
+    rules.published(1.0, "lift", on_fire())
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.pressed(9.0, "lift", frozenset({"go_to"}))
+    assert found(oracle) == ["pressed after a fire"]
+
+
+def test_a_fire_that_is_acknowledged_while_it_is_on_is_found() -> None:
+    oracle, rules = book()
+    rules.looked(0.9, "lift", replace(STANDS_OPEN, mode=Mode.FIRE))
+    rules.published(1.0, "lift", on_fire())
+    rules.heard(2.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    assert found(oracle) == ["acknowledged while on"]
+
+
+def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
+    oracle, rules = book()
+    rules.heard(1.0, LockedOut("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.asked(9.0, ask(), Accepted())
+    rules.pressed(9.1, "lift", frozenset({"go_to"}))
+    assert found(oracle) == ["let in despite a lockout", "pressed in a lockout"]
+    rules.heard(10.0, LockoutOver("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.asked(12.0, ask(), Accepted())
+    assert len(found(oracle)) == 2
+
+
+def test_two_holders_are_found_whether_or_not_a_session_is_opened_for_the_second() -> None:
+    oracle, rules = book()
+    rules.heard(1.0, opened())
+    rules.asked(2.0, ask(holder=OTHER), Accepted())
+    rules.looked(2.2, "lift", STANDS_OPEN)
+    assert found(oracle) == ["two holders"]
+    rules.heard(3.0, opened(OTHER))
+    assert found(oracle) == ["two holders", "two holders"]
+
+
+def test_a_lift_that_changes_hands_between_two_turns_of_the_loop_has_one_holder() -> None:
+    oracle, rules = book()
+    rules.heard(1.0, opened())
+    rules.asked(2.0, ask(holder=OTHER), Accepted())
+    rules.heard(2.0, ended())
+    rules.heard(2.0, opened(OTHER))
+    rules.looked(2.2, "lift", STANDS_OPEN)
+    assert found(oracle) == []
+
+
+def test_a_press_in_peoples_turn_is_found() -> None:
+    oracle, rules = book(between_sessions_s=5.0)
+    rules.heard(1.0, opened())
+    rules.pressed(1.1, "lift", frozenset({"go_to"}))
+    rules.heard(8.0, ended())
+    rules.heard(9.0, opened())
+    rules.pressed(10.0, "lift", frozenset({"go_to"}))
+    assert found(oracle) == ["pressed in people's turn"]
+
+
+def test_a_session_that_pressed_nothing_costs_nobody_a_turn() -> None:
+    oracle, rules = book(between_sessions_s=5.0)
+    rules.heard(1.0, opened())
+    rules.heard(2.0, ended())
+    rules.heard(2.5, opened())
+    rules.pressed(3.0, "lift", frozenset({"go_to"}))
+    assert found(oracle) == []
+
+
+def test_the_same_call_that_is_pressed_again_at_once_is_found_unless_another_floor_was_asked_between() -> None:
+    oracle, rules = book()
+    called = replace(DRIVES, given=(("go_to", 1),))
+    rules.looked(1.0, "lift", called)
+    rules.asked(1.0, ask("L2"), Accepted())
+    rules.pressed(1.0, "lift", frozenset({"go_to"}))
+    rules.asked(1.5, ask("L1"), Accepted())
+    rules.asked(1.6, ask("L2"), Accepted())
+    rules.pressed(1.7, "lift", frozenset({"go_to"}))
+    assert found(oracle) == []
+    rules.pressed(2.0, "lift", frozenset({"go_to"}))
+    assert found(oracle) == ["pressed again"]
+    rules.pressed(4.5, "lift", frozenset({"go_to"}))
+    assert len(found(oracle)) == 1
+
+
+def test_robot_mode_that_is_dropped_under_way_is_found() -> None:
+    oracle, rules = book()
+    driving = replace(DRIVES, given=(("robot_mode", 1),))
+    polled(oracle, 5.0, driving)
+    rules.looked(1.0, "lift", driving)
+    rules.published(4.9, "lift", state())
+    rules.looked(5.0, "lift", DRIVES)
+    assert found(oracle) == ["robot mode dropped under way"]
+
+
+def test_robot_mode_that_is_dropped_because_of_a_fire_or_where_the_car_stands_is_right() -> None:
+    oracle, rules = book()
+    driving = replace(DRIVES, given=(("robot_mode", 1),))
+    polled(oracle, 5.0, driving)
+    rules.looked(1.0, "lift", driving)
+    rules.published(4.9, "lift", on_fire())
+    rules.looked(5.0, "lift", DRIVES)
+    rules.looked(6.0, "lift", driving)
+    rules.looked(7.0, "lift", STANDS_OPEN)
+    assert found(oracle) == []
+
+
+def test_an_invitation_without_our_hold_or_without_robot_mode_is_found() -> None:
+    oracle, rules = book(holds=frozenset({"hold_door.front"}), tells_robot_mode=True)
+    rules.looked(1.0, "lift", HELD)
+    rules.published(1.5, "lift", state())
+    assert found(oracle) == []
+    rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
+    rules.published(9.0, "lift", state())
+    assert found(oracle) == ["said open and not held", "said open without robot mode"]
+
+
+def test_a_lift_that_nobody_holds_may_stand_open_by_itself() -> None:
+    oracle, rules = book(holds=frozenset({"hold_door.front"}), tells_robot_mode=True)
+    rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
+    rules.published(9.0, "lift", state(holder=None))
+    assert found(oracle) == []
