@@ -7,7 +7,7 @@ somebody relies on the opposite. The classes are proved by experiment: `python -
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum, unique
 
 from register_maps.codec import Codec, CommandCodec
@@ -60,7 +60,6 @@ _TOLD = {
     "reopening_door": "the door limits tell what it does",
     "nudging_door": "the door limits tell what it does",
     "relevelling": "the car stays in the door zone, which is no fault",
-    "homing": "the car tells no floor, or one with its doors shut",
     "calls_cancelled": "the call disappears, or the car does not come in time",
     "robot_mode_withdrawn": "robot mode is read, or the call is not answered",
     "overload": "the door stays open, and the car does not come in time",
@@ -71,15 +70,15 @@ _TOLD = {
 
 def detections(codec: Codec, *, max_age_s: float) -> tuple[Detection, ...]:
     """Return what becomes of every fault that can be simulated, in a fixed order."""
-    return (*_machine(codec, max_age_s), *_registers(codec, max_age_s), *_network(max_age_s))
+    return (*_machine(codec, max_age_s), *_registers(codec, max_age_s), *_network(codec, max_age_s))
 
 
 def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     for fault in ("stuck_door", "reopening_door", "nudging_door"):
         yield _harmless(fault)
-    yield _wrong_floor(codec)
-    for fault in ("relevelling", "homing"):
-        yield _harmless(fault)
+    yield _late(codec, "wrong_floor", "the floor that the car tells is where it is", _SETS_OUT)
+    yield _harmless("relevelling")
+    yield _late(codec, "homing", "the car tells no floor, or one with its doors shut", _HOMES)
     for fault in ("calls_cancelled", "robot_mode_withdrawn", "overload"):
         yield _harmless(fault)
     for mode in MODES:
@@ -115,8 +114,10 @@ def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     yield _foreign_writer(codec)
 
 
-def _network(max_age_s: float) -> Iterator[Detection]:
-    for fault in ("reboot", "power_loss", "power_loss.outputs_held", "slot_kept"):
+def _network(codec: Codec, max_age_s: float) -> Iterator[Detection]:
+    reboot = _late(codec, "reboot", "no answer comes, and the lift is offline", f"offline meanwhile; then {_HOMES}")
+    yield reboot if reboot.lies else replace(reboot, within_s=max_age_s)
+    for fault in ("power_loss", "power_loss.outputs_held", "slot_kept"):
         yield Detection(fault, max_age_s, (), "no answer comes, and the lift is offline")
 
 
@@ -135,13 +136,16 @@ def _shows_mode(codec: Codec, mode: Mode) -> bool:
 _FLAGS_OF_SIMULATOR = frozenset({"fire", "emergency_power", "inspection", "independent", "out_of_service"})
 
 
-def _wrong_floor(codec: Codec) -> Detection:
+_SETS_OUT = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
+_HOMES = "a call that is read back counts as taken, and a lift that homes takes none; the car does not come in time"
+
+
+def _late(codec: Codec, fault: str, harmless: str, how: str) -> Detection:
+    """Return what becomes of a fault that shows only when the car does not come, unless the controller itself takes each call."""
     calls = [codec.commands[name] for name in CALLS if name in codec.commands]
     if not any(_is_loose(call) for call in calls):
-        return Detection("wrong_floor", 0.0, (), "the floor that the car tells is where it is")
-    how = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
-    within_s = max(call.spec.arrive_within_s for call in calls)
-    return Detection("wrong_floor", within_s, (Lie.EFFECT,), how)
+        return Detection(fault, 0.0, (), harmless)
+    return Detection(fault, max(call.spec.arrive_within_s for call in calls), (Lie.EFFECT,), how)
 
 
 def _wrong_floor_shown(codec: Codec) -> Detection:

@@ -39,7 +39,8 @@ class RobotMode:
 
     def session_ended(self, now: float) -> None:
         """Keep it from here on only for as long as a car may take to come to rest."""
-        self._keep_until = now + self._able.arrive_within_s
+        if self.known:
+            self._keep_until = now + self._able.arrive_within_s
 
     def settle(
         self, sight: Sight | None, last: Sight | None, permit: Permit, *, reporting: bool, now: float
@@ -49,7 +50,10 @@ class RobotMode:
         A car that never stands keeps it for a bounded time. While the lift cannot be read, `sight` is None, what it said
         last decides, and the hold is not renewed.
         """
-        under_way = last is not None and moving(last) and last.values.flags.get("robot_mode_on", False)
+        granted = last is not None and (
+            "robot_mode_on" not in self._able.signals or last.values.flags.get("robot_mode_on", False)
+        )
+        under_way = last is not None and moving(last) and granted
         until = self._keep_until
         if until is not None and now < until and (under_way or reporting):
             if sight is not None:

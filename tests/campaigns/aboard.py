@@ -1,7 +1,7 @@
 """Who is really in the car, by what the robots of a schedule do: nobody else may be given the lift meanwhile."""
 
 from drivers.model import FloorName
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import Event, PersonAcknowledged, SessionEnded, SessionOpened
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
@@ -56,8 +56,8 @@ class Aboard:
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
         """Believe a holder that lets go of the lift where it stands: that is its word that it is out."""
-        lets_go = isinstance(answer, Accepted) and not ask.hold_door and self._at.get(ask.lift) == ask.floor
-        if lets_go and self._robots.get(ask.lift) == ask.holder:
+        lets_go = ask.robot is RobotWord.LEFT or (not ask.hold_door and self._at.get(ask.lift) == ask.floor)
+        if isinstance(answer, Accepted) and lets_go and self._robots.get(ask.lift) == ask.holder:
             self.left(ask.lift)
 
     def struck(self, at: float, struck: Struck) -> None:

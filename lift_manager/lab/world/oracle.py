@@ -41,6 +41,8 @@ SILENT_S = 1.0
 """A wire on which nothing was asked for so long does not work: a lift is polled five times as often."""
 FOREIGN_CLEARED_S = 70.0
 """What somebody else has pressed is let go of at most once a minute (`drivers.modbus.foreign`), and the release takes its time."""
+HOMES_S = 60.0
+"""How long a lift may take to find its lowest floor after a restart."""
 SETTLES_S = 2.0
 """How long what a fault has spoiled may show after its end: two readings, and the age of the last wrong one."""
 
@@ -72,6 +74,8 @@ class _Watched:
     newest: dict[Read, deque[tuple[float, float]]] = field(default_factory=dict)
     """Right answers to each block of the poll: when they arrive, and when they were asked for."""
     pressed_at: dict[str, float] = field(default_factory=dict)
+    under_way_at: float = -math.inf
+    """When robot mode was last on, and not wanted, under way: it is not dropped then."""
     stuck: set[str] = field(default_factory=set)
     """Outputs that a fault left on, and that nobody can see."""
     foreign: dict[str, float] = field(default_factory=dict)
@@ -228,7 +232,7 @@ class Oracle:
             if math.isinf(excuse.until) and Lie.OUTPUT in excuse.lies and not detection.goes_on:
                 # what was not let go meanwhile, and cannot be read back, stays on until it is written again
                 watched.stuck |= watched.on_since.keys()
-            excuse.until = min(excuse.until, at + SETTLES_S)
+            excuse.until = min(excuse.until, at + (HOMES_S if name == "reboot" else SETTLES_S))
             watched.excuses.append(excuse)
 
     @staticmethod
@@ -266,7 +270,9 @@ class Oracle:
                 watched.unwanted_since.pop(name, None)
                 continue
             since = watched.unwanted_since.setdefault(name, at)
-            if at - max(since, watched.clean_since) > self._limit_s(watched, name, truth):
+            if name == "robot_mode" and not truth.standing:
+                watched.under_way_at = at
+            if at - max(since, watched.clean_since, watched.under_way_at) > self._limit_s(watched, name, truth):
                 text = f"{name} is on, and nobody has wanted it for {at - since:.1f} s"
                 held = watched.state is not None and watched.state.holder is not None
                 by_mode = held and truth.mode in ROBOT_FORBIDDEN_MODES

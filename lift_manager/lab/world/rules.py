@@ -13,7 +13,6 @@ from drivers.model import FloorName
 from lift_manager.commissioning.detection import Lie
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event, LockedOut, LockoutOver, PersonAcknowledged, SessionEnded, SessionOpened
-from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.judged import Judged
 from lift_manager.lab.world.oracle import Oracle
@@ -34,6 +33,8 @@ MODE_LEFT_S = 2.0
 
 RESTART = "restart"
 """What a world strikes when the manager is killed and started again."""
+STOP = "stop"
+"""And before its orderly end, which lets go of robot mode too, wherever the car is: nobody is left to do it later."""
 
 _WORDS = frozenset({"robot_left", "robot_in_place"})
 """What the lift may still be told after a session."""
@@ -65,8 +66,8 @@ class _Book:
     held_at: float = -math.inf
     """When one of our door holds was last on."""
     robot_mode_at: float = -math.inf
-    doubts: list[tuple[float, Holder, Holder]] = field(default_factory=list)
-    """Requests of somebody who does not hold the lift, accepted: when, of whom, and who held it then."""
+    doubts: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
+    """Requests that were accepted and are not judged yet: when, of whom, and who held the lift then."""
 
 
 class Rules:
@@ -88,10 +89,9 @@ class Rules:
             book.robot_mode_at = at
         if before is not None and "robot_mode" in before.commands - truth.commands and not truth.standing:
             self._dropped_under_way(at, lift, book)
-        for asked_at, asker, holder in [doubt for doubt in book.doubts if doubt[0] < at]:
-            book.doubts.remove((asked_at, asker, holder))
-            if book.session == holder:
-                self._oracle.find(at, lift, "two holders", f"{asker} is obeyed, and {holder} holds the lift")
+        for doubt in [doubt for doubt in book.doubts if doubt[0] < at]:
+            book.doubts.remove(doubt)
+            self._decide(at, lift, book, *doubt)
 
     def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether anything may be pressed now, by everything but the mode."""
@@ -135,10 +135,9 @@ class Rules:
                 if book.session not in (None, holder):
                     self._oracle.find(at, lift, "two holders", f"{holder} gets the lift, and {book.session} holds it")
                 book.session, book.pressed_something = holder, False
-            case SessionEnded(lift=lift, reason=reason):
+            case SessionEnded(lift=lift):
                 book = self._books[lift]
                 book.session, book.floor = None, None
-                book.stopping |= reason is EndReason.STOPPING
                 book.calls.clear()
                 if book.pressed_something:
                     # the instant at which the event is heard may be a turn of the loop later than the end
@@ -164,22 +163,28 @@ class Rules:
         lets_go = not ask.hold_door and book.truth is not None and book.truth.at in (ask.floor, None)
         if lets_go or ask.robot is not None:
             return
-        recently_there = not ask.hold_door  # a floor that the car has just left may be let go of as well
-        if at > book.fire_since + KNOWN_WITHIN_S and not recently_there:
-            self._oracle.find(at, ask.lift, "let in after a fire", f"{ask.holder}; nobody has acknowledged it")
-        if at > book.locked_since + KNOWN_WITHIN_S and not recently_there:
-            self._oracle.find(at, ask.lift, "let in despite a lockout", str(ask.holder))
-        if book.session is not None and book.session != ask.holder:
+        if ask.hold_door:  # without, a floor that the car has just left may be let go of as well
+            # what a person said in this very instant may not have been heard yet
             book.doubts.append((at, ask.holder, book.session))
 
     def struck(self, at: float, struck: Struck) -> None:
         """Forget what a manager that is killed forgets; what people said is not among it."""
+        for book in self._books.values() if struck.fault == STOP else ():
+            book.stopping = True
         if struck.fault == RESTART:
             for book in self._books.values():
                 book.session, book.floor, book.restarted_at = None, None, at
                 book.rests_until = -math.inf
                 book.calls.clear()
                 book.doubts.clear()
+
+    def _decide(self, at: float, lift: str, book: _Book, asked_at: float, asker: Holder, holder: Holder | None) -> None:
+        if asked_at > book.fire_since + KNOWN_WITHIN_S:
+            self._oracle.find(at, lift, "let in after a fire", f"{asker}; nobody has acknowledged it")
+        if asked_at > book.locked_since + KNOWN_WITHIN_S:
+            self._oracle.find(at, lift, "let in despite a lockout", str(asker))
+        if holder not in (None, asker) and book.session == holder:
+            self._oracle.find(at, lift, "two holders", f"{asker} is obeyed, and {holder} holds the lift")
 
     def _acknowledged(self, at: float, lift: str, book: _Book) -> None:
         shown = book.state is not None and book.state.quality is Quality.LIVE and book.state.mode is Mode.FIRE

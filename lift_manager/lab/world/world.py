@@ -27,7 +27,7 @@ from lift_manager.domain.events import StateChanged
 from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.device import Device, MemoryController
-from lift_manager.lab.world.rules import RESTART
+from lift_manager.lab.world.rules import RESTART, STOP
 from lift_manager.lab.world.truth import truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
@@ -179,6 +179,7 @@ class World:
             self._look(self.lifts)
             try:
                 yield self
+                self._struck(Struck("manager", STOP, began=True), ())
                 with suppress(TimeoutError):
                     async with asyncio.timeout(app.RELEASE_WITHIN_S):
                         await self.manager.stop()

@@ -46,9 +46,13 @@ def test_a_robot_that_is_let_in_after_a_fire_is_found_until_a_person_has_looked(
     oracle, rules = book()
     rules.published(1.0, "lift", on_fire())
     rules.asked(9.0, ask(), Accepted())
+    rules.looked(9.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["let in after a fire"]
+    rules.asked(10.0, ask(), Accepted())
     rules.heard(10.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.looked(10.2, "lift", STANDS_OPEN)
     rules.asked(19.0, ask(), Accepted())
+    rules.looked(19.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["let in after a fire"]
 
 
@@ -72,10 +76,12 @@ def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
     oracle, rules = book()
     rules.heard(1.0, LockedOut("lift", None))  # type: ignore[arg-type]  # who it was is not read
     rules.asked(9.0, ask(), Accepted())
+    rules.looked(9.1, "lift", STANDS_OPEN)
     rules.pressed(9.1, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["let in despite a lockout", "pressed in a lockout"]
     rules.heard(10.0, LockoutOver("lift", None))  # type: ignore[arg-type]  # who it was is not read
     rules.asked(12.0, ask(), Accepted())
+    rules.looked(12.1, "lift", STANDS_OPEN)
     assert len(found(oracle)) == 2
 
 
