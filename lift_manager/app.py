@@ -46,11 +46,11 @@ FIRST_LOOK_S = 1.0
 """How long the first answer to a client may wait for the first reading of every lift. Chosen: a controller that is there answers in
 a fraction of it, and nobody waits longer for one that is not."""
 
-RELEASE_WITHIN_S = 4.0
+RELEASE_WITHIN_S = 3.5
 """How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out."""
 
 REMEMBER_WITHIN_S = 0.5
-"""How long the end may wait beyond that for the disk: writing began with the release, and an output matters more."""
+"""How long the end may wait beyond that for the disk, while the web server closes: writing began with the release."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +133,12 @@ async def run(
                 stop.set()
 
         async with asyncio.TaskGroup() as tasks:
-            parts = [*(link.run() for link in building.links), *building.manager.drives(), building.manager.run()]
+            parts = [*(link.run() for link in building.links), *manager.drives(), manager.run(), manager.remember()]
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            running.append(tasks.create_task(guarded(serve(make_app(building.manager), sock))))
+            serving = tasks.create_task(guarded(serve(make_app(building.manager), sock)))
             limits = patience(loaded, building.links) if systemd.is_heard else {}
             alive = watch(systemd, limits, manager.polls, lambda: _status(manager))
             running.append(tasks.create_task(guarded(alive)))
@@ -146,6 +146,7 @@ async def run(
             await stop.wait()
             systemd.send("STOPPING=1", "STATUS=letting go of everything")
             released = await _let_go(building.manager)
+            serving.cancel()
             await _write_down(building.manager)
             for task in running:
                 task.cancel()

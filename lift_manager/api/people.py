@@ -9,9 +9,13 @@ from pydantic_core import PydanticCustomError
 
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, LockoutEnded
 
+_JOINERS = "\u200c\u200d"
+"""Unseen, but Persian and Indian scripts cannot be written without them."""
+
 
 def _printable(text: str) -> str:
-    if not text.isprintable():
+    text = text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
+    if not text.translate(dict.fromkeys(map(ord, _JOINERS))).isprintable():
         raise PydanticCustomError("printable", "must be text on one line, without control characters")
     return text
 

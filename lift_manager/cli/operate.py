@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, TypeVar
 from urllib.parse import quote
 
 import httpx
 import typer
+from pydantic import BaseModel
 
+from lift_manager.api.people import AcknowledgedAnswer, LockoutAnswer, LockoutEndedAnswer
 from lift_manager.cli.common import fail, say
+from lift_manager.domain.service import Cause
+
+Answer = TypeVar("Answer", bound=BaseModel)
 
 MANAGER = "http://127.0.0.1:5003"
 WITHIN_S = 5.0
@@ -25,10 +30,10 @@ Manager = Annotated[
 
 def ack(lift: LiftName, by: By, manager: Manager = MANAGER) -> None:
     """Say that a lift was checked after a fire, or that no robot is in its car."""
-    said = _post(manager, lift, "acknowledge", {"by": by})
-    causes = {"fire": "the fire", "occupied": "that no robot is in the car"}
-    what = " and ".join(causes.get(cause, cause) for cause in said["acknowledged"])
-    say([f"{said['lift']}: {said['by']} acknowledged {what}, {_shown(said['at'])}; robots are taken again"])
+    said = _post(manager, lift, "acknowledge", {"by": by}, AcknowledgedAnswer)
+    causes = {Cause.FIRE: "the fire", Cause.OCCUPIED: "that no robot is in the car"}
+    what = " and ".join(causes[cause] for cause in said.acknowledged)
+    say([f"{said.lift}: {said.by} acknowledged {what}, {_shown(said.at)}; robots are taken again"])
 
 
 def lockout(
@@ -45,18 +50,17 @@ def lockout(
     if end and reason:
         raise typer.BadParameter("a lockout that ends needs no reason; leave --reason out", param_hint="--reason")
     if end:
-        said = _post(manager, lift, "lockout/end", {"by": by})
-        was = said["lockout"]
-        text = f"the lockout by {was['by']} since {_shown(was['since'])} ({was['reason']}) is ended by {said['by']}"
-        say([f"{said['lift']}: {text}"])
+        ended = _post(manager, lift, "lockout/end", {"by": by}, LockoutEndedAnswer)
+        was = ended.lockout
+        say([f"{ended.lift}: the lockout by {was.by} since {_shown(was.since)} ({was.reason}) is ended by {ended.by}"])
         return
     if not reason.strip():
         raise typer.BadParameter("say why, in a few words; robots and their people are told", param_hint="--reason")
-    said = _post(manager, lift, "lockout", {"by": by, "reason": reason})
-    say([f"{said['lift']}: locked out by {said['by']} since {_shown(said['since'])}: {said['reason']}"])
+    said = _post(manager, lift, "lockout", {"by": by, "reason": reason}, LockoutAnswer)
+    say([f"{said.lift}: locked out by {said.by} since {_shown(said.since)}: {said.reason}"])
 
 
-def _post(manager: str, lift: str, what: str, body: dict[str, str]) -> dict[str, Any]:
+def _post(manager: str, lift: str, what: str, body: dict[str, str], form: type[Answer]) -> Answer:
     url = f"{manager.rstrip('/')}/api/v1/lifts/{quote(lift, safe='')}/{what}"
     try:
         # no proxy: the manager would not take it from one
@@ -65,15 +69,14 @@ def _post(manager: str, lift: str, what: str, body: dict[str, str]) -> dict[str,
         advice = "start it with `lift-manager serve SITE`, or say where it runs with --manager URL"
         raise fail(f"no manager answers at {manager} ({error}); {advice}") from error
     try:
-        said = answer.json()
         if answer.is_success:
-            return dict(said)
-        text = str(said["detail"])
+            return form.model_validate_json(answer.content)
+        text = str(answer.json()["detail"])
     except (ValueError, TypeError, KeyError) as error:
         text = f"what answers at {manager} is no lift manager (HTTP {answer.status_code}); say where it runs with --manager URL"
         raise fail(text) from error
     raise fail(text)
 
 
-def _shown(at: str) -> str:
-    return f"{datetime.fromisoformat(at):%Y-%m-%d %H:%M}"
+def _shown(at: datetime) -> str:
+    return f"{at:%Y-%m-%d %H:%M}"

@@ -8,7 +8,7 @@ from drivers.model import Capabilities, CommandKind
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
 from lift_manager.domain.asking import Refusal, Refused
-from lift_manager.domain.sight import Sight, barred
+from lift_manager.domain.sight import Sight, barred, fire_unread, on_fire
 from register_maps.vocabulary import CALLS
 
 _CALLS = frozenset(CALLS) - {CommandKind.GO}
@@ -50,6 +50,28 @@ class Admission:
         if (why_not := barred(sight.values, self._able)) is not None:
             return Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
         return None if goes_on else people.outside_hours()
+
+    def too_early(self, *, offline: str, letting_go: bool) -> Refused | None:
+        """Return why nobody can have checked the lift yet: nothing is acknowledged while an alarm may go on.
+
+        `offline` says why, should the lift be offline; `letting_go` tells of a fire in which not everything is let go yet.
+        """
+        name, sight = self._options.name, self._sight()
+        unsure = "nobody can tell whether an alarm is over, so nothing is acknowledged until it is read again"
+        if sight is None:
+            return Refused(Refusal.OFFLINE, f"{offline}; {unsure}")
+        if on_fire(sight.values) or letting_go:
+            text = f"{name} still tells of a fire; acknowledge it once the alarm is over and the lift was checked"
+            return Refused(Refusal.FIRE_ACTIVE, text)
+        signal = fire_unread(sight.values, self._able)
+        if signal is None or not self._people.fire_latched:
+            return None
+        raw = (
+            f" reads {sight.values.unknown[signal]}, which its map does not list"
+            if signal in sight.values.unknown
+            else " cannot be read"
+        )
+        return Refused(Refusal.FIRE_ACTIVE, f"the signal {signal} of {name}{raw}; {unsure}")
 
     def why_no_press(self) -> str | None:
         """Return why nothing may be pressed or held now."""

@@ -50,6 +50,10 @@ class Announcer:
         told = None if reason in ITS_OWN_WORD else advice
         self._bus.publish(SessionEnded(self._lift, holder, reason, text, told))
 
+    def hold_spent(self, holder: Holder, limit_s: float) -> None:
+        """Tell that a door was held for as long as the site allows."""
+        self.alarm(f"the door was held for {limit_s:g} s; it is let go, {holder} keeps the lift", holder)
+
     def doubt(self, holder: Holder, reason: EndReason, text: str, *, abandoned: bool, in_car: bool) -> None:
         """Tell people of a robot that is, or may be, in the car although its session is over."""
         if abandoned:

@@ -193,7 +193,7 @@ class Handshake:
             if self._permit() is None:
                 self._left.give(self._press, self._permit, now)
             else:
-                self.let_go()
+                self._let_go_of_stay()
         if session_permit is None or self.aboard is not True or self._left.pending or session_permit() is not None:
             return
         self._in_place.give(self._press, session_permit, now)
@@ -222,7 +222,7 @@ class Handshake:
             self._report_left(session.floor, now)
             self._keep_until_told()
             return False
-        self.let_go()
+        self._let_go_of_stay()
         if boardings.leaves_doubt(boarding, released=release is not None, arrived=arrived):
             self._abandoned_by, self._boarding = session.holder, boarding
         if boarding.who is not Who.ABOARD:
@@ -232,11 +232,14 @@ class Handshake:
         return True
 
     def end_again(self, release: Ask, now: float) -> None:
-        """Take a release that finds no session: what the lift should have been told by an earlier one is told again."""
-        mine = release.holder == self._abandoned_by
+        """Take a release that finds no session: what the lift should have been told by an earlier one is told again.
+
+        Only the word that the robot left ends a doubt: an idle client posts bare releases once a second.
+        """
+        mine = release.holder == self._abandoned_by and release.robot is RobotWord.LEFT
         if mine and self._boarding.who is not Who.ABOARD:
-            self.found_empty()
-        elif mine and release.robot is RobotWord.LEFT and self._boarding.may_leave_at is not None:
+            self.found_empty(now)
+        elif mine and self._boarding.may_leave_at is not None:
             self._boarding, self._abandoned_by = Boarding(), None
             self._report_left(release.floor, now)
         elif self._abandoned_by is None:
@@ -253,13 +256,22 @@ class Handshake:
         """Remember whose robot may be in the car from before this process began."""
         self._abandoned_by, self._boarding = holder, boardings.taken_up(aboard=aboard)
 
-    def found_empty(self) -> None:
-        """Take it that no robot of an earlier session is in the car."""
+    def found_empty(self, now: float) -> None:
+        """Take it that no robot of an earlier session is in the car; a lift that may still count one is told."""
+        was_aboard = self._boarding.who is Who.ABOARD
         self._abandoned_by, self._boarding = None, Boarding()
-        self._in_place.forget()
+        if was_aboard:
+            self._report_left(self._options.floors[0], now)
+        else:
+            self._in_place.forget()
 
     def let_go(self) -> None:
         """Let go of everything at once."""
+        self._let_go_of_stay()
+        self._driver.let_go(self._left.command)
+
+    def _let_go_of_stay(self) -> None:
+        """Let go of what is on for a robot that boards, rides or leaves."""
         self._button.let_go()
         self._driver.let_go(self._in_place.command)
 

@@ -141,14 +141,14 @@ class SessionKeeper:
 
     def acknowledge(self, by: str, *, offline: str) -> Acknowledged | Refused:
         """Take it that a person has checked the lift. `offline` says why, should it be offline."""
-        sight = self._sight(_now())
-        if sight is None:
-            text = f"{offline}; nobody can tell whether an alarm is over, so nothing is acknowledged until it is read again"
-            return Refused(Refusal.OFFLINE, text)
+        too_early = self._admission.too_early(offline=offline, letting_go=self._fire_release_at is not None)
+        if too_early is not None:
+            return too_early
         left = self.session is None and self._handshake.occupied_by(None) is not None
-        answer = self.people.acknowledge(by, on_fire=on_fire(sight.values), occupied=left)
+        answer = self.people.acknowledge(by, occupied=left)
         if left and isinstance(answer, Acknowledged):
-            self._handshake.found_empty()
+            self._handshake.found_empty(_now())
+            self.act(_now())
         self._changed()
         return answer
 
@@ -203,9 +203,10 @@ class SessionKeeper:
 
     def act(self, now: float) -> None:
         """Bring wishes and sight together. Called after every reading, request and outcome."""
-        sight = self._sight(now)
-        if sight is not None:
-            self._obey_mode(sight, now)
+        sight, last = self._sight(now), self._last_sight()
+        if last is not None:
+            # letting go needs no fresh reading: a poll may take longer than a reading counts
+            self._obey_mode(last, now)
         if self._fire_release_at is not None:
             if now >= self._fire_release_at:
                 self._end_in_fire(now)
@@ -213,6 +214,9 @@ class SessionKeeper:
         session = self.session
         if session is not None and now >= sessions.lease_ends_at(session, self._options.lease_s):
             self._end_session(EndReason.LEASE, f"the lease of {self._options.lease_s:g} s ran out", now)
+        if self._robot_mode.kept:
+            # a lift that is still in robot mode is none for people
+            self.people.session_ended(now)
         if self.session is None or self.people.resting(now):
             self._rest(sight, now)
         elif sight is not None:
@@ -243,6 +247,7 @@ class SessionKeeper:
             self._say.fire(session.holder if session is not None else None, self._advice())
         if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:
             if self._fire_release_at is None:
+                self._handshake.let_go()
                 self._end_session(EndReason.MODE, f"the mode is {mode}", now)
             elif mode is not Mode.FIRE:
                 self._fire_release_at = now
@@ -338,10 +343,7 @@ class SessionKeeper:
         ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
         if ends_at is not None and now >= ends_at and not session.hold_spent:
             session = replace(session, hold_spent=True, holding_since=None)
-            self._say.alarm(
-                f"the door was held for {self._options.max_session_hold_s:g} s; it is let go, {session.holder} keeps the lift",
-                session.holder,
-            )
+            self._say.hold_spent(session.holder, self._options.max_session_hold_s)
         if session.hold_spent or barred(sight.values, self._able) is not None:
             self._doors.let_go()
             self._button.let_go_of_door()
@@ -354,7 +356,9 @@ class SessionKeeper:
 
     def _settle(self, now: float) -> None:
         """Drop robot mode after a session, once the car stands still."""
-        sight, last, reporting = self._sight(now), self._last_sight(), self._handshake.reporting
+        sight, last = self._sight(now), self._last_sight()
+        # a lift that cannot be read may be told later; one that may not be told at all is not waited for
+        reporting = self._handshake.reporting and (sight is None or self._why_no_word() is None)
         text = self._robot_mode.settle(sight, last, self._admission.why_no_robot_mode, reporting=reporting, now=now)
         if text is not None:
             self._say.alarm(text)
@@ -379,12 +383,13 @@ class SessionKeeper:
         in_car = self._handshake.occupied_by(None)
         self.people.note_occupied(in_car)
         self._say.doubt(holder, reason, text, abandoned=abandoned, in_car=in_car is not None)
-        if session.number == self._used_by:
+        used = session.number == self._used_by
+        if used:
             self.people.session_ended(now)
-        if not self.people.fire_latched and not self._stopping:
-            self._robot_mode.session_ended(now)
-        else:
+        if self.people.fire_latched or self._stopping:
             self._robot_mode.drop()
+        elif used:
+            self._robot_mode.session_ended(now)
         self._say.ended(holder, reason, text, advice)
         self._settle(now)
         self._changed()

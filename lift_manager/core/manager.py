@@ -25,11 +25,14 @@ class LiftManager:
         self._memory = memory or ShortMemory()
 
     async def run(self) -> None:
-        """Poll every lift, and write down what people said, until cancelled."""
+        """Poll every lift until cancelled."""
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._memory.run(self._not_written))
             for lift in self._lifts.values():
                 tasks.create_task(lift.run())
+
+    async def remember(self) -> None:
+        """Write down what people said until cancelled: for as long as anybody may say anything."""
+        await self._memory.run(self._not_written)
 
     def drives(self) -> list[Coroutine[None, None, None]]:
         """Return what carries out each lift's presses and releases, to be run for as long as anything may be held."""

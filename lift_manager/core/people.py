@@ -79,11 +79,12 @@ class PeopleFirst:
 
     def after_fire(self) -> Refused | None:
         """Refuse a request until a person has acknowledged a fire."""
-        since, name = self.remembered.fire_since, self._options.name
+        since, occupied, name = self.remembered.fire_since, self.remembered.occupied, self._options.name
         if since is None:
             return None
+        robot = "" if occupied is None else f" look for a robot of {occupied.holder} in its car, and"
         text = (
-            f"{name} was in fire service ({self._shown(since)}); a person must check it, and say so once the alarm is"
+            f"{name} was in fire service ({self._shown(since)}); a person must check it, and{robot} say so once the alarm is"
             f" over: {how_to_acknowledge(name)}"
         )
         return Refused(Refusal.FIRE_LATCHED, text)
@@ -149,15 +150,9 @@ class PeopleFirst:
         self._bus.publish(LockoutOver(name, ended))
         return ended
 
-    def acknowledge(self, by: str, *, on_fire: bool, occupied: bool) -> Acknowledged | Refused:
-        """Take it that a person has checked the lift, unless it still tells of a fire.
-
-        `occupied` says whether a robot left in the car is one thing to check.
-        """
+    def acknowledge(self, by: str, *, occupied: bool) -> Acknowledged | Refused:
+        """Take it that a person has checked the lift. `occupied` says whether a robot left in the car is one thing to check."""
         name = self._options.name
-        if on_fire:
-            text = f"{name} still tells of a fire; acknowledge it once the alarm is over and the lift was checked"
-            return Refused(Refusal.FIRE_ACTIVE, text)
         causes = {Cause.FIRE: self.fire_latched, Cause.OCCUPIED: occupied}
         what = tuple(cause for cause, given in causes.items() if given)
         if not what:

@@ -101,9 +101,11 @@ def taken_up(*, aboard: bool) -> Boarding:
 
 def open_to_enter(boarding: Boarding, now: float) -> Boarding:
     """Note that the session's stop stands open for a robot outside."""
-    if boarding.who is not Who.EMPTY:
-        return boarding
-    return Boarding(Who.MAY_BOARD, open_since=now, sent_on=boarding.sent_on)
+    if boarding.who is Who.EMPTY:
+        return Boarding(Who.MAY_BOARD, open_since=now, sent_on=boarding.sent_on)
+    if boarding.who is Who.MAY_BOARD and boarding.open_since is None:
+        return replace(boarding, open_since=now)
+    return boarding
 
 
 def open_to_leave(boarding: Boarding, floor: FloorName) -> Boarding:
@@ -125,9 +127,11 @@ def hear(boarding: Boarding, ask: Ask, stop: Stop | None, rules: Rules, now: flo
         heard = _in_place(boarding, stop)
     elif ask.robot is RobotWord.LEFT:
         heard = _left(boarding)
-    if isinstance(heard, str) or stop is None or ask.floor == stop.floor:
+    if isinstance(heard, str):
         return heard
-    return _sent_on(heard, stop, rules, now)
+    if stop is None:
+        return _taken_along(heard)
+    return heard if ask.floor == stop.floor else _sent_on(heard, stop, rules, now)
 
 
 def has_left(boarding: Boarding, ask: Ask, destination: FloorName, rules: Rules) -> bool:
@@ -150,6 +154,11 @@ def _left(boarding: Boarding) -> Boarding | str:
     if boarding.who is Who.ABOARD and boarding.may_leave_at is None:
         return "no robot can have left, because the door has not stood open for it; say it once the robot is outside"
     return Boarding() if boarding.who is Who.EMPTY else Boarding(Who.LEFT)
+
+
+def _taken_along(boarding: Boarding) -> Boarding:
+    """Carry a doubt into a session of its own: the robot may have entered before it, so every floor asked for is a ride."""
+    return Boarding(Who.MAY_BOARD, sent_on=True) if boarding.who is Who.MAY_BOARD else boarding
 
 
 def _sent_on(boarding: Boarding, stop: Stop, rules: Rules, now: float) -> Boarding | str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -10,6 +11,8 @@ from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, moving, permissions, robot_door
 from lift_manager.domain.state import LiftState, Quality, Restrictions, RobotDoor
 from register_maps.words import Mode, Motion, Side
+
+_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,8 +77,12 @@ def lift_state(seen: Seen, now: float) -> LiftState:
 
 
 def same_but_for_time(one: LiftState, other: LiftState) -> bool:
-    """Whether two states differ in nothing but the passing of time."""
-    return replace(one, age_s=None, held_since_s=None) == replace(other, age_s=None, held_since_s=None)
+    """Whether two states differ in nothing but the passing of time; some reasons say for how many seconds."""
+    if one.reason != other.reason and _SECONDS.sub("", one.reason) != _SECONDS.sub("", other.reason):
+        return False
+    return replace(one, age_s=None, held_since_s=None, reason="") == replace(
+        other, age_s=None, held_since_s=None, reason=""
+    )
 
 
 def _offline(seen: Seen) -> str:
@@ -96,9 +103,15 @@ def _reported_floor(seen: Seen, sight: Sight) -> FloorName | None:
 
 
 def _door_for_robots(seen: Seen, sight: Sight) -> RobotDoor:
-    """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may."""
+    """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may.
+
+    Behind a lockout or a fire that nobody has acknowledged it invites nobody, nor a session that still waits for its lift.
+    """
     here = seen.doors_at.get(sight.floor, ()) if sight.floor is not None else ()
     door = robot_door(sight, here, permissions(seen.able, aboard=seen.aboard))
+    told = seen.restrictions
+    if door is RobotDoor.OPEN and (told.lockout or told.fire_latched or told.waiting_for):
+        return RobotDoor.MOVING
     if door is not RobotDoor.OPEN or seen.session is None:
         return door
     granted = "robot_mode_on" not in seen.able.signals or sight.values.flags.get("robot_mode_on", False)

@@ -99,6 +99,14 @@ def on_fire(values: LiftValues) -> bool:
     return values.mode is Mode.FIRE or values.fire_word or flags.get("fire", False) or flags.get("fireman", False)
 
 
+def fire_unread(values: LiftValues, able: Capabilities) -> str | None:
+    """Name the signal without which nobody knows whether there is a fire; None when all that would tell of one can be read."""
+    for flag in ("fire", "fireman"):
+        if flag in able.signals and flag not in values.flags:
+            return flag
+    return "mode" if values.mode is Mode.UNKNOWN or "mode" in values.unknown else None
+
+
 def moving(sight: Sight) -> bool:
     """Whether the car moves or may be moving: anything but a clear "stopped", or not seen to stand where motion is not told."""
     motion = sight.values.motion

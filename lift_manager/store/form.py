@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from datetime import MAXYEAR, MINYEAR, datetime
+from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict
 
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
 from lift_manager.domain.state import Holder
 
 VERSION: Literal[1] = 1
+
+
+def _in_any_zone(at: datetime) -> datetime:
+    if not MINYEAR < at.year < MAXYEAR:
+        raise ValueError(f"the year {at.year} cannot be")
+    return at
+
+
+Moment = Annotated[AwareDatetime, AfterValidator(_in_any_zone)]
+"""A time that can be shown in every zone."""
 
 
 class _Part(BaseModel):
@@ -21,7 +32,7 @@ class LockoutForm(_Part):
 
     by: str
     reason: str
-    since: AwareDatetime
+    since: Moment
 
 
 class OccupiedForm(_Part):
@@ -30,21 +41,21 @@ class OccupiedForm(_Part):
     face: str
     name: str
     aboard: bool
-    since: AwareDatetime
+    since: Moment
 
 
 class AcknowledgedForm(_Part):
     """The newest acknowledgement."""
 
     by: str
-    at: AwareDatetime
+    at: Moment
     what: tuple[Cause, ...]
 
 
 class LiftForm(_Part):
     """What is remembered of one lift."""
 
-    fire_since: AwareDatetime | None
+    fire_since: Moment | None
     lockout: LockoutForm | None
     occupied: OccupiedForm | None
     acknowledged: AcknowledgedForm | None

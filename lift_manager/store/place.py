@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import re
@@ -34,6 +35,31 @@ def _folder(said: str | None, site_file: Path, environ: Mapping[str, str]) -> Pa
     except RuntimeError as error:
         text = "this user has no home folder to keep the state of the lifts in; name a folder with `state:` in the site file"
         raise StateUnusable(text) from error
+
+
+def claim(path: Path) -> int | None:
+    """Keep other managers off a file until the descriptor that is returned is closed, or this process ends.
+
+    None where there can be no lock: whoever writes the file hears of such a folder. Raises StateUnusable if another process
+    on this machine has it.
+    """
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        lock = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return None
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as error:
+        os.close(lock)
+        raise StateUnusable(
+            f"{path} is in use by another manager that runs on this computer, and each would wipe out what people said to the"
+            " other: stop that one first, or give this site another `name`"
+        ) from error
+    except OSError:
+        os.close(lock)
+        return None
+    return lock
 
 
 def replace_file(path: Path, data: bytes) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection, Mapping
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from weakref import finalize
 
 from pydantic import ValidationError
 
@@ -15,13 +17,16 @@ from lift_manager.core.memory import Trouble
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
 from lift_manager.store.form import VERSION, Head, LiftForm, StateForm
-from lift_manager.store.place import replace_file
+from lift_manager.store.place import claim, replace_file
 from lift_manager.store.thread import in_thread
 
 _log = logging.getLogger(__name__)
 
 RETRY_S = (1.0, 60.0)
 """First and longest pause after a write that failed. Chosen: somebody who makes room on the disk sees it taken up within a minute."""
+
+SLOW_S = 3.0
+"""After this a write that has not ended is told as one that fails. Chosen: a busy card takes a second or two."""
 
 Write = Callable[[Path, bytes], None]
 
@@ -58,15 +63,19 @@ class StateFile:
     async def run(self, trouble: Trouble) -> None:
         """Write what is to be kept until cancelled, one write after the other."""
         pause_s = RETRY_S[0]
+        _log.info("what people said about the lifts is kept in %s", self.path)
         while True:
             await self._changed.wait()
             self._changed.clear()
             taken, self._unwritten = self._unwritten, set()
+            slow = asyncio.get_running_loop().call_later(
+                SLOW_S, self._report, taken, "the disk does not answer", trouble
+            )
             try:
                 await in_thread(partial(self._write, self.path, self._data()))
             except OSError as error:
                 self._unwritten |= taken
-                self._report(taken, error, trouble)
+                self._report(taken, error.strerror or str(error), trouble)
                 with suppress(TimeoutError):
                     async with asyncio.timeout(pause_s):
                         await self._changed.wait()
@@ -75,6 +84,8 @@ class StateFile:
             else:
                 self._written()
                 pause_s = RETRY_S[0]
+            finally:
+                slow.cancel()
 
     async def settled(self) -> None:
         """Return once everything kept so far is on the disk."""
@@ -91,11 +102,11 @@ class StateFile:
         if not self._unwritten:
             self._settled.set()
 
-    def _report(self, lifts: Collection[str], error: OSError, trouble: Trouble) -> None:
+    def _report(self, lifts: Collection[str], why: str, trouble: Trouble) -> None:
         for lift in sorted(set(lifts) - self._reported):
             text = (
-                f"state: what people said about {lift} cannot be written to {self.path} ({error.strerror or error}); it is in"
-                " force, but a restart would forget it; make that folder writable, it is tried again by itself"
+                f"state: what people said about {lift} cannot be written to {self.path} ({why}); it is in force, but a"
+                " restart would forget it; see to it that this folder can be written, it is tried again by itself"
             )
             _log.error("%s", text)
             trouble(lift, text)
@@ -103,11 +114,34 @@ class StateFile:
 
 
 def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace_file) -> StateFile:
-    """Read what was kept of a site; a file that is not there yet holds nothing. Raises StateUnusable."""
+    """Read what was kept of a site; a file that is not there yet holds nothing. Raises StateUnusable.
+
+    No other process may open it for as long as the StateFile lives.
+    """
+    lock = claim(path)
+    try:
+        memory = StateFile(path, site, lifts, _kept(path, site, lifts), write)
+    except StateUnusable:
+        if lock is not None:
+            os.close(lock)
+        raise
+    if lock is not None:
+        finalize(memory, os.close, lock)
+    return memory
+
+
+def _kept(path: Path, site: str, lifts: Collection[str]) -> dict[str, Remembered]:
     try:
         text = path.read_bytes()
-    except FileNotFoundError:
-        return StateFile(path, site, lifts, {}, write)
+    except FileNotFoundError as error:
+        for other, name, lift in _keeping_out(path, lifts):
+            what = f"is not there, and {other} beside it keeps robots off lift {lift!r} of the site {name!r}"
+            advice = (
+                f"if that is the former name of this site, write {site!r} into that file as its `site` and rename it to"
+                f" {path.name}; if it is another building, move it to a folder of its own"
+            )
+            raise _unusable(path, what, advice) from error
+        return {}
     except OSError as error:
         raise _unusable(
             path, f"cannot be read ({error.strerror or error})", "make it readable for this user"
@@ -118,7 +152,19 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
             what = f"keeps robots off lift {lift!r}, which the site file does not have"
             advice = f"if it has another name, change it there too; if it is gone, take its entry out. The lifts are {', '.join(lifts)}"
             raise _unusable(path, what, advice)
-    return StateFile(path, site, lifts, kept, write)
+    return kept
+
+
+def _keeping_out(path: Path, lifts: Collection[str]) -> Iterator[tuple[Path, str, str]]:
+    """Yield the states of other sites in the folder that keep robots off a lift of such a name, with site and lift."""
+    for other in sorted(path.parent.glob("*.json")):
+        try:
+            form = StateForm.model_validate_json(other.read_bytes())
+        except (OSError, ValidationError):
+            continue  # whose ever it is, it is no state that could be ours
+        for lift in sorted(form.lifts.keys() & set(lifts)):
+            if form.lifts[lift].read().keeps_robots_out:
+                yield other, form.site, lift
 
 
 def _read(path: Path, text: bytes, site: str) -> StateForm:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 
 
 async def in_thread(work: Callable[[], None]) -> None:
-    """Do this in a thread and wait for it. Raises what it raises.
+    """Do this in a thread and wait for it. Raises what it raises, and OSError if this computer has no thread to spare.
 
     Not `asyncio.to_thread`: the end of a loop waits for those threads, and a disk that hangs would keep the manager from its
     orderly end.
@@ -34,5 +35,8 @@ async def in_thread(work: Callable[[], None]) -> None:
         with suppress(RuntimeError):  # the loop may be closed by then
             loop.call_soon_threadsafe(finish, failed)
 
-    threading.Thread(target=run, name="lift-manager-store", daemon=True).start()
+    try:
+        threading.Thread(target=run, name="lift-manager-store", daemon=True).start()
+    except RuntimeError as error:
+        raise OSError(errno.EAGAIN, f"this computer is too busy: {error}") from error
     await done

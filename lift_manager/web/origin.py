@@ -7,7 +7,9 @@ from urllib.parse import urlsplit
 
 from starlette.requests import Request
 
-_FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-real-ip")
+_FORWARDED = frozenset(
+    {"forwarded", "via", "x-real-ip", "x-client-ip", "x-cluster-client-ip", "true-client-ip", "cf-connecting-ip"}
+)
 
 
 def from_another_site(request: Request) -> bool:
@@ -24,21 +26,27 @@ def from_another_site(request: Request) -> bool:
 
 
 def from_this_computer(request: Request) -> bool:
-    """Whether a program of this computer asked this computer by its own name.
+    """Whether a program of this computer asked this computer by its own name, or by the address that it listens on.
 
     What a proxy passed on may come from anywhere, and a page whose name was made to lead here after it was loaded
-    still asks for that name.
+    still asks for that name. A proxy that leaves no trace cannot be told; one that speaks HTTP/1.0, as nginx does unless it
+    is told otherwise, can.
     """
     client = request.client
-    if client is None or any(name in request.headers for name in _FORWARDED):
+    if client is None or request.scope.get("http_version") == "1.0":
         return False
-    return is_loopback(client.host) and is_loopback(_asked_for(request))
+    if any(name in _FORWARDED or name.startswith("x-forwarded-") for name in request.headers):
+        return False
+    # only this computer can call one of its addresses from that same address
+    here, _ = request.scope.get("server") or ("", None)
+    return all(is_loopback(name) or name == here for name in (client.host, _asked_for(request)))
 
 
 def _asked_for(request: Request) -> str:
     try:
-        return urlsplit(f"//{request.headers.get('host', '')}").hostname or ""
-    except ValueError:  # half an IPv6 address
+        asked_for = urlsplit(f"//{request.headers.get('host', '')}")
+        return (asked_for.hostname or "") if asked_for.port is None or asked_for.port else ""
+    except ValueError:  # half an IPv6 address, or a port that is none
         return ""
 
 

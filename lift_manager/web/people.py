@@ -68,8 +68,9 @@ async def _answer(request: Request, form: type[Body], act: Callable[[Body], Base
     if not from_this_computer(request):
         text = (
             "there are no keys to tell people by yet, so only a program on the manager's own computer may say this, to"
+            " 127.0.0.1 or the address that the manager listens on, and not through a proxy; use the command line there"
         )
-        return problem(403, "other_computer", f"{text} 127.0.0.1 and not through a proxy; use the command line there")
+        return problem(403, "other_computer", text)
     try:
         body = form.model_validate(decode_object(await read_body(request)))
     except BodyTooLongError as error:

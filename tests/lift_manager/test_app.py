@@ -12,15 +12,18 @@ from drivers.modbus.settings import LinkSettings
 from lift_manager import app
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.site import Site
+from lift_manager.core.memory import ShortMemory, Trouble
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask
 from lift_manager.domain.hours import RobotHours, read_hours
+from lift_manager.domain.service import Remembered
 from lift_manager.domain.state import Holder, Quality
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.web.server import listen
 from register_maps.codec import compile_map
 from register_maps.load import load
 from register_maps.words import Door, Side
+from simulator.controller import Inputs
 from simulator.server import SimulatedController
 
 
@@ -111,6 +114,71 @@ def test_a_bug_in_one_part_ends_the_manager_only_after_everything_is_let_go(capl
     with caplog.at_level(logging.INFO), pytest.raises(ExceptionGroup, match="because of a bug"):
         asyncio.run(main())
     assert "everything we held is let go and verified" in caplog.text
+
+
+class WatchedMemory(ShortMemory):
+    """Knows whether it is still being written, and what was heard of the port, when the end waits for it."""
+
+    def __init__(self, port: int, *, broken: bool) -> None:
+        super().__init__()
+        self._port = port
+        self._broken = broken
+        self.is_written = False
+        self.waited_while_written = False
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        if self._broken:
+            raise ZeroDivisionError
+        super().keep(lift, remembered)
+
+    async def run(self, trouble: Trouble) -> None:
+        self.is_written = True
+        try:
+            await super().run(trouble)
+        finally:
+            self.is_written = False
+
+    async def settled(self) -> None:
+        """Return once the port is closed."""
+        self.waited_while_written = self.is_written
+        while True:
+            try:
+                _, writer = await asyncio.open_connection("127.0.0.1", self._port)
+            except ConnectionError:
+                return
+            writer.close()
+            await asyncio.sleep(0.01)
+
+
+async def ended_by_a_fire(*, broken: bool) -> WatchedMemory:
+    """Run a manager until a fire is to be kept in mind, and end it; with a broken memory it ends by itself."""
+    codec = compile_map(load("generic-registers").map)
+    face = simulated_lift(codec, {"L1": 1, "L2": 2})
+    plc = SimulatedController({1: face})
+    await plc.start()
+    face.people(asyncio.get_running_loop().time(), Inputs(fire=True))
+    with listen("127.0.0.1", 0) as sock:
+        memory, stop = WatchedMemory(sock.getsockname()[1], broken=broken), asyncio.Event()
+        if not broken:
+            asyncio.get_running_loop().call_later(1.0, stop.set)
+        try:
+            async with asyncio.timeout(10):
+                await app.run(site_of(plc.port), sock, stop=stop, ready=lambda: None, memory=memory)
+        except* ZeroDivisionError:
+            assert broken
+        finally:
+            await plc.stop()
+    return memory
+
+
+@pytest.mark.parametrize("broken", [True, False])
+def test_what_people_say_is_written_until_the_end_also_after_a_bug_in_one_lift(
+    caplog: pytest.LogCaptureFixture, *, broken: bool
+) -> None:
+    memory = asyncio.run(ended_by_a_fire(broken=broken))
+    assert memory.waited_while_written
+    assert (memory.recall("lift").fire_since is None) is broken
+    assert "is not on the disk" not in caplog.text  # the port was closed meanwhile
 
 
 def test_a_controller_that_wants_a_long_pause_between_connections_gets_it() -> None:

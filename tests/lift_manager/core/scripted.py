@@ -67,6 +67,8 @@ class ScriptedDriver:
     answers: dict[str, Result] = field(default_factory=dict)
     grants: bool = True
     """Whether the lift grants what its presses require."""
+    takes_s: float = 0.0
+    """What one poll takes."""
     delay_s: float = 0.05
     """From the wish to the write, and again from there to the outcome."""
     log: list[str] = field(default_factory=list)
@@ -81,7 +83,10 @@ class ScriptedDriver:
     async def read(self) -> LiftReading:
         if self.silent:
             raise Silent("no answer", Sent.NO)
-        return LiftReading(asyncio.get_running_loop().time(), 1, self.values)
+        at, values = asyncio.get_running_loop().time(), self.values
+        if self.takes_s:
+            await asyncio.sleep(self.takes_s)
+        return LiftReading(at, 1, values)
 
     async def run(self) -> None:
         await asyncio.Event().wait()
@@ -157,6 +162,8 @@ class Bench:
     driver: ScriptedDriver
     task: LiftTask
     heard: Subscription[Event]
+    granted: dict[str, bool] = field(default_factory=dict)
+    """Flags that the lift gives whatever car and door do."""
 
     @property
     def state(self) -> LiftState:
@@ -184,9 +191,14 @@ class Bench:
 
     async def car(self, floor: str | None, door: Door, *, enter: bool = False, leave: bool = False) -> None:
         """Let the lift say this, and time pass until the manager has heard it."""
-        flags = {"may_enter": enter, "may_leave": leave}
+        flags = {"may_enter": enter, "may_leave": leave} | self.granted
         self.driver.values = replace(self.driver.values, floor=floor, doors={FRONT: door}, flags=flags)
         await elapse(0.5)
+
+    def grants_robot_mode(self) -> None:
+        """Let the lift be in robot mode from here on."""
+        self.granted = {"robot_mode_on": True}
+        self.driver.values = replace(self.driver.values, flags=self.granted)
 
     async def mode(self, mode: Mode) -> None:
         self.driver.values = replace(self.driver.values, mode=mode)

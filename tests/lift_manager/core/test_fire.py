@@ -14,7 +14,7 @@ from register_maps.words import Door, Mode, Motion
 from simulator.controller import Inputs
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import PHASES, Phase, door_held, idle, outputs, travelling
-from tests.lift_manager.core.scripted import PERMITTING, PLAIN, Bench, boarded, on_bench
+from tests.lift_manager.core.scripted import FRONT, PERMITTING, PLAIN, Bench, boarded, on_bench
 from tests.lift_manager.core.test_what_cannot_be_read import WITH_MODE
 from tests.support.spine import OTHER, WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
@@ -268,3 +268,112 @@ def test_robot_mode_of_a_car_under_way_is_dropped_in_a_fire_though_the_lift_stil
         assert made.driver.on == set()
 
     on_bench(check, WITH_MODE)
+
+
+@pytest.mark.parametrize(
+    ("signals", "after", "words"),
+    [
+        (
+            {"fire"},
+            {"flags": {}, "unknown": {"fire": 7}},
+            "the signal fire of lift reads 7, which its map does not list",
+        ),
+        ({"fire", "fireman"}, {"flags": {"fire": False}}, "the signal fireman of lift cannot be read"),
+        ({"mode"}, {"mode": Mode.UNKNOWN, "unknown": {"mode": 9}}, "the signal mode of lift reads 9"),
+        ({"mode"}, {"mode": Mode.UNKNOWN}, "the signal mode of lift cannot be read"),
+        ({"mode"}, {"mode": Mode.INSPECTION, "unknown": {"mode": 9}}, "the signal mode of lift reads 9"),
+    ],
+)
+def test_a_fire_is_not_acknowledged_while_the_signal_that_tells_of_it_cannot_be_read(
+    signals: set[str], after: dict[str, object], words: str
+) -> None:
+    async def check(made: Bench) -> None:
+        healthy = replace(made.driver.values, flags=dict.fromkeys(signals - {"mode"}, False))
+        made.driver.values = replace(healthy, mode=Mode.FIRE)
+        await elapse(0.5)
+        made.driver.values = replace(healthy, **after)  # type: ignore[arg-type]  # fields by name
+        await elapse(0.5)
+        refused = made.task.acknowledge("M. Weber")
+        assert isinstance(refused, Refused)
+        assert refused.code is Refusal.FIRE_ACTIVE
+        assert words in refused.message
+        assert "nothing is acknowledged until it is read again" in refused.message
+        made.driver.values = healthy
+        await elapse(0.5)
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+
+    on_bench(check, replace(PLAIN, signals=PLAIN.signals | signals))
+
+
+def test_a_car_is_found_empty_although_the_fire_signal_cannot_be_read_where_there_was_no_fire() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        await elapse(31)
+        said = made.task.acknowledge("M. Weber")
+        assert isinstance(said, Acknowledged)
+        assert said.what == (Cause.OCCUPIED,)
+
+    on_bench(check, replace(PLAIN, signals=PLAIN.signals | {"fire"}), lease_s=30)
+
+
+@pytest.mark.parametrize("mode", [Mode.FIRE, Mode.INSPECTION])
+def test_a_mode_that_is_read_in_a_poll_longer_than_a_reading_counts_still_lets_everything_go(mode: Mode) -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.driver.on == {"hold_door.front"}
+        made.driver.takes_s = PLAIN.max_age_s + 0.2
+        made.driver.values = replace(made.driver.values, mode=mode)
+        await elapse(5)
+        assert made.state.quality is Quality.OFFLINE
+        assert made.driver.on == set()
+        assert made.state.holder is None
+        assert made.state.restrictions.fire_latched is (mode is Mode.FIRE)
+
+    on_bench(check, PLAIN)
+
+
+def test_after_a_fire_that_nobody_has_acknowledged_the_open_door_invites_nobody() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        await made.mode(Mode.FIRE)
+        await made.mode(Mode.NORMAL)
+        assert made.state.doors == {FRONT: Door.OPEN}
+        assert made.robot_door() is RobotDoor.MOVING
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        assert made.robot_door() is RobotDoor.OPEN
+
+    on_bench(check, PLAIN)
+
+
+def test_nobody_has_checked_a_lift_in_which_not_everything_is_let_go_yet() -> None:
+    async def check(made: Bench) -> None:
+        made.driver.values = replace(made.driver.values, flags={"robot_mode_on": True})
+        made.accept("L1")
+        await elapse(0.5)
+        made.driver.values = replace(made.driver.values, floor=None, motion=Motion.UP)
+        await elapse(0.5)
+        await made.mode(Mode.FIRE)
+        await made.mode(Mode.NORMAL)
+        refused = made.task.acknowledge("M. Weber")
+        assert isinstance(refused, Refused)
+        assert refused.code is Refusal.FIRE_ACTIVE
+        before = len(made.driver.log)
+        await elapse(5)
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        await elapse(5)
+        assert "hold robot_mode" not in made.driver.log[before:]
+        assert made.driver.on == set()
+
+    on_bench(check, WITH_MODE, fire_release_delay_s=5.0)
+
+
+def test_whoever_must_check_a_lift_after_a_fire_is_told_of_the_robot_that_may_be_in_its_car() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        await made.mode(Mode.FIRE)
+        await made.mode(Mode.NORMAL)
+        assert (
+            "a person must check it, and look for a robot of rmf:fleet/robot1 in its car" in made.refuse("L1").message
+        )
+
+    on_bench(check, PLAIN)

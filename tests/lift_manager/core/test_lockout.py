@@ -10,11 +10,11 @@ from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
 from lift_manager.domain.service import Advice, EndReason, Lockout, LockoutEnded
-from lift_manager.domain.state import Quality
-from register_maps.words import Motion
+from lift_manager.domain.state import Quality, RobotDoor
+from register_maps.words import Door, Motion
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import PHASES, door_held, outputs, travelling
-from tests.lift_manager.core.scripted import Bench, boarded, on_bench
+from tests.lift_manager.core.scripted import PERMITTING, Bench, boarded, on_bench
 from tests.lift_manager.core.test_what_cannot_be_read import WITH_MODE
 from tests.support.spine import WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
@@ -174,3 +174,59 @@ def test_robot_mode_of_a_car_under_way_stays_permitted_in_a_lockout_until_the_ca
         assert made.driver.on == set()
 
     on_bench(check, WITH_MODE)
+
+
+def test_the_open_door_of_a_lift_that_is_locked_out_invites_nobody() -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        locked_out(made)
+        assert Door.OPEN in made.state.doors.values()
+        for _ in range(30):
+            assert made.state.robot_door is not RobotDoor.OPEN
+            await elapse(0.1)
+
+    on_spine(check)
+
+
+REPORTING = replace(
+    PERMITTING,
+    commands=PERMITTING.commands | {"robot_mode"},
+    signals=PERMITTING.signals | {"robot_mode_on"},
+    levels=PERMITTING.levels | {"robot_mode"},
+)
+"""A lift with a robot mode that is told when a robot left."""
+
+
+async def ridden(made: Bench) -> None:
+    """The robot stands at L3 with the door open."""
+    made.grants_robot_mode()
+    await boarded(made)
+    await made.ridden_to("L3")
+    assert "robot_mode" in made.driver.on
+
+
+def test_robot_mode_does_not_wait_in_a_lockout_for_a_word_that_may_not_be_given() -> None:
+    async def check(made: Bench) -> None:
+        await ridden(made)
+        made.accept("L3", RobotWord.LEFT, hold=False)
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(1)
+        assert made.driver.on == set()
+
+    on_bench(check, REPORTING)
+
+
+def test_robot_mode_waits_for_a_word_that_cannot_be_given_while_the_lift_cannot_be_read() -> None:
+    async def check(made: Bench) -> None:
+        await ridden(made)
+        made.driver.silent = True
+        await elapse(3)
+        made.accept("L3", RobotWord.LEFT, hold=False)
+        await elapse(5)
+        assert made.driver.on == {"robot_mode"}
+        made.driver.silent = False
+        await elapse(5)
+        assert made.presses[-1] == "robot_left"
+        assert made.driver.on == set()
+
+    on_bench(check, REPORTING)

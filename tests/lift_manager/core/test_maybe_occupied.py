@@ -11,11 +11,12 @@ from lift_manager.domain.events import Alarm
 from lift_manager.domain.service import Acknowledged, Cause
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import Door, Motion
+from simulator.controller import Inputs
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import door_held, just_accepted, travelling
 from tests.lift_manager.core.scripted import OTHER, PERMITTING, PLAIN, ROBOT, Bench, boarded, on_bench
 from tests.support.spine import OTHER as OTHER_FACE
-from tests.support.spine import WORKSHOP, Spine, spine
+from tests.support.spine import WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
 IN_PLACE, LEFT = RobotWord.IN_PLACE, RobotWord.LEFT
@@ -97,16 +98,104 @@ def test_a_person_who_has_looked_frees_the_lift() -> None:
     run_virtual(main)
 
 
-def test_its_holders_release_frees_the_lift_after_a_restart() -> None:
+def test_its_holder_frees_the_lift_after_a_restart_by_saying_that_the_robot_left() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+
+    async def after(made: Bench) -> None:
+        made.accept("L2", LEFT, hold=False, holder=OTHER)
+        assert made.refuse("L3", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+        made.accept("L2", LEFT, hold=False)
+        made.accept("L3", holder=OTHER)
+
+    on_bench(before, PLAIN, memory=memory)
+    on_bench(after, PLAIN, memory=memory)
+
+
+def test_its_holder_without_words_frees_the_lift_after_a_restart_by_asking_again_and_letting_go() -> None:
     async def main() -> None:
         memory = ShortMemory()
         async with spine(memory=memory) as made:
             await door_held(made)
         async with spine(memory=memory) as made:
-            made.accept(made.state.floor or "", hold=False)
+            here = made.state.floor or ""
+            made.accept(here)
+            assert made.state.restrictions.maybe_aboard == WORKSHOP
+            made.accept(here, hold=False)
             made.accept("L2", holder=OTHER_FACE)
 
     run_virtual(main)
+
+
+def test_what_a_client_posts_for_an_idle_lift_says_nothing_about_a_robot_in_the_car() -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        made.people(Inputs(fire=True))
+        await elapse(1)
+        made.people(Inputs())
+        for _ in range(10):
+            await elapse(1)
+            made.accept(made.state.floor or "", hold=False)
+        assert made.state.restrictions.maybe_aboard == WORKSHOP
+        said = made.task.acknowledge("M. Weber")
+        assert isinstance(said, Acknowledged)
+        assert said.what == (Cause.FIRE, Cause.OCCUPIED)
+
+    on_spine(check)
+
+
+async def rides_on_without_a_hold(made: Bench) -> None:
+    """The holder of a doubt asks for L3 and no hold, and gets there behind a shut door."""
+    assert made.refuse("L2", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+    made.accept("L3", hold=False)
+    await made.car(None, Door.CLOSED)
+    await made.car("L3", Door.CLOSED)
+    await elapse(3)
+    assert made.state.holder is None
+    assert made.refuse("L2", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+
+
+def test_a_doubt_is_carried_through_the_next_ride_without_a_hold() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        await elapse(31)
+        await rides_on_without_a_hold(made)
+
+    on_bench(check, PLAIN, lease_s=30)
+
+
+def test_a_ride_that_is_taken_up_after_a_restart_without_a_hold_leaves_a_doubt() -> None:
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+        made.accept("L3", hold=False)
+        await made.car(None, Door.CLOSED)
+        assert made.state.restrictions.maybe_aboard == ROBOT
+
+    memory = ShortMemory()
+    on_bench(before, PLAIN, memory=memory)
+    on_bench(rides_on_without_a_hold, PLAIN, memory=memory)
+
+
+def test_a_caller_without_words_whose_robot_was_boarding_at_a_restart_is_taken_along_after_all() -> None:
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+
+    async def after(made: Bench) -> None:
+        await made.car("L1", Door.OPEN, enter=True)
+        assert "ask for L1, where the car is" in made.refuse("L3").message
+        made.accept("L1")
+        await elapse(3)
+        assert "its door has stood open for" in made.refuse("L3").message
+        await elapse(3)
+        made.accept("L3")
+        await elapse(1)
+        assert made.presses[-2:] == ["robot_in_place", "go L3"]
+
+    memory = ShortMemory()
+    on_bench(before, PERMITTING, memory=memory, infer=True)
+    on_bench(after, PERMITTING, memory=memory, infer=True)
 
 
 def test_a_lease_that_ends_with_the_door_open_leaves_a_doubt_and_an_alarm() -> None:
@@ -135,8 +224,9 @@ def test_a_ride_that_ended_on_arrival_without_a_hold_leaves_a_doubt_but_no_alarm
         await elapse(3)
         assert made.state.holder is None
         assert only(await heard(made.heard), Alarm) == []
-        assert made.refuse("L2", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
         made.accept("L3", hold=False)
+        assert made.refuse("L2", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
+        made.accept("L3", LEFT, hold=False)
         made.accept("L2", holder=OTHER)
 
     on_bench(check, PLAIN)

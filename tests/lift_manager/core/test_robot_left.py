@@ -6,6 +6,7 @@ import pytest
 
 from drivers.model import Result
 from lift_manager.domain.asking import RobotWord
+from lift_manager.domain.service import Acknowledged
 from register_maps.words import Door, Mode
 from tests.lift_manager.core.scripted import OTHER, PERMITTING, PLAIN, Bench, abandoned, boarded, on_bench
 from tests.support.virtual_time import elapse
@@ -243,7 +244,7 @@ def test_a_fire_while_the_lift_is_being_told_that_the_robot_left_lets_go_at_once
         await elapse(0.5)
         assert "go" in made.driver.on
         await made.mode(Mode.FIRE)
-        assert made.driver.on == {"robot_left"}
+        assert made.driver.on == set()
         await elapse(20)
         assert "robot_left" not in made.presses
         assert made.driver.on == set()
@@ -343,3 +344,88 @@ def test_nothing_is_held_anew_for_a_leaving_that_is_still_to_be_told() -> None:
         assert made.driver.log[told:] == ["press robot_left"]
 
     on_bench(check, able)
+
+
+@pytest.mark.parametrize("mode", [Mode.INSPECTION, Mode.EMERGENCY, Mode.INDEPENDENT])
+def test_a_mode_of_people_while_the_lift_is_being_told_that_the_robot_left_lets_go_at_once(mode: Mode) -> None:
+    async def check(made: Bench) -> None:
+        await boarded(made)
+        await made.ridden_to("L3")
+        made.driver.delay_s = 5.0
+        made.accept("L3", LEFT, hold=False)
+        await elapse(0.5)
+        assert "go" in made.driver.on
+        await made.mode(mode)
+        assert made.driver.on == set()
+
+    on_bench(check)
+
+
+KEPT = replace(PERMITTING, levels=PERMITTING.levels | {"robot_left"})
+"""The word that the robot left stays on until the next one boards."""
+
+
+async def told(made: Bench) -> None:
+    await boarded(made)
+    await made.ridden_to("L3")
+    made.accept("L3", LEFT, hold=False)
+    await elapse(2)
+    assert made.driver.on == {"robot_left"}
+
+
+@pytest.mark.parametrize("mode", [Mode.FIRE, Mode.INSPECTION, Mode.OUT_OF_SERVICE])
+def test_a_word_that_stays_on_is_let_go_when_people_take_the_lift(mode: Mode) -> None:
+    async def check(made: Bench) -> None:
+        await told(made)
+        await made.mode(mode)
+        assert made.driver.on == set()
+
+    on_bench(check, KEPT)
+
+
+def test_a_word_that_stays_on_is_let_go_in_a_lockout() -> None:
+    async def check(made: Bench) -> None:
+        await told(made)
+        made.task.lock_out("M. Weber", "new ropes")
+        assert made.driver.on == set()
+
+    on_bench(check, KEPT)
+
+
+def test_a_word_that_stays_on_outlasts_the_session_of_the_next_robot_that_does_not_board() -> None:
+    async def check(made: Bench) -> None:
+        await told(made)
+        made.accept("L1", holder=OTHER)
+        await elapse(31)
+        assert made.state.holder is None
+        assert made.driver.on == {"robot_left"}
+
+    on_bench(check, KEPT, lease_s=30)
+
+
+def test_a_person_who_found_the_car_empty_tells_the_lift_that_the_abandoned_robot_left() -> None:
+    async def check(made: Bench) -> None:
+        await boarded(made)
+        await made.ridden_to("L3")
+        await elapse(31)
+        await abandoned(made)
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        await elapse(1)
+        assert made.presses[-1] == "robot_left"
+        assert made.driver.on == set()
+        made.accept("L1", holder=OTHER)
+        await elapse(1)
+        assert made.presses[-1] == "call L1"
+
+    on_bench(check, lease_s=30)
+
+
+def test_where_no_robot_was_known_to_be_aboard_a_person_tells_the_lift_nothing() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        await elapse(31)
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        await elapse(1)
+        assert "robot_left" not in made.presses
+
+    on_bench(check, lease_s=30)

@@ -1,7 +1,7 @@
 """People get a turn between two robots, and the hours of the day that are theirs."""
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -13,7 +13,9 @@ from lift_manager.domain.state import RobotDoor
 from register_maps.words import Door, Motion
 from simulator.controller import Inputs
 from tests.lift_manager.core.phases import door_held, outputs, travelling
+from tests.lift_manager.core.scripted import OTHER as NEXT
 from tests.lift_manager.core.scripted import PERMITTING, Bench, boarded, on_bench
+from tests.lift_manager.core.test_what_cannot_be_read import WITH_MODE
 from tests.support.spine import OTHER, WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -205,3 +207,49 @@ def test_what_the_lift_is_told_of_the_robot_before_gives_people_no_second_turn()
         assert made.state.restrictions.waiting_for == ""
 
     on_bench(check, PERMITTING, between_sessions_s=REST_S)
+
+
+def test_an_open_door_invites_no_robot_that_waits_for_people_to_have_their_turn() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        made.accept("L1", hold=False)
+        made.accept("L1", holder=NEXT)
+        while made.state.restrictions.waiting_for:
+            assert made.state.robot_door is RobotDoor.MOVING
+            await elapse(0.1)
+        await elapse(0.5)
+        assert made.state.robot_door is RobotDoor.OPEN
+
+    on_bench(check, PERMITTING, between_sessions_s=REST_S)
+
+
+def test_people_have_their_turn_from_when_robot_mode_has_fallen() -> None:
+    async def check(made: Spine) -> None:
+        await travelling(made)
+        await made.until(lambda state: state.floor is not None)
+        made.accept(made.state.floor or "", hold=False)
+        made.people(Inputs(landing_buttons=frozenset({1})))
+        made.accept("L1", holder=OTHER)
+        calls, off_s = len(made.presses()), 0.0
+        while len(made.presses()) == calls:
+            off_s += 0.0 if made.face.picture.robot_mode_on else 0.05
+            await elapse(0.05)
+        assert off_s >= REST_S
+
+    on_spine(check, between_sessions_s=REST_S)
+
+
+def test_a_session_that_pressed_nothing_asks_for_no_robot_mode_when_it_ends_during_the_rest() -> None:
+    async def check(made: Bench) -> None:
+        made.grants_robot_mode()
+        await made.called_to("L1")
+        made.accept("L1", hold=False)
+        assert "robot_mode" not in made.driver.on
+        made.accept("L3", holder=NEXT)
+        made.driver.values = replace(made.driver.values, floor=None, motion=Motion.UP)
+        await elapse(0.5)
+        made.accept("L3", RobotWord.LEFT, hold=False, holder=NEXT)
+        await elapse(0.5)
+        assert "robot_mode" not in made.driver.on
+
+    on_bench(check, WITH_MODE, between_sessions_s=REST_S)

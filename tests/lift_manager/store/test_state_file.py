@@ -4,6 +4,8 @@ import asyncio
 import errno
 import json
 import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +18,7 @@ import pytest
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
 from lift_manager.store.place import replace_file, state_path
-from lift_manager.store.state_file import StateFile, Write, opened
+from lift_manager.store.state_file import SLOW_S, StateFile, Write, opened
 from tests.lift_manager.store.test_memory_contract import EVERYTHING, LIFTS, no_trouble, written
 
 SITE = "Main hospital"
@@ -62,7 +64,7 @@ def test_the_file_is_for_its_user_alone_and_can_be_read_by_people(path: Path) ->
         "reason": 'door "front" is being replaced',
         "since": "2026-03-03T05:30:05.250000+08:00",
     }
-    assert list(path.parent.iterdir()) == [path]
+    assert sorted(path.parent.iterdir()) == [path, path.with_name("state.json.lock")]
 
 
 def test_a_file_torn_at_any_place_is_refused_in_words(path: Path) -> None:
@@ -120,6 +122,57 @@ def test_a_lift_that_is_gone_and_kept_nobody_out_is_carried_along(path: Path) ->
     asyncio.run(main())
     write_down(path, FIRE)
     assert opened(path, SITE, (*LIFTS, "gone")).recall("gone") == said
+
+
+def test_a_site_with_a_corrected_name_does_not_forget_what_keeps_robots_out(path: Path) -> None:
+    write_down(path.with_name("other.json"), EVERYTHING)
+    with pytest.raises(StateUnusable) as refused:
+        opened(path, "Main hospitals", LIFTS)
+    said = str(refused.value)
+    assert "other.json beside it keeps robots off lift 'east' of the site 'Main hospital'" in said
+    assert "write 'Main hospitals' into that file as its `site` and rename it to state.json" in said
+
+
+def test_states_of_other_buildings_and_other_files_in_the_folder_are_let_be(path: Path) -> None:
+    write_down(path.with_name("calm.json"), replace(EVERYTHING, fire_since=None, lockout=None, occupied=None))
+    write_down(path, FIRE)
+    path.rename(path.with_name("old.json"))
+    path.with_name("notes.json").write_bytes(b"{")
+    path.with_name("folder.json").mkdir()
+    assert opened(path, "Harbour office", ["north"]).recall("north") == Remembered()
+    path.with_name("old.json").rename(path)
+    assert state(path).recall("east") == FIRE
+
+
+HOLDS = """
+import sys
+from pathlib import Path
+from lift_manager.store.state_file import opened
+kept = opened(Path(sys.argv[1]), "Main hospital", ["east"])
+sys.stdout.write("open\\n")
+sys.stdout.flush()
+sys.stdin.read()
+"""
+
+
+def test_two_managers_do_not_share_a_file(path: Path) -> None:
+    command = [sys.executable, "-c", HOLDS, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "open\n"
+        with pytest.raises(StateUnusable, match="is in use by another manager that runs on this computer"):
+            state(path)
+        other.communicate("", timeout=10)
+    assert state(path).recall("east") == Remembered()
+
+
+@pytest.mark.parametrize("at", ["9999-12-31T23:59:59-12:00", "0001-01-01T00:00:00+12:00"])
+def test_a_time_that_no_zone_can_show_is_damage(path: Path, at: str) -> None:
+    write_down(path, FIRE)
+    content = json.loads(path.read_text("utf-8"))
+    content["lifts"]["east"]["fire_since"] = at
+    path.write_text(json.dumps(content), "utf-8")
+    assert "is damaged (lifts.east.fire_since" in unusable(path)
 
 
 def test_a_folder_where_the_file_should_be_is_refused(path: Path) -> None:
@@ -232,6 +285,49 @@ def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(path: Path) -> 
     asyncio.run(main())
     assert time.monotonic() - start < 5
     mended.set()
+
+
+def test_a_disk_that_hangs_is_told_like_one_that_fails() -> None:
+    hang = threading.Event()
+
+    async def main() -> None:
+        told = asyncio.Queue[tuple[str, str]]()
+        memory = StateFile(Path("state.json"), SITE, ["east"], {}, lambda *_: only_wait(hang))
+        running = asyncio.ensure_future(memory.run(lambda lift, text: told.put_nowait((lift, text))))
+        async with asyncio.timeout(SLOW_S + 5):
+            lift, text = await told.get()
+        assert lift == "east"
+        assert "(the disk does not answer); it is in force, but a restart would forget it" in text
+        hang.set()
+        async with asyncio.timeout(5):
+            await memory.settled()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    asyncio.run(main())
+
+
+def only_wait(event: threading.Event) -> None:
+    event.wait()
+
+
+def test_a_computer_without_a_thread_to_spare_is_taken_for_a_bad_disk(path: Path) -> None:
+    async def main() -> None:
+        told = asyncio.Queue[str]()
+        memory = state(path)
+        usual = threading.stack_size(1 << 46)  # no computer has that much, so no thread starts
+        try:
+            running = asyncio.ensure_future(memory.run(lambda *words: told.put_nowait(words[1])))
+            async with asyncio.timeout(5):
+                assert "this computer is too busy" in await told.get()
+        finally:
+            threading.stack_size(usual)
+        async with asyncio.timeout(5):
+            await memory.settled()
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    asyncio.run(main())
 
 
 def test_a_bug_in_writing_is_not_taken_for_a_bad_disk(path: Path) -> None:

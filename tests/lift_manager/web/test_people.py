@@ -6,10 +6,12 @@ from typing import Any
 
 import httpx
 import pytest
+from starlette.requests import Request
 
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.web.app import make_app
 from lift_manager.web.body import LIMIT_BYTES
+from lift_manager.web.origin import from_this_computer
 from tests.lift_manager.web.fake import FakeManager, ask
 
 BASE = "http://127.0.0.1:5003/api/v1/lifts"
@@ -92,6 +94,7 @@ MALFORMED: list[tuple[str, bytes, str | None, str]] = [
     ("acknowledge", b'{"by": null}', "by", "by must be text"),
     ("acknowledge", b'{"by": "  "}', "by", "by must not be empty"),
     ("acknowledge", b'{"by": "A\\nB"}', "by", "one line"),
+    ("acknowledge", b'{"by": "A\\u202eB"}', "by", "one line"),
     ("acknowledge", b'{"by": "\\ud800"}', "by", "by"),
     ("acknowledge", json.dumps({"by": "x" * 65}).encode(), "by", "not be longer than 64"),
     ("acknowledge", b'{"by": "A", "who": "B"}', "who", "who is not known here"),
@@ -140,6 +143,13 @@ def test_a_web_page_of_another_site_is_refused(what: str, body: dict[str, str], 
         {"x-forwarded-for": "10.0.0.7"},
         {"forwarded": "for=10.0.0.7"},
         {"via": "1.1 proxy"},
+        {"x-forwarded-host": "lift.example"},
+        {"x-forwarded-proto": "https"},
+        {"cf-connecting-ip": "203.0.113.9"},
+        {"true-client-ip": "203.0.113.9"},
+        {"x-client-ip": "203.0.113.9"},
+        {"host": "127.0.0.1:5003, evil.example"},
+        {"host": "127.0.0.1:0"},
     ],
 )
 def test_what_comes_by_another_name_or_through_a_proxy_is_refused(
@@ -174,6 +184,35 @@ def test_only_this_computer_is_taken_at_its_word(client: str, host: str, *, take
         assert answer.status_code == 200
     else:
         refused(answer, 403, "other_computer")
+
+
+def asked(client: str, to: str, host: str, http_version: str = "1.1") -> Request:
+    """A request from an address to an address, by a name."""
+    scope: dict[str, Any] = {"type": "http", "http_version": http_version, "method": "POST", "path": "/"}
+    scope |= {"query_string": b"", "client": (client, 50000), "server": (to, 5003)}
+    return Request(scope | {"headers": [(b"host", host.encode())]})
+
+
+def test_a_proxy_that_leaves_no_trace_but_the_old_protocol_is_no_program_of_this_computer() -> None:
+    assert from_this_computer(asked("127.0.0.1", "127.0.0.1", "127.0.0.1:5003"))
+    assert not from_this_computer(asked("127.0.0.1", "127.0.0.1", "127.0.0.1:5003", "1.0"))
+
+
+def test_a_manager_that_listens_on_one_address_is_told_by_its_own_computer() -> None:
+    assert from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.10:5003"))
+    assert from_this_computer(asked("2001:db8::1", "2001:db8::1", "[2001:db8::1]:5003"))
+    assert not from_this_computer(asked("192.0.2.11", "192.0.2.10", "192.0.2.10:5003"))
+    assert not from_this_computer(asked("192.0.2.10", "192.0.2.10", "evil.example:5003"))
+    assert not from_this_computer(asked("192.0.2.10", "192.0.2.10", "192.0.2.11:5003"))
+
+
+@pytest.mark.parametrize(
+    ("by", "kept"), [("M.\u00a0Weber", "M. Weber"), ("عل\u200cر", "عل\u200cر"), ("👩\u200d🔧", "👩\u200d🔧")]
+)
+def test_names_in_any_script_are_taken(by: str, kept: str) -> None:
+    facade = FakeManager()
+    assert say(facade, "acknowledge", json={"by": by}).status_code == 200
+    assert facade.said == [("acknowledge", "lift", kept)]
 
 
 def test_a_path_or_a_method_that_does_not_exist_is_a_problem_too() -> None:
