@@ -4,6 +4,7 @@
 
 The server is a process of its own, so only the asking side is measured. The contestants take turns, round by round, so
 that a busy machine slows all of them; the table shows the median round. It ends by itself after about a minute at most.
+The lift is only watched: the looks at outputs of a lift that may be told something, one read in about 2 s, are not in it.
 """
 
 from __future__ import annotations

@@ -143,10 +143,10 @@ class PressRefused(DriverError):
 class HeartbeatStopped(DriverError):
     """The controller answers, but the counter that shows a running program stands still: what it says may be old."""
 
-    def __init__(self, link: str, still_for_s: float, limit_s: float, text: str = "") -> None:
-        """`text` stands in for the usual words."""
+    def __init__(self, link: str, still_for_s: float, limit_s: float, hint: str = "", text: str = "") -> None:
+        """`hint` says what else may be the matter; `text` stands in for the usual words."""
         told = text or f"its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)"
-        super().__init__(f"{link}: {told}", Sent.NO)
+        super().__init__(f"{link}: {told}{hint}", Sent.NO)
         self.still_for_s = still_for_s
         self.limit_s = limit_s
 
@@ -154,9 +154,10 @@ class HeartbeatStopped(DriverError):
 class HeartbeatAwaited(HeartbeatStopped):
     """The connection is new, and the counter that shows a running program was not seen to change on it yet."""
 
-    def __init__(self, link: str, still_for_s: float, limit_s: float) -> None:
+    def __init__(self, link: str, still_for_s: float, limit_s: float, hint: str = "") -> None:
+        """`hint` says what else may be the matter."""
         text = f"waits for the first change of its alive counter, {still_for_s:.1f} s so far (limit {limit_s:g} s)"
-        super().__init__(link, still_for_s, limit_s, text)
+        super().__init__(link, still_for_s, limit_s, hint, text)
 
 
 class ControllerTaken(DriverError):

@@ -198,8 +198,10 @@ class _Connection(ServerRequestHandler):
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._context = context
         self._slots = slots
-        self._waiting: deque[ModbusPDU | bytes] = deque()
-        """Requests in their order; as bytes those that pymodbus cannot read."""
+        self._rest = b""
+        """The beginning of a request of which more is to come."""
+        self._waiting: deque[tuple[bytes, ModbusPDU | None]] = deque()
+        """Requests in their order, and as pymodbus reads them; None: it cannot."""
         self._worker: asyncio.Task[None] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -221,42 +223,48 @@ class _Connection(ServerRequestHandler):
             self.transport.abort()  # type: ignore[attr-defined]
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
+        raise RuntimeError("data_received does not pass it on")
+
+    def data_received(self, data: bytes) -> None:
+        # Not left to pymodbus: its buffer drops everything that has come together beyond 260 bytes, and the beginning of a
+        # request that is still coming in whenever an answer leaves.
         try:
-            whole, rest = frames.split(data)
+            whole, self._rest = frames.split(self._rest + data)
         except FrameError:
             self.close()
-            return len(data)
-        for frame in whole:
-            self._take(frame)
+            return
+        self._waiting.extend((frame, self._as_pymodbus_reads(frame)) for frame in whole)
         if self._waiting and self._worker is None:
             self._worker = asyncio.get_running_loop().create_task(self._work())
-        return len(data) - len(rest)
 
-    def _take(self, frame: bytes) -> None:
-        function = frame[_FUNCTION_AT]
-        if function == frames.WRITE_COIL and frame[_COIL_VALUE_AT] not in _COIL_VALUES:
-            self._waiting.append(frame)
-            return
+    def _as_pymodbus_reads(self, frame: bytes) -> ModbusPDU | None:
+        if _has_duration(frame):
+            return None
         try:
             _, request = self.framer.handleFrame(frame, 0, 0)
         except ModbusIOException:
-            request = None
-        if request is None:
-            self.send(frames.exception_answer(frame, ILLEGAL_VALUE if function in _TABLES else ILLEGAL_FUNCTION))
-        else:
-            self._waiting.append(request)
+            return None
+        return request
 
     async def _work(self) -> None:
         try:
             while self._waiting:
-                request = self._waiting.popleft()
-                if isinstance(request, bytes):
-                    self.send(self._context.pulse(request))
-                else:
+                frame, request = self._waiting.popleft()
+                if request is not None:
                     self.last_pdu = request
                     await self.handle_request()  # type: ignore[no-untyped-call]
+                elif _has_duration(frame):
+                    self.send(self._context.pulse(frame))
+                else:
+                    known = frame[_FUNCTION_AT] in _TABLES
+                    self.send(frames.exception_answer(frame, ILLEGAL_VALUE if known else ILLEGAL_FUNCTION))
         finally:
             self._worker = None
+
+
+def _has_duration(frame: bytes) -> bool:
+    """Whether it is a function 5 with a duration, or with what no device takes."""
+    return frame[_FUNCTION_AT] == frames.WRITE_COIL and frame[_COIL_VALUE_AT] not in _COIL_VALUES
 
 
 class _Server(ModbusTcpServer):

@@ -22,6 +22,7 @@ from drivers.errors import (
     PressRefused,
     UnitOffline,
 )
+from drivers.modbus.latency import Latency
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
 from register_maps.errors import ExceptionAnswer, Mismatch
@@ -34,12 +35,19 @@ _HIGHEST_TID = 65535
 _REMEMBERED = 256
 """An answer to one of so many last requests is late rather than foreign. Chosen: seconds of polling at any pace, and
 far from a whole turn of the transaction ids, after which every number would look like ours."""
-_MEASURED = 4
-"""Every so many answers one is measured, and each one that ends a doubt. Chosen: more than one in a second of polling, and the cost of
-a measurement is that of a twentieth of a read."""
+_MEASURED = 5
+"""Every so many answers of a unit one is measured, and each one while there is any doubt. Chosen: one in a second of polling, and the
+cost of a measurement is that of a twentieth of a read. A prime number, so that of a poll of several reads each is measured in its turn: one
+that takes longer than the others must not be missed for ever."""
 _OVERDUE = 8
 """So many unanswered requests are remembered with the time they left, for the round trip of their late answers. Chosen: two in a
 row end the connection, so there are few."""
+_PAUSE_AFTER = 8
+"""Without transaction ids an answer that was given twice makes every later one that of the request before. After so many transactions
+nothing is asked for two round trips: then the answer that is left over comes while nobody waits for it. Two, because in such a stream a
+round trip seems to take half its time. Chosen: a fifth of the link at the most."""
+_STRIKES = 2
+"""After so many requests in a row without an answer the connection is made anew. Chosen: one lost answer is no loss of the connection."""
 NO_ANSWER = "the controller did not answer the last request"
 _COMMANDS_IN_A_ROW = 3
 """After so many commands without a pause a read that waits goes first. Chosen: at 250 ms an answer, a state is then still
@@ -79,7 +87,10 @@ class Exchange:
         self._on_broken = on_broken
         self._on_proved = on_proved
         self._loop = asyncio.get_running_loop()
-        self._latency = stats.latency = stats.latency or settings.new_latency()
+        self._latencies = stats.latencies
+        self._latency = settings.new_latency()
+        """Of the unit that was asked last."""
+        self._write_wait_s = settings.timeout_s
         self._gap_s = settings.min_gap_s
         self._tid_echo = settings.tid_echo
         self._sent_before = stats.transactions
@@ -88,10 +99,18 @@ class Exchange:
         self._job: _Job | None = None
         self._sent_at = 0.0
         self._deadline = 0.0
-        self._overdue: dict[int, float] = {}
-        """When requests left that were not answered in time, by transaction id."""
+        self._overdue: dict[int, tuple[float, Latency]] = {}
+        """When requests left that were not answered in time, and what learns of it, by transaction id."""
         self._timeouts_in_a_row = 0
+        """Since the last answer of any unit."""
+        self._strikes = 0
+        """Those of them that tell of the connection: not of units that were silent before."""
+        self._unheard: set[int] = set()
+        """Units that did not answer since the last answer of any."""
+        self._silent = stats.silent_units
         self._commands_in_a_row = 0
+        self._unpaused = 0
+        """Transactions since the last pause in which nothing was in flight on purpose."""
         self._timer: asyncio.Handle | None = None
         self._timer_at = 0.0
         self._gap: asyncio.Handle | None = None
@@ -99,8 +118,11 @@ class Exchange:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the last request was not answered in time: nothing is pressed until an answer comes."""
-        return self._timeouts_in_a_row > 0
+        """Whether the last request was not answered in time: nothing is pressed until an answer comes.
+
+        A unit that is silent while others answer is in doubt alone.
+        """
+        return self._strikes > 0
 
     def read(self, request: Request) -> asyncio.Future[bytes]:
         """Ask in the read lane."""
@@ -147,18 +169,23 @@ class Exchange:
             future = job[0]
             if not future.done():
                 future.set_result(payload)
-        if self._timeouts_in_a_row or not self.last_tid % _MEASURED or not self.proved:
-            self._measure()
+        latency = self._latency
+        latency.unmeasured += 1
+        if latency.unmeasured >= _MEASURED or self._timeouts_in_a_row or self._silent or not self.proved:
+            self._measure(job[1].unit)
         self._finish()
 
-    def _measure(self) -> None:
+    def _measure(self, unit: int) -> None:
         """Take an honest answer for what it says of the controller: how long it takes, and that it is there."""
-        now = self._loop.time()
-        self._latency.answered(now - self._sent_at)
-        if self._timer is not None and self._timer_at > now + self._latency.timeout_s:
-            self._timer.cancel()
-            self._timer = None
-        self._timeouts_in_a_row = 0
+        self._latency.answered(self._loop.time() - self._sent_at)
+        if self._timeouts_in_a_row or not self.proved:
+            # nobody backs off on a connection that answers
+            for latency in self._latencies.values():
+                latency.calm_down()
+            self._silent |= self._unheard
+            self._unheard.clear()
+            self._timeouts_in_a_row = self._strikes = 0
+        self._silent.discard(unit)
         if not self.proved:
             self.proved = True
             self._on_proved()
@@ -181,12 +208,23 @@ class Exchange:
         self._job = job
         self.last_tid = tid = self.last_tid % _HIGHEST_TID + 1
         self._stats.transactions += 1
+        request = job[1]
+        latency = self._latencies.get(request.unit)
+        if latency is None:
+            latency = self._latencies[request.unit] = self._settings.new_latency()
+        self._latency = latency
+        wait_s = latency.timeout_s
+        if wait_s < self._write_wait_s and request.is_write:
+            wait_s = self._write_wait_s
         self._sent_at = sent_at = self._loop.time()
-        self._deadline = sent_at + self._latency.timeout_s
-        # One timer serves many transactions: where it fires early it is set again. Late it is only by what a late answer took off.
+        self._deadline = sent_at + wait_s
+        # One timer serves many transactions: where it fires early it is set again.
         if self._timer is None:
             self._set_timer()
-        self._wire.send(frame(job[1], tid))
+        elif self._timer_at > self._deadline:
+            self._timer.cancel()
+            self._set_timer()
+        self._wire.send(frame(request, tid))
 
     def _set_timer(self) -> None:
         self._timer_at = self._deadline
@@ -194,7 +232,7 @@ class Exchange:
 
     def _may_leave(self, job: _Job, permit: Permit) -> bool:
         try:
-            refusal = NO_ANSWER if self._timeouts_in_a_row else permit()
+            refusal = NO_ANSWER if self._strikes or job[1].unit in self._silent else permit()
         except Exception as error:  # noqa: BLE001 - a bug of the caller's: the caller is told, the others go on
             _fail(job, error)
             return False
@@ -205,8 +243,14 @@ class Exchange:
     def _finish(self) -> None:
         """The transaction in flight is over, and the connection goes on."""
         self._job = None
-        if self._gap_s:
-            self._gap = self._loop.call_later(self._gap_s, self._on_gap_over)
+        gap_s = self._gap_s
+        if not self._tid_echo:
+            self._unpaused += 1
+            if self._unpaused >= _PAUSE_AFTER:
+                self._unpaused = 0
+                gap_s = max(gap_s, 2 * (self._latency.round_trip_s or 0.0))
+        if gap_s:
+            self._gap = self._loop.call_later(gap_s, self._on_gap_over)
         elif self._commands or self._reads:
             # one turn later: what this answer says must be known before a press that waits behind it may leave
             self._gap = self._loop.call_soon(self._on_gap_over)
@@ -243,10 +287,11 @@ class Exchange:
             sent_here = min(self._stats.transactions - self._sent_before, _REMEMBERED)
             if tid and (self.last_tid - tid) % _HIGHEST_TID < sent_here:
                 self._stats.late += 1
-                sent_at = self._overdue.pop(tid, None)
-                if sent_at is not None:
+                overdue = self._overdue.pop(tid, None)
+                if overdue is not None:
                     # the timer of the request in flight keeps to the time-out that this one was sent with
-                    self._latency.answered_late(self._loop.time() - sent_at)
+                    sent_at, latency = overdue
+                    latency.answered_late(self._loop.time() - sent_at)
                 return
         text = f"an answer nobody asked for, transaction id {tid_of(answer)}: {describe_answer(answer)}"
         if self._tid_echo and tid_of(answer) == 0:
@@ -278,17 +323,22 @@ class Exchange:
             self._on_timeout(job)
 
     def _on_timeout(self, job: _Job) -> None:
-        waited_s = round(self._deadline - self._sent_at, 3)
+        waited_s, unit = round(self._deadline - self._sent_at, 3), job[1].unit
         self._stats.timeouts += 1
         self._timeouts_in_a_row += 1
-        self._latency.missed()
-        self._overdue[self.last_tid] = self._sent_at
+        self._unheard.add(unit)
+        # where a unit is silent anyhow, its silence says nothing of the connection, unless nobody else is heard either
+        if unit not in self._silent or self._timeouts_in_a_row >= _STRIKES * len(self._latencies):
+            self._strikes += 1
+            self._latency.missed()
+        self._overdue[self.last_tid] = self._sent_at, self._latency
         if len(self._overdue) > _OVERDUE:
             del self._overdue[next(iter(self._overdue))]
         _fail(job, AnswerTimeout(self._name, str(job[1]), waited_s))
-        if self._timeouts_in_a_row >= (2 if self._tid_echo else 1):
-            times = "twice in a row" if self._tid_echo else "and late answers cannot be told from right ones"
-            self._recycle(f"no answer within {waited_s:g} s, {times}")
+        if not self._tid_echo:
+            self._recycle(f"no answer within {waited_s:g} s, and late answers cannot be told from right ones")
+        elif self._strikes >= _STRIKES:
+            self._recycle(f"no answer within {waited_s:g} s, twice in a row")
         else:
             self._finish()
 

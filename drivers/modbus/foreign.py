@@ -1,12 +1,12 @@
 """Whether somebody else writes our outputs: what they hold is compared with what we wrote last, now and then.
 
-A foreign press is told and not undone: whoever presses and releases against somebody else makes a door flap.
+A foreign press that has stood on two looks is told and let go of: a button left pressed is a hazard. While it lasts or comes back it is let
+go of again once in `FIGHT_S` at most, for whoever presses and releases against somebody else makes a door flap.
 """
 
 from __future__ import annotations
 
 import asyncio
-import itertools
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -28,9 +28,9 @@ SECOND_LOOK_S = 0.3
 and shorter than the pause between two refreshes of ours."""
 QUIET_LOOKS = 5
 """After so many looks without a difference somebody else has stopped writing. Chosen: 10 s; who writes now and then is one episode."""
-UNEVEN = 0.618
-"""The golden ratio: pauses of changing length (three to five quarters of the usual one) do not fall into step with our refreshes, which
-would hide for ever what happens between them."""
+UNEVEN = math.sqrt(5) / 2
+"""The pause is so many times `look_s`: no fraction of whole numbers, so the looks do not fall into step with our refreshes, which would
+hide for ever what happens between them. All pauses are the same: those that vary about a mean stay in step with it."""
 SHARE = 20
 """The looks take a twentieth of the link at the most, however slow the controller is. Chosen."""
 
@@ -59,13 +59,20 @@ class Watch:
         *,
         is_unread: Callable[[], bool],
         tripped: Callable[[], bool],
+        clear: Callable[[str], None],
     ) -> None:
-        """`is_unread` says whether a connection is new; `tripped` whether the lift says that a watchdog let our outputs go."""
+        """`is_unread` says whether a connection is new; `tripped` whether the lift says that a watchdog let our outputs go.
+
+        `clear` lets go of what somebody else has pressed.
+        """
         self._outputs = outputs
         self._lines = lines
         self._every_s = settings.look_s
         self._is_unread = is_unread
         self._tripped = tripped
+        self._clear = clear
+        self._cleared_at: dict[str, float] = {}
+        """When outputs that somebody else had pressed were last let go."""
         self._commands = {
             name: command for name, command in codec.commands.items() if name in outputs and _is_ours(command, codec)
         }
@@ -77,7 +84,7 @@ class Watch:
         self._quiet: dict[str, int] = {}
         """Outputs that somebody else writes, with the looks since the last difference."""
         self._fights: set[str] = set()
-        """Holds that are not pressed again any more, and of which that was told."""
+        """Holds that are hardly pressed again any more, and of which that was told."""
         self.notices: list[str] = []
         """What is to be told, oldest first."""
 
@@ -93,36 +100,39 @@ class Watch:
         return notices
 
     def writing(self, cells: Iterable[Cell]) -> None:
-        """A write of ours to these cells begins or ends."""
+        """A write of ours that may change what stands in these cells begins or ends."""
         for cell in cells:
             self._writes[cell] = self._writes.get(cell, 0) + 1
 
     async def run(self) -> None:
         """Look until cancelled."""
-        for turn in itertools.count():
-            usual_s = max(self._every_s, SHARE * self._usual_s())
-            await asyncio.sleep(usual_s * (0.75 + 0.5 * (turn * UNEVEN % 1.0)))
+        looks = 1
+        while True:
+            await asyncio.sleep(UNEVEN * max(self._every_s, SHARE * looks * self._usual_s()))
+            looks = 1
             try:
-                await self._look_twice()
+                looks = await self._look_twice()
             except DriverError as error:
                 _log.debug("%s: could not look at our outputs: %s", self._lines.link("").name, error)
 
     def _usual_s(self) -> float:
         """How long a look takes."""
-        return sum(self._lines.link(block.endpoint).stats.round_trip_s or 0.0 for block in self._blocks)
+        return sum(self._lines.round_trip_s(block.endpoint) for block in self._blocks)
 
-    async def _look_twice(self) -> None:
+    async def _look_twice(self) -> int:
+        """Look, and once more where something differs; returns how often it has looked."""
         first = await self._look()
         self._count_quiet(first)
         differs = {name: found for name, found in first.items() if found is not None}
         if not differs:
-            return
+            return 1
         await asyncio.sleep(SECOND_LOOK_S)
         second = await self._look()
         for name, found in differs.items():
             again = second.get(name)
             if again is not None and again.stamp == found.stamp:
                 self._found(name, again)
+        return 2
 
     async def _look(self) -> dict[str, _Difference | None]:
         """Return what differs, by name; None for what is as we wrote it. What was written meanwhile is left out."""
@@ -154,30 +164,42 @@ class Watch:
                 self.notices.append(f"{self._printed(name)} reads what we wrote again")
 
     def _found(self, name: str, difference: _Difference) -> None:
-        if difference.code is not None:
+        now = asyncio.get_running_loop().time()
+        if difference.code is None:
+            text = f"somebody else writes {name} {difference.text}; {self._let_go(name, now)}"
+        else:
             if self._tripped():
                 return  # the lift says itself who let go of it
+            text = f"{name} was let go by the controller or by somebody else {difference.text}"
             output = self._outputs.output(name)
-            output.drop(asyncio.get_running_loop().time())
+            output.drop(now)
             output.verified = False
         if name not in self._quiet:
-            if difference.code is None:
-                text = f"somebody else writes {name} {difference.text}"
-            else:
-                text = f"{name} was let go by the controller or by somebody else {difference.text}"
             self.notices.append(text)
         self._quiet[name] = 0
         self.tell_fights()
 
+    def _let_go(self, name: str, now: float) -> str:
+        """Let go of what somebody else has pressed, if it is time, and say so."""
+        free_at = self._cleared_at.get(name, -math.inf) + FIGHT_S
+        if now < free_at:
+            return (
+                f"it was let go of not long ago, and is let go of again in {math.ceil(free_at - now)} s at the soonest"
+            )
+        self._cleared_at[name] = now
+        self._clear(name)
+        return f"it is let go of, once in {FIGHT_S:g} s at most"
+
     def tell_fights(self) -> None:
-        """Tell once of every hold that is not pressed again any more."""
+        """Tell once of every hold that is hardly pressed again any more; once more only after it was let go."""
+        self._fights = {name for name in self._fights if self._outputs.output(name).dropped_at}
         fights = {name for name in self._outputs.names if self._outputs.output(name).yields}
         for name in sorted(fights - self._fights):
             self.notices.append(
                 f"{self._printed(name)} was let go {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
-                " else; it is not pressed again for this hold: find out who else writes there"
+                f" else; it is pressed again once in {FIGHT_S:g} s at most: find out who else writes there"
             )
-        self._fights = fights
+        self._fights |= fights
 
     def _printed(self, name: str) -> str:
         return f"{name} at {', '.join(self._outputs.output(name).spec.addresses)}"

@@ -9,6 +9,7 @@ from drivers.errors import HeartbeatAwaited, HeartbeatStopped
 from register_maps.codec import Codec
 
 SIGNAL = "alive"
+BIT_IN_STEP = "; a bit that changes in step with the polls always reads the same: it must stay longer than two polls"
 
 
 class Heartbeat:
@@ -23,12 +24,19 @@ class Heartbeat:
         self._name = name
         spec = codec.map.signals.get(SIGNAL)
         self._within_s = math.inf if spec is None else spec.must_change_within_s or math.inf
-        self._endpoint = None if spec is None else codec.signals[SIGNAL].points[0].endpoint
+        points = codec.signals[SIGNAL].points if spec is not None else ()
+        self._endpoint = points[0].endpoint if points else None
+        self._hint = BIT_IN_STEP if [point.mask for point in points] == [1] else ""
         self._epoch: int | None = None
         self._since = 0.0
         """When the counter last changed, or was first read on this connection."""
         self.live_until = math.inf if spec is None else -math.inf
         """Until when the last change vouches for the program."""
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether the counter was not seen to change yet on a connection that was read."""
+        return self._epoch is not None and self.live_until == -math.inf
 
     def connected(self, epochs: Mapping[str, int], at: float) -> None:
         """A poll that was asked for at `at` has come over a new connection to some device; `epochs` by endpoint."""
@@ -43,4 +51,4 @@ class Heartbeat:
         """Say what is wrong with a poll that was asked for at `at`, after `live_until`."""
         still_s = at - self._since
         waits = self.live_until == -math.inf and still_s <= self._within_s
-        return (HeartbeatAwaited if waits else HeartbeatStopped)(self._name, still_s, self._within_s)
+        return (HeartbeatAwaited if waits else HeartbeatStopped)(self._name, still_s, self._within_s, self._hint)

@@ -1,7 +1,7 @@
 """How long to wait for an answer: the time-out follows what the answers of this controller really take.
 
 The estimator is that of RFC 6298 (sections 2.2 and 2.3: smoothed round trip and its variation) with the lower bound that
-Linux gives the variation. Its rule against mistaken samples (Karn) is not needed: a transaction id is never used for a
+Linux gives the variation, and with the slowest answer of late as a floor. Its rule against mistaken samples (Karn) is not needed: a transaction id is never used for a
 second request, so an answer always tells which request it took its time over, late answers included.
 """
 
@@ -10,22 +10,31 @@ from __future__ import annotations
 SPARE_S = 0.25
 """Least that is waited beyond the usual round trip. Chosen: TCP sends a lost segment again after 0.2 s at the earliest (Linux), and
 one lost segment is no silence."""
+_REMEMBERS = 0.995
+"""What is left of the slowest answer with each that is measured. Chosen: half of it after 140, half a minute to two minutes. A controller with
+a slow cycle now and then would otherwise miss each of them: the variation of RFC 6298 forgets within a second."""
 
 
 class Latency:
-    """The time-out of one link, and what it was measured from; it outlives the connections."""
+    """The time-out of one unit on one link, and what it was measured from; it outlives the connections."""
 
-    __slots__ = ("_most_s", "_spare_s", "_usual_s", "_varies_s", "timeout_s")
+    __slots__ = ("_calm_s", "_most_s", "_spare_s", "_usual_s", "_varies_s", "_worst_s", "timeout_s", "unmeasured")
 
     def __init__(self, first_s: float, *, spare_s: float, most_s: float) -> None:
-        """Begin with `first_s`; later it is `spare_s` more than the usual round trip at the least, and `most_s` at the most."""
+        """Begin with `first_s`; later it is `spare_s` more than the slowest round trip of late at the least, and `most_s` at the most."""
         self.timeout_s = first_s
         """How long the next answer may take."""
+        self.unmeasured = 0
+        """Answers since the last one that was measured: counted by whoever measures."""
+        self._calm_s = first_s
+        """The time-out without any backing off."""
         self._spare_s = spare_s
         self._most_s = most_s
         self._usual_s = -1.0
         """Smoothed round trip; less than 0 before the first answer."""
         self._varies_s = 0.0
+        self._worst_s = 0.0
+        """The slowest answer of late, forgotten little by little."""
 
     @property
     def round_trip_s(self) -> float | None:
@@ -34,6 +43,11 @@ class Latency:
 
     def answered(self, took_s: float) -> None:
         """An honest answer took so long, in time or not. It ends every backing off."""
+        self.unmeasured = 0
+        worst_s = self._worst_s * _REMEMBERS
+        if took_s > worst_s:  # noqa: PLR1730
+            worst_s = took_s
+        self._worst_s = worst_s
         usual_s = self._usual_s
         if usual_s < 0:
             self._usual_s = usual_s = took_s
@@ -49,9 +63,11 @@ class Latency:
         if wait_s < self._spare_s:  # noqa: PLR1730
             wait_s = self._spare_s
         wait_s += usual_s
+        if wait_s < worst_s + self._spare_s:  # noqa: PLR1730
+            wait_s = worst_s + self._spare_s
         if wait_s > self._most_s:  # noqa: PLR1730
             wait_s = self._most_s
-        self.timeout_s = wait_s
+        self.timeout_s = self._calm_s = wait_s
 
     def answered_late(self, took_s: float) -> None:
         """As `answered`, of an answer that may have taken for ever: beyond the bound it tells no more than that."""
@@ -60,3 +76,7 @@ class Latency:
     def missed(self) -> None:
         """No answer came in time: wait twice as long for the next one, until there is an answer."""
         self.timeout_s = min(2 * self.timeout_s, self._most_s)
+
+    def calm_down(self) -> None:
+        """Somebody else on this connection answers: what is missing here is not the connection's fault, so back off no more."""
+        self.timeout_s = self._calm_s

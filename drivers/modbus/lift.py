@@ -10,6 +10,7 @@ from contextlib import suppress
 
 from drivers.driver import Permit
 from drivers.errors import (
+    BUSY,
     ConnectionLost,
     ControllerException,
     DriverError,
@@ -28,18 +29,19 @@ from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
 from drivers.modbus.permission import Permissions
 from drivers.modbus.plan import plan_reads, polled
-from drivers.modbus.presses import Presses
+from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.steps import Phase, Step, StepKind
+from drivers.modbus.steps import CHANGE, Phase, Step, StepKind
 from drivers.modbus.writer import Writer
 from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result
 from register_maps.codec import Cell, Codec
-from register_maps.frames import Request
 
 _log = logging.getLogger(__name__)
 
 _ONLY_ALIVE = frozenset({SIGNAL})
+_EARLY_S = 1e-6
+"""A timer may be called just before its time; what is due so soon is due now, or its worker would turn until then."""
 _LET_GO_WITHIN_S = 4.0
 """How long a bug waits for outputs to be let go of before it ends the program: as long as an orderly end does."""
 
@@ -83,10 +85,11 @@ class ModbusLift:
         self._writer = Writer(codec, self._commands, self._lines, settings)
         self._presses = Presses(tuple(settings.floors))
         self._permissions = Permissions(
-            self._commands,
-            codec.signals,
+            codec,
             self._outputs,
             self._presses,
+            self._lines,
+            self._heartbeat,
             values=lambda: self._values,
             is_unread=self._is_unread,
         )
@@ -97,6 +100,7 @@ class ModbusLift:
             settings,
             is_unread=self._is_unread,
             tripped=self._is_tripped,
+            clear=self._clear,
         )
         self._notices = self._watch.notices
         self._complained: set[str] = set()
@@ -163,7 +167,10 @@ class ModbusLift:
     async def _work(self, endpoint: str) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            step = self._outputs.next(loop.time(), endpoint)
+            step = self._outputs.next(loop.time() + _EARLY_S, endpoint)
+            if step is not None and self._permissions.waits(step):
+                self._outputs.failed(step, maybe_sent=False, now=loop.time())
+                continue
             if step is not None:
                 try:
                     await self._carry_out(step)
@@ -305,22 +312,19 @@ class ModbusLift:
         press = self._presses.of(step.name) if asks else None
         permit = self._permissions.of(step, press)
         maybe_sent = False
-        cells = () if step.kind is StepKind.LOOK else self._outputs.covered(step)
+        cells = self._outputs.covered(step) if step.kind in CHANGE else ()
         self._watch.writing(cells)
         try:
             async for request in self._writer.write(step, self._outputs.cells(step), permit):
                 maybe_sent = True
                 if press is not None and step.kind is StepKind.PRESS:
-                    press.frames.append(_hex(request))
+                    press.sent(request)
             self._outputs.written(step, loop.time())
             self._complained.discard(step.name)
             if press is not None and step.kind is StepKind.PRESS and not press.future.done():
                 self._presses.await_proof(press, self._writer.confirm(step.name), self._values)
-            if (holds := await self._writer.look(step)) is not None:
-                self._outputs.looked(step, holds=holds, now=loop.time(), excused=self._is_tripped())
-                self._watch.tell_fights()
-                if press is not None:
-                    press.read_back = holds
+            if not self._outputs.looked_at_later(step, loop.time()):
+                await self._look_back(step, press)
         except PressRefused as refused:
             # a hold that may not be refreshed stays on until it is let go or falls by its limit
             self._outputs.failed(step, maybe_sent=maybe_sent, now=loop.time())
@@ -328,7 +332,7 @@ class ModbusLift:
                 result = Result.UNCONFIRMED if maybe_sent else Result.REJECTED
                 self._presses.finish(press, result, refused.reason)
         except DriverError as error:
-            rejected = isinstance(error, ControllerException)
+            rejected = isinstance(error, ControllerException) and error.code != BUSY
             sent = maybe_sent or not (error.sent is Sent.NO or _not_executed(error))
             self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected)
             if press is not None and press.expected is None:
@@ -338,6 +342,14 @@ class ModbusLift:
         finally:
             self._watch.writing(cells)
             self._end_dropped()
+
+    async def _look_back(self, step: Step, press: Press | None) -> None:
+        """Look whether what a step wrote has come about, where anybody asks for it."""
+        if (holds := await self._writer.look(step)) is not None:
+            self._outputs.looked(step, holds=holds, now=asyncio.get_running_loop().time(), excused=self._is_tripped())
+            self._watch.tell_fights()
+            if press is not None:
+                press.read_back = holds
 
     def _complain(self, step: Step, error: DriverError, *, aloud: bool) -> None:
         """Report a write that failed; one that a controller refuses and nobody waits for, once for everybody to hear."""
@@ -358,6 +370,11 @@ class ModbusLift:
         """Whether a connection is new, and nothing was read over it yet."""
         return self._lines.epoch != self._epoch
 
+    def _clear(self, name: str) -> None:
+        """Let go of what somebody else has pressed."""
+        self._outputs.clear(name, asyncio.get_running_loop().time())
+        self._stir()
+
     def _is_tripped(self) -> bool:
         """Whether the lift says that a watchdog has let our outputs go."""
         return self._values is not None and self._values.flags.get("watchdog_tripped", False)
@@ -377,8 +394,3 @@ async def _sleep_until(when: float, wake: asyncio.Event) -> None:
 def _not_executed(error: DriverError) -> bool:
     """Whether the controller said that it did not understand, and so did nothing (exceptions 01, 02 and 03)."""
     return isinstance(error, ControllerException) and error.code in (1, 2, 3)
-
-
-def _hex(request: Request) -> str:
-    """Unit, function and data of a request: what a person compares with a manual."""
-    return request.body[4:].hex()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from drivers.driver import Permit
 from drivers.errors import ACCEPTED, ControllerException
-from drivers.modbus.link import Link
+from drivers.modbus.link import Link, LinkState
 from register_maps import frames
 from register_maps.codec import Block, Cell
 from register_maps.frames import Request
@@ -43,6 +43,13 @@ class Lines:
         """The epoch of each device, by endpoint."""
         return {endpoint: line.link.epoch for endpoint, line in self._lines.items()}
 
+    def up_for_s(self, endpoint: str) -> float | None:
+        """How long one device has been connected; None while it is not."""
+        link = self._lines[endpoint].link
+        if link.state is not LinkState.UP or link.since is None:
+            return None
+        return asyncio.get_running_loop().time() - link.since
+
     def link(self, endpoint: str) -> Link:
         """Return the link to one device."""
         return self._lines[endpoint].link
@@ -50,6 +57,11 @@ class Lines:
     def unit(self, endpoint: str) -> int:
         """Return the unit id of one device."""
         return self._lines[endpoint].unit_id
+
+    def round_trip_s(self, endpoint: str) -> float:
+        """How long one device takes to answer; 0 as long as it has not."""
+        line = self._lines[endpoint]
+        return line.link.stats.round_trip_of(line.unit_id) or 0.0
 
     def request(self, block: Block) -> Request:
         """Make the request that reads a block."""

@@ -28,8 +28,8 @@ LONGEST_RETRY_S = 2.0
 link from everything else for as long as it stays so."""
 
 REJECTED_PAUSE_S = 2.0
-"""Pause before an output whose press the controller answered with an exception is pressed for the same hold again. Chosen: as for a
-failed call; a controller that says no is not to be asked at the pace of the polls."""
+"""Pause before an output whose press the controller answered with an exception is pressed for the same hold again, or refreshed, unless
+it is refreshed more often than that. Chosen: as for a failed call; a controller that says no is not to be asked at the pace of the polls."""
 
 MOST_PRESSES = 3
 """So often a hold that the controller dropped is pressed again within `FIGHT_S`. Chosen: a drop-out heals by one; a door that is
@@ -76,8 +76,12 @@ class Output:
     """The controller was seen to hold it since it was pressed."""
     dropped_at: tuple[float, ...] = ()
     """When it was seen to be gone, of late."""
+    echoed: bool = False
+    """Its release was answered and not looked at yet."""
     yields: bool = False
-    """It was dropped too often: it is not pressed again before it was let go."""
+    """It was dropped too often: it is pressed once more when `FIGHT_S` is over, and not before."""
+    foreign: int = 0
+    """Tries that are left to let go of what somebody else pressed; 0: what is let go of is ours, and it is tried until it is done."""
 
     @property
     def spec(self) -> Command:
@@ -88,6 +92,11 @@ class Output:
         """Whether it is read back from time to time, because nothing writes it again. A call is never written again."""
         looks = self.spec.action == "hold" and bool(self.codec.read_points) and not self.codec.lamp
         return looks and math.isinf(self.every_s) and not self.codec.is_call
+
+    @property
+    def is_written_again(self) -> bool:
+        """Whether it is written again as soon as it is not there. A call is not: each time would be another call."""
+        return self.spec.action == "hold" and not self.codec.is_call
 
     @property
     def stands(self) -> bool:
@@ -119,16 +128,64 @@ class Output:
         return self.phase is Phase.ON and not self.paused and not self.yields and not self.spec.ends_itself
 
     def drop(self, now: float) -> None:
-        """It was seen to be gone. A press that did not bring it back within the time of a look is the same drop."""
-        same = self.dropped_at and not self.verified and now - self.dropped_at[-1] < LOOK_S
-        if same or self.yields or not self.was_seen:
+        """It was seen to be gone, after it had been seen to be there. Nothing counts twice that was not written in between."""
+        if self.gone or self.yields or not self.was_seen:
             return
+        self.gone = True
         self.dropped_at = (*(at for at in self.dropped_at if now - at < FIGHT_S), now)
         if len(self.dropped_at) > MOST_PRESSES:
             self.yields, self.gone, self.refresh_at = True, False, now + LOOK_S
 
+    def try_again(self, now: float) -> None:
+        """End the yielding once its time is over, for one press: if that is dropped within `FIGHT_S`, it yields again."""
+        if self.yields and self.is_written_again and now - self.dropped_at[-1] >= FIGHT_S:
+            self.dropped_at = (now,) * MOST_PRESSES
+            self.yields, self.gone, self.refresh_at = False, True, now
+
+    def press_failed(self, *, maybe_sent: bool, now: float) -> None:
+        """A press, or the look at it, failed: what may have been pressed is let go."""
+        self.armed_at = None
+        if self.phase is Phase.ON and self.is_written_again:
+            self.refresh_at, self.gone = now + RETRY_S, True
+        elif not maybe_sent and self.phase in (Phase.LEAVING, Phase.LETTING_GO):
+            self.rest(self.rested_at)
+            self.try_at = now + RETRY_S
+        elif self.phase is Phase.LEAVING and self.spec.ends_itself:
+            self.phase, self.fall_at, self.unwanted = Phase.ON, now + (self.spec.width_s or 0.0), False
+        elif self.phase is Phase.LEAVING:
+            self.phase, self.try_at, self.failures = Phase.LETTING_GO, now, 0
+
+    def adopted(self, cells: Cells, now: float) -> bool:
+        """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
+        self.verified = match(self.codec, cells, self.code)
+        self.gone = not self.verified
+        self.refresh_at = min(now, self.refresh_at)
+        return self.verified or not self.codec.is_call
+
+    def release(self) -> None:
+        """Want rest."""
+        if self.phase in (Phase.ON, Phase.LEAVING) and self.spec.ends_itself:
+            # there is nothing to let go with: writing it again would press it again
+            self.unwanted = self.phase is Phase.LEAVING
+            return
+        if self.phase in (Phase.ON, Phase.LEAVING):
+            self.phase, self.try_at, self.failures = Phase.LETTING_GO, -math.inf, 0
+        elif self.phase is Phase.DUE:
+            self.phase = Phase.REST
+        self.verified, self.armed_at, self.pause_at = False, None, math.inf
+
+    def rest(self, now: float) -> None:
+        """It has come to rest."""
+        self.phase, self.rested_at, self.verified = Phase.REST, now, False
+        self.paused, self.unwanted, self.echoed, self.foreign = False, False, False, 0
+        self.was_seen, self.yields, self.dropped_at = False, False, ()
+        if self.again:
+            self.again = False
+            self.phase, self.code = Phase.DUE, self.next_code
+
     def retry(self, now: float) -> None:
         """Let the next try of its release wait, longer each time."""
+        self.echoed = False
         self.try_at = now + min(LONGEST_RETRY_S, RETRY_S * 2.0 ** min(self.failures, 10))
         self.failures += 1
 

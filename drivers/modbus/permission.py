@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 
 from drivers.driver import Permit
 from drivers.modbus.endings import ended
+from drivers.modbus.heartbeat import Heartbeat
+from drivers.modbus.lines import Lines
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.steps import NEED_PERMIT, Step, StepKind
+from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
 from drivers.model import LiftValues, Result
-from register_maps.codec import CommandCodec
+from register_maps.codec import Codec
+
+READ_WITHIN_S = 1.0
+"""So long after a connection was made a release that covers wanted neighbours waits for the first reading. Chosen: `max_age_s`."""
 
 
 class Permissions:
@@ -18,18 +23,21 @@ class Permissions:
 
     def __init__(
         self,
-        commands: Mapping[str, CommandCodec],
-        signals: Collection[str],
+        codec: Codec,
         outputs: Outputs,
         presses: Presses,
+        lines: Lines,
+        heartbeat: Heartbeat,
         values: Callable[[], LiftValues | None],
         is_unread: Callable[[], bool],
     ) -> None:
         """`values` gives what the lift said last; `is_unread` says whether a connection is new and was not read yet."""
-        self._commands = commands
-        self._signals = signals
+        self._commands = codec.commands
+        self._signals = codec.signals
         self._outputs = outputs
         self._presses = presses
+        self._lines = lines
+        self._heartbeat = heartbeat
         self._values = values
         self._is_unread = is_unread
         self._permits: dict[str, Permit] = {}
@@ -44,6 +52,24 @@ class Permissions:
         flags = values.flags if values is not None else {}
         return [flag for flag in self._commands[name].spec.requires if not flags.get(flag, False)]
 
+    def waits(self, step: Step) -> bool:
+        """Whether a release is written a little later, because it covers neighbours that would be let go with it.
+
+        Before the first reading of a connection nobody may press them, however much they are wanted. And what somebody else
+        has pressed is no reason to let go of anything of ours.
+        """
+        if step.kind not in (StepKind.RELEASE, StepKind.PAUSE):
+            return False
+        neighbours = self._outputs.neighbours(step)
+        if neighbours and self._outputs.output(step.name).foreign:
+            return self._first_refusal(neighbours) is not None
+        return bool(neighbours) and self._is_read_soon(self._outputs.output(step.name).codec.endpoint)
+
+    def _is_read_soon(self, endpoint: str) -> bool:
+        """Whether a connection was lost or is new, and its first reading is still to be expected."""
+        up_for_s = self._lines.up_for_s(endpoint)
+        return up_for_s is None or (self._is_unread() and up_for_s < READ_WITHIN_S)
+
     def of(self, step: Step, press: Press | None) -> Permit | None:
         """Return what is asked immediately before a step leaves; None for what lets go, which nobody can refuse.
 
@@ -51,7 +77,7 @@ class Permissions:
         when the bytes leave.
         """
         if step.kind not in NEED_PERMIT:
-            if step.kind in (StepKind.LOOK, StepKind.CYCLE):
+            if step.kind in ONLY_LOOK or step.kind is StepKind.CYCLE:
                 return None
             neighbours = self._outputs.neighbours(step)
             if step.kind in (StepKind.BEAT, StepKind.RESET) and neighbours:
@@ -67,6 +93,9 @@ class Permissions:
                 return "nobody wants it any more"
             if press is not None and self.missing(step.name):
                 press.not_granted = True
+            if self._heartbeat.is_awaited:
+                # of this step alone: neighbours that are on are not let go because of it
+                return "its alive counter was not seen to change on this connection yet"
             return self._refusal(step.name) or self._first_refusal(self._outputs.neighbours(step))
 
         return allowed

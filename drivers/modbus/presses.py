@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from drivers.driver import Permit
 from drivers.modbus.confirm import Expectation, proof
 from drivers.model import Command, FloorName, LiftValues, Outcome, Proof, Result
+from register_maps.frames import Request
 from register_maps.schema import Confirm
 
 
@@ -26,6 +27,10 @@ class Press:
     written_at: float = math.inf
     read_back: bool = False
     not_granted: bool = False
+
+    def sent(self, request: Request) -> None:
+        """Note unit, function and data of a request: what a person compares with a manual."""
+        self.frames.append(request.body[4:].hex())
 
 
 class Presses:

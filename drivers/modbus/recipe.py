@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from drivers.modbus.output import (
     LEAVE_WITHIN_S,
     LOOK_S,
+    MOST_PRESSES,
     REJECTED_PAUSE_S,
     RETRY_S,
     Beat,
@@ -23,7 +24,7 @@ from drivers.modbus.output import (
     period_s,
     put,
 )
-from drivers.modbus.steps import Phase, Step, StepKind
+from drivers.modbus.steps import ONLY_LOOK, Phase, Step, StepKind
 from register_maps.codec import Block, Cell, CommandCodec
 from register_maps.command_codec import Written
 
@@ -63,7 +64,7 @@ class Outputs:
             output.phase, output.code = Phase.DUE, code
         else:
             output.again, output.next_code = True, code
-            self._drop(output)
+            output.release()
         if output.phase is not Phase.ON:  # a pulse that the device ends still lasts as long as it lasts
             output.fall_at = now + (output.spec.max_hold_s or math.inf)
 
@@ -81,7 +82,13 @@ class Outputs:
         """Want rest, now."""
         output = self._outputs[name]
         output.again = False
-        self._drop(output)
+        output.release()
+
+    def clear(self, name: str, now: float) -> None:
+        """Let go of what somebody else has pressed here; after a few tries that do not show it is left as it is."""
+        output = self._outputs[name]
+        if output.phase is Phase.REST:
+            output.phase, output.try_at, output.failures, output.foreign = Phase.LETTING_GO, now, 0, MOST_PRESSES
 
     def let_all_go(self) -> None:
         """Want rest everywhere."""
@@ -129,7 +136,7 @@ class Outputs:
         A press that is handed out is on its way: its fate is told by `written` or `failed`.
         """
         self._expire(now)
-        due = self._release_due(now, endpoint) or next(self._others(now, endpoint), None)
+        due = self._release_due(now, endpoint) or self._other_due(now, endpoint)
         if due is not None and due.kind is StepKind.PRESS:
             self._outputs[due.name].phase = Phase.LEAVING
         return due
@@ -137,15 +144,16 @@ class Outputs:
     def _expire(self, now: float) -> None:
         """End what has lasted, or waited, for as long as it may."""
         for output in self._outputs.values():
+            output.try_again(now)
             if output.phase is Phase.ON and now >= output.fall_at:
                 if output.spec.ends_itself:
-                    self._rest(output, now)
+                    output.rest(now)
                 else:
-                    self._drop(output)
+                    output.release()
             elif (output.again or output.phase is Phase.DUE) and now >= output.give_up_at:
                 output.again = False
                 if output.phase is Phase.DUE:
-                    self._drop(output)
+                    output.release()
 
     def _release_due(self, now: float, endpoint: str) -> Step | None:
         """Return the release that has waited longest: one that fails again and again does not keep others waiting."""
@@ -153,27 +161,44 @@ class Outputs:
         if not due:
             return None
         name, output = min(due, key=lambda item: item[1].let_go_at)
-        kind = StepKind.PAUSE if output.phase is Phase.ON else StepKind.RELEASE
+        kind = StepKind.PAUSE if output.phase is Phase.ON else StepKind.VERIFY if output.echoed else StepKind.RELEASE
         return Step(kind, name, None, was=output.code)
+
+    def looked_at_later(self, step: Step, now: float) -> bool:
+        """Whether the look at a release that was answered waits, because another output was not even written to rest yet."""
+        if step.kind is not StepKind.RELEASE:
+            return False
+        output = self._outputs[step.name]
+        others = (other for _, other in self._at(output.codec.endpoint) if other is not output)
+        if any(now >= other.let_go_at and not other.echoed for other in others):
+            output.echoed, output.try_at = True, now
+        return output.echoed
 
     def _at(self, endpoint: str) -> Iterator[tuple[str, Output]]:
         """Yield the outputs that are written to one device."""
         return ((name, output) for name, output in self._outputs.items() if output.codec.endpoint == endpoint)
 
-    def _others(self, now: float, endpoint: str) -> Iterator[Step]:
+    def _other_due(self, now: float, endpoint: str) -> Step | None:
+        """Return what has waited longest of everything else: what is written often keeps nothing from being written at all."""
+        due = [(at, step) for at, step in self._others(now, endpoint) if now >= at]
+        return min(due, key=lambda item: item[0])[1] if due else None
+
+    def _others(self, now: float, endpoint: str) -> Iterator[tuple[float, Step]]:
+        """Yield what is to be written but for releases, and when."""
         for name, beat in self._beats.items():
-            if beat.codec.endpoint == endpoint and now >= beat.at:
-                yield Step(StepKind.BEAT, name, beat.next_count)
+            if beat.codec.endpoint == endpoint:
+                yield beat.at, Step(StepKind.BEAT, name, beat.next_count)
         for name, output in self._at(endpoint):
-            if output.phase is Phase.DUE and now >= self._free_at(name):
+            if output.phase is Phase.DUE:
                 armed = output.armed_at is not None or not output.spec.reset_first_s
-                yield Step(StepKind.PRESS, name, output.code) if armed else Step(StepKind.RESET, name, None)
-            if output.phase is Phase.ON and now >= output.refresh_at:
+                kind, code = (StepKind.PRESS, output.code) if armed else (StepKind.RESET, None)
+                yield self._free_at(name), Step(kind, name, code)
+            if output.phase is Phase.ON:
                 looks = output.yields or (output.is_only_looked_at and not output.gone)
-                yield Step(StepKind.LOOK if looks else StepKind.REFRESH, name, output.code)
+                yield output.refresh_at, Step(StepKind.LOOK if looks else StepKind.REFRESH, name, output.code)
         for cycle in self._cycles:
-            if cycle.block.endpoint == endpoint and now >= cycle.at and self._idle(cycle.block):
-                yield Step(StepKind.CYCLE, "", None, cycle.block)
+            if cycle.block.endpoint == endpoint and self._idle(cycle.block):
+                yield cycle.at, Step(StepKind.CYCLE, "", None, cycle.block)
 
     def wake_at(self, endpoint: str = "") -> float:
         """Earliest time at which `next` may have something; infinity when only an event can change that."""
@@ -219,7 +244,7 @@ class Outputs:
 
     def written(self, step: Step, now: float) -> None:
         """The controller echoed the write. That proves nothing yet."""
-        if step.kind is not StepKind.LOOK:
+        if step.kind not in ONLY_LOOK:
             self._restart_cycles(self.covered(step), now)
         if step.block is not None:
             return
@@ -256,14 +281,16 @@ class Outputs:
         if output.phase is Phase.ON and step.kind is not StepKind.RELEASE:
             if not holds and not excused:
                 output.drop(now)
+            # one that did not come back at the first try is not tried at that pace: each try is a rising edge
+            pause_s = RETRY_S if output.verified or not output.was_seen else LOOK_S
             output.verified, output.was_seen = holds, output.was_seen or holds
-            if not holds and output.spec.action == "hold" and not output.yields:
-                output.refresh_at = min(output.refresh_at, now + RETRY_S)
-                output.gone = True
-        elif output.phase is Phase.LETTING_GO and step.kind is StepKind.RELEASE:
-            if holds:
-                self._rest(output, now)
+            if not holds and output.is_written_again and not output.yields:
+                output.refresh_at, output.gone = now + pause_s, True
+        elif output.phase is Phase.LETTING_GO and step.kind in (StepKind.RELEASE, StepKind.VERIFY):
+            if holds or output.foreign == 1:
+                output.rest(now)
             else:
+                output.foreign = max(0, output.foreign - 1)
                 output.retry(now)
 
     def failed(self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False) -> None:
@@ -279,36 +306,25 @@ class Outputs:
         if rejected:
             output.not_before = max(output.not_before, now + REJECTED_PAUSE_S)
         match step.kind:
-            case StepKind.RELEASE:
+            case StepKind.RELEASE | StepKind.VERIFY:
                 output.retry(now)
             case StepKind.RESET:
                 if output.phase is Phase.DUE:
-                    self._rest(output, output.rested_at)
+                    output.rest(output.rested_at)
                 output.try_at = now + RETRY_S
             case StepKind.PAUSE:
                 output.pause_at = now + RETRY_S
             case StepKind.REFRESH | StepKind.LOOK:
                 output.verified = False
-                output.refresh_at = now + RETRY_S
+                slowly_s = min(REJECTED_PAUSE_S, max(RETRY_S, output.every_s))
+                output.refresh_at = now + (slowly_s if rejected else RETRY_S)
             case _:
-                self._press_failed(output, maybe_sent=maybe_sent, now=now)
-
-    def _press_failed(self, output: Output, *, maybe_sent: bool, now: float) -> None:
-        output.armed_at = None
-        if output.phase is Phase.ON and output.spec.action == "hold":
-            output.refresh_at, output.gone = now + RETRY_S, True
-        elif not maybe_sent and output.phase in (Phase.LEAVING, Phase.LETTING_GO):
-            self._rest(output, output.rested_at)
-            output.try_at = now + RETRY_S
-        elif output.phase is Phase.LEAVING and output.spec.ends_itself:
-            output.phase, output.fall_at, output.unwanted = Phase.ON, now + (output.spec.width_s or 0.0), False
-        elif output.phase is Phase.LEAVING:
-            output.phase, output.try_at, output.failures = Phase.LETTING_GO, now, 0
+                output.press_failed(maybe_sent=maybe_sent, now=now)
 
     def reconnected(self, cells: Cells, now: float, endpoints: Collection[str] = ("",)) -> None:
         """Compare with what the controller holds after a new connection to these devices; `cells` are those of `read_points`.
 
-        A hold that is still wanted and still there is adopted; one that is gone is written again as the level it is. A
+        A hold that is wanted and is there is adopted; one that is gone is written again as the level it is. A
         call is never repeated. Everything else of ours that is not at rest is let go. At a point that shows a lamp nobody
         can see a leftover of ours, and a passenger's call is not to be cleared.
         """
@@ -317,21 +333,18 @@ class Outputs:
                 continue
             output.armed_at = None
             at_rest = output.codec.lamp or match(output.codec, cells, None)
-            if output.phase is Phase.ON and output.spec.action == "hold" and self._adopted(output, cells, now):
+            if output.phase is Phase.ON and output.spec.action == "hold" and output.adopted(cells, now):
+                continue
+            if output.phase is Phase.DUE and output.is_written_again and match(output.codec, cells, output.code):
+                output.phase, output.verified, output.was_seen, output.refresh_at = Phase.ON, True, True, now
                 continue
             if output.phase in (Phase.REST, Phase.DUE) and at_rest:
                 continue
             if output.phase is Phase.DUE:
                 output.again, output.next_code = True, output.code
             # written even if it reads at rest: the controller may still find our press in the connection that broke
-            output.phase, output.try_at, output.verified, output.failures = Phase.LETTING_GO, now, False, 0
-
-    def _adopted(self, output: Output, cells: Cells, now: float) -> bool:
-        """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
-        output.verified = match(output.codec, cells, output.code)
-        output.gone = not output.verified
-        output.refresh_at = min(now, output.refresh_at)
-        return output.verified or not output.codec.is_call
+            output.phase, output.try_at, output.verified = Phase.LETTING_GO, now, False
+            output.failures, output.foreign, output.echoed = 0, 0, False
 
     def _codec(self, step: Step) -> CommandCodec:
         return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec
@@ -346,25 +359,6 @@ class Outputs:
         for cycle in self._cycles:
             if not set(cells).isdisjoint(cycle.block.cells):
                 cycle.at = now + cycle.every_s
-
-    def _drop(self, output: Output) -> None:
-        if output.phase in (Phase.ON, Phase.LEAVING) and output.spec.ends_itself:
-            # there is nothing to let go with: writing it again would press it again
-            output.unwanted = output.phase is Phase.LEAVING
-            return
-        if output.phase in (Phase.ON, Phase.LEAVING):
-            output.phase, output.try_at, output.failures = Phase.LETTING_GO, -math.inf, 0
-        elif output.phase is Phase.DUE:
-            output.phase = Phase.REST
-        output.verified, output.armed_at, output.pause_at = False, None, math.inf
-
-    def _rest(self, output: Output, now: float) -> None:
-        output.phase, output.rested_at, output.verified = Phase.REST, now, False
-        output.paused, output.unwanted = False, False
-        output.was_seen, output.yields, output.dropped_at = False, False, ()
-        if output.again:
-            output.again = False
-            output.phase, output.code = Phase.DUE, output.next_code
 
     def _mutual(self, name: str) -> dict[str, float]:
         """Return what may not be on together with an output, whichever of the two says so, and the pause between them."""

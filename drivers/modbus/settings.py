@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.modbus.latency import SPARE_S, Latency
 
@@ -12,7 +12,7 @@ class LinkSettings:
     """How one controller wants to be spoken to. Durations in seconds."""
 
     timeout_s: float = 0.5
-    """For an answer, as long as none was measured. Chosen: controllers answer within 20 to 100 ms; a second chance fits into one
+    """For an answer, as long as none was measured; a write is never waited for less. Chosen: controllers answer within 20 to 100 ms; a second chance fits into one
     second of age."""
     timeout_max_s: float | None = None
     """Most that an answer may take, however slow the controller was found to be: `most_timeout_s` says what it is by itself."""
@@ -83,10 +83,18 @@ class LinkStats:
     """Connections that the other side ended, or that brought something other than Modbus/TCP."""
     exceptions: int = 0
     """Exception answers, busy ones included."""
-    latency: Latency | None = None
-    """What answers take, and how long the next one may; None before the first connection."""
+    latencies: dict[int, Latency] = field(default_factory=dict)
+    """What the answers of each unit take, and how long its next one may."""
+    silent_units: set[int] = field(default_factory=set)
+    """Units that do not answer while others on this link do."""
 
     @property
     def round_trip_s(self) -> float | None:
-        """From request to answer, smoothed; None before the first answer."""
-        return None if self.latency is None else self.latency.round_trip_s
+        """From request to answer, smoothed, of the slowest unit; None before the first answer."""
+        known = (self.round_trip_of(unit) for unit in self.latencies)
+        return max((took_s for took_s in known if took_s is not None), default=None)
+
+    def round_trip_of(self, unit: int) -> float | None:
+        """From request to answer, smoothed; None before the first answer of that unit."""
+        latency = self.latencies.get(unit)
+        return None if latency is None else latency.round_trip_s

@@ -38,10 +38,18 @@ class StepKind(StrEnum):
     """Our sign of life."""
     LOOK = "look"
     """No write: whether a hold that is not written again is still there."""
+    VERIFY = "verify"
+    """No write: whether a release that was answered has come about."""
 
 
 NEED_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})
 """Writes that ask for something; all others let go, or say no more than that we live."""
+
+ONLY_LOOK = frozenset({StepKind.LOOK, StepKind.VERIFY})
+"""Steps that write nothing."""
+
+CHANGE = frozenset({StepKind.PRESS, StepKind.RELEASE, StepKind.PAUSE, StepKind.RESET})
+"""Steps that write something else than what stands there already, as far as we know."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lines import Lines
 from drivers.modbus.output import Cells, match
 from drivers.modbus.plan import plan_reads
-from drivers.modbus.steps import Step, StepKind
+from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
@@ -71,7 +71,7 @@ class Writer:
                 block_write(step.block, self._functions[step.block], cells, self._unit(step.block)), step.block, permit
             )
             return
-        if step.kind is StepKind.LOOK:
+        if step.kind in ONLY_LOOK:
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
@@ -91,7 +91,7 @@ class Writer:
         if step.kind in _NOT_LOOKED_AT:
             return None
         command = self._commands[step.name]
-        release = step.kind is StepKind.RELEASE
+        release = step.kind in (StepKind.RELEASE, StepKind.VERIFY)
         if command.lamp or not command.read_points:
             # what is read there is the controller's answer and not our write: a release can be no surer than its echo
             return True if release else None

@@ -88,15 +88,18 @@ def _state_answer(state: LiftState) -> Response:
     if state.quality is Quality.OFFLINE:
         age = "no reading yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
         return failed(f"lift {shown(state.lift)} is offline, {age}: {state.reason or 'no reason known'}")
-    return succeeded(
-        {
-            "available_floors": state.floors,
-            "current_floor": state.floor or "",
-            "destination_floor": state.destination or "",
-            "door_state": DOOR_STATE[state.robot_door],
-            "motion_state": MOTION_STATE[state.motion],
-        }
-    )
+    return succeeded(state_data(state))
+
+
+def state_data(state: LiftState) -> dict[str, object]:
+    """Return what a live lift looks like to clients of the workshop."""
+    return {
+        "available_floors": state.floors,
+        "current_floor": state.floor or "",
+        "destination_floor": state.destination or "",
+        "door_state": DOOR_STATE[state.robot_door],
+        "motion_state": MOTION_STATE[state.motion],
+    }
 
 
 def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Response:

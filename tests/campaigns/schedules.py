@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 from lift_manager.lab.world.fault_names import every_device_fault
-from register_maps.words import Table
+from register_maps.words import Mode, Table
 from simulator import faults as device
 from simulator import wire_faults as wire
 from simulator.faults import Fault
@@ -15,6 +15,8 @@ from tests.support.trip_sites import NO_TRIP
 
 LASTS_S = 60.0
 POLL_S = 0.2
+FIRES = (device.InMode(Mode.FIRE),) * 4
+"""Drawn beside one of every fault: what a fire does is worth more minutes than what an indicator does."""
 HOLDERS = ("workshop", "fleet:r1", "fleet:r2")
 
 
@@ -187,7 +189,7 @@ def _ask(random: Random) -> Asks:
 
 
 def _device(random: Random) -> DeviceFails:
-    every = every_device_fault()
+    every = (*every_device_fault(), *FIRES)
     place = random.randrange(len(every) + 1)
     fault = every[place] if place < len(every) else _foreign(random)
     return DeviceFails(random.uniform(2, 50), fault, random.choice((1.0, 4.0, 10.0, 60.0)))

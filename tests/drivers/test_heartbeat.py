@@ -13,11 +13,12 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice
-from drivers.model import LiftReading
+from drivers.model import Command, CommandKind, LiftReading, Result
 from register_maps.codec import Codec, compile_map
 from register_maps.load import load
 from register_maps.words import Table
 from tests.drivers.linked import now, virtual
+from tests.drivers.rig import SIGNALS, allowed
 from tests.support.virtual_time import elapse
 from tests.support.written_maps import HEAD, written_map
 
@@ -36,6 +37,7 @@ class Watched:
     """A lift that is read every 0.1 s while its counter counts twice a second, or stands still."""
 
     devices: dict[str, MemoryDevice]
+    lift: ModbusLift
     counts: bool = True
     readings: list[tuple[float, LiftReading]] = field(default_factory=list)
     errors: list[tuple[float, DriverError]] = field(default_factory=list)
@@ -50,15 +52,15 @@ class Watched:
 
 
 @asynccontextmanager
-async def watched(codec: Codec | None = None) -> AsyncIterator[Watched]:
+async def watched(codec: Codec | None = None, *, control: bool = False) -> AsyncIterator[Watched]:
     codec = codec or compile_map(load("generic-registers").map)
     devices = {name: MemoryDevice() for name in ("", *codec.map.endpoints)}
     devices[""].values[Table.HOLDING].update({1: 1, 2: 1, 3: 1, 4: 1, 5: 0b101})
     devices[""].values[Table.INPUT][1] = 1
     links = {name: Link(device.wire, name=name or "plc") for name, device in devices.items()}
-    settings = LiftSettings(name="lift", floors={"L1": 1, "L2": 2})
+    settings = LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=control)
     lift = ModbusLift(codec, links[""], settings, {name: Line(link, 1) for name, link in links.items() if name})
-    made = Watched(devices)
+    made = Watched(devices, lift)
 
     async def poll() -> None:
         while True:
@@ -70,7 +72,7 @@ async def watched(codec: Codec | None = None) -> AsyncIterator[Watched]:
                 made.errors.append((now(), error))
             await elapse(POLL_S)
 
-    tasks = [asyncio.ensure_future(part) for part in (*(link.run() for link in links.values()), poll())]
+    tasks = [asyncio.ensure_future(part) for part in (*(link.run() for link in links.values()), lift.run(), poll())]
     try:
         yield made
     finally:
@@ -156,3 +158,35 @@ async def test_a_map_without_a_counter_waits_for_none() -> None:
     async with watched(compile_map(load("two-stop-agv").map)) as made:
         await elapse(1)
         assert made.since(0.05)[0][0] <= 2 * POLL_S
+
+
+@virtual
+async def test_nothing_is_pressed_over_a_new_connection_before_the_counter_was_seen_to_change() -> None:
+    async with watched(control=True) as made:
+        await elapse(2)
+        device = made.devices[""]
+        made.counts = False
+        device.disconnect()
+        await elapse(0.5)
+        refused = await made.lift.press(Command(CommandKind.ROBOT_MODE), allowed)
+        assert (refused.result, refused.reason) == (
+            Result.REJECTED,
+            "its alive counter was not seen to change on this connection yet",
+        )
+        assert not any(request.values[0] for request in device.writes)
+        made.counts = True
+        await elapse(1)
+        pressed = made.lift.press(Command(CommandKind.ROBOT_MODE), allowed)
+        await elapse(1)
+        assert any(request.values[0] for request in device.writes)
+        pressed.cancel()
+
+
+@virtual
+async def test_of_an_alive_bit_the_error_says_that_it_may_be_in_step_with_the_polls() -> None:
+    text = SIGNALS.replace(
+        "signals: {", 'signals: {alive: {at: "discrete:7", type: counter, must_change_within_s: 2}, '
+    )
+    async with watched(written_map(text)) as made:
+        await elapse(1)
+        assert "a bit that changes in step with the polls always reads the same" in str(made.errors[-1][1])

@@ -1,6 +1,7 @@
 """How long the link waits for an answer: it follows what answers take, within bounds; and what it refuses in doubt."""
 
 import asyncio
+import random
 
 import pytest
 
@@ -40,7 +41,9 @@ def waits(settings: LinkSettings, *took_s: float) -> float:
         # 2.3: RTTVAR = 3/4 * 0.1 + 1/4 * 0.2, SRTT = 7/8 * 0.2 + 1/8 * 0.4
         ((0.2, 0.4), 0.225 + 4 * 0.125),
         ((0.005,) * 100, 0.005 + SPARE_S),
-        ((0.005, 0.9), 0.116875 + 4 * (0.75 * 0.0025 + 0.25 * 0.895)),
+        # not the 1.02 s of the variation: the slowest of late and the spare
+        ((0.005, 0.9), 0.9 + SPARE_S),
+        ((0.9, *[0.005] * 140), 0.9 * 0.995**140 + SPARE_S),
         ((5.0,), 2.0),
     ],
 )
@@ -242,3 +245,60 @@ async def test_a_late_answer_to_a_press_never_vouches_for_a_later_one() -> None:
         second = await outcome(link.write(PRESS, allowed))
         assert isinstance(second, AnswerTimeout)
         assert link.stats.late == 1
+
+
+# -- writes
+
+
+@virtual
+async def test_a_write_is_never_waited_for_less_than_the_map_says_however_quick_reads_are() -> None:
+    device = MemoryDevice(delay_s=0.005)
+    device.fail_next(late(0.4), times=100, on=lambda request: request.is_write)
+    async with linked(device) as link:
+        for _ in range(5):
+            for _ in range(50):
+                await link.read(READ)
+            await link.write(PRESS, allowed)
+        assert link.stats.timeouts == 0
+        device.fall_silent(10)
+        began = now()
+        assert isinstance(await outcome(link.write(RELEASE)), AnswerTimeout)
+        assert now() - began >= 0.5 - 0.001
+
+
+@virtual
+async def test_a_read_behind_a_write_is_still_waited_for_as_long_as_reads_take() -> None:
+    device = MemoryDevice(delay_s=0.02)
+    async with linked(device) as link:
+        for _ in range(30):
+            await link.read(READ)
+        await link.write(RELEASE)
+        device.fall_silent(10)
+        began = now()
+        assert isinstance(await outcome(link.read(READ)), AnswerTimeout)
+        assert now() - began == pytest.approx(0.27, abs=0.005)
+
+
+@pytest.mark.parametrize("reads", [2, 3, 4, 6])
+@virtual
+async def test_of_a_poll_of_several_reads_the_slow_one_is_measured_too(reads: int) -> None:
+    device = MemoryDevice()
+    device.fail_next(late(0.4), times=10**6, on=lambda request: request.address == 7)
+    async with linked(device) as link:
+        for _ in range(100):
+            for place in range(reads):
+                await outcome(link.read(frames.read(Table.HOLDING, 7 if place == 0 else place)))
+        assert link.stats.timeouts <= 3
+
+
+@pytest.mark.parametrize("one_in", [5, 20, 200])
+@virtual
+async def test_a_controller_with_a_slow_cycle_now_and_then_misses_next_to_none_of_them(one_in: int) -> None:
+    device, chance = MemoryDevice(), random.Random(one_in)
+    slow_now_and_then = Fault(lambda _, answer: ((0.45 if chance.random() < 1 / one_in else 0.005, answer),))
+    device.fail_next(slow_now_and_then, times=10**6)
+    async with linked(device) as link:
+        for _ in range(5000):
+            await outcome(link.read(READ))
+            await elapse(0.05)
+        assert link.stats.timeouts <= 8

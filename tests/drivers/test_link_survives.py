@@ -228,3 +228,20 @@ async def test_a_silent_device_takes_connections_and_hears_nothing_until_its_tim
         wire.send(request)
         await elapse(0.1)
     assert len(heard) == len(device.heard) == 5
+
+
+@virtual
+async def test_without_transaction_ids_an_answer_given_twice_makes_few_others_stale() -> None:
+    device, stale = MemoryDevice(delay_s=0.02), 0
+    async with linked(device, LinkSettings(tid_echo=False)) as link:
+        for number in range(200):
+            if number == 50:
+                device.fail_next(twice(0.001))
+            device.values[Table.HOLDING][0] = number
+            try:
+                await link.wait_up()
+                stale += await link.read(frames.read(Table.HOLDING, 0)) != number.to_bytes(2, "big")
+            except DriverError:
+                await elapse(0.1)
+    assert stale <= 9
+    assert link.stats.desyncs == 1

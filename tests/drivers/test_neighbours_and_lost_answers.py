@@ -261,10 +261,10 @@ def test_a_hold_that_the_controller_dropped_is_noticed_and_pressed_again() -> No
         made.lift.hold(HOLD_FRONT, allowed)
         await elapse(1.0)
         made.device.values[Table.COIL][0] = 0
-        made.device.fail_next(DOES_NOTHING, times=3, on=lambda request: request.is_write)
+        made.device.fail_next(DOES_NOTHING, times=2, on=lambda request: request.is_write)
         await elapse(1.5)
         assert not made.lift.held(HOLD_FRONT)
-        await elapse(3.0)
+        await elapse(5.0)
         assert made.lift.held(HOLD_FRONT)
 
     on_rig(check, f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:0", {HOLD}}}}}\n')

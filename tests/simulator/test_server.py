@@ -366,6 +366,50 @@ def test_requests_that_are_sent_without_waiting_are_each_carried_out_once() -> N
     with_server(check)
 
 
+@pytest.mark.parametrize("requests", [22, 30, 100])
+def test_every_request_of_one_long_segment_is_answered_in_order(requests: int) -> None:
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        # every tenth asks for a function that nobody knows; it is answered in its turn, too
+        asked = [
+            f"{number:04X} 0000 0006 01 {'63' if number % 10 == 9 else '06'} {number:04X} {number:04X}"
+            for number in range(requests)
+        ]
+        async with line(server.port) as bare:
+            bare.send(*asked)
+            answers = [await bare.answer() for _ in asked]
+        right = [
+            f"{number:04X} 0000 0003 01 E3 01" if number % 10 == 9 else asked[number] for number in range(requests)
+        ]
+        assert [bytes.fromhex(answer) for answer in answers] == [bytes.fromhex(each) for each in right]
+        written = [number for number in range(requests) if number % 10 != 9]
+        assert notebook.writes == [(Table.HOLDING, number, [number]) for number in written]
+
+    with_server(check)
+
+
+def test_the_longest_request_and_one_behind_it_are_both_carried_out() -> None:
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        async with line(server.port) as bare:
+            bare.send("0001 0000 00FD 01 10 0000 007B F6" + "0007" * 123, "0002 0000 0006 01 06 0005 0009")
+            assert await bare.answer() == "00 01 00 00 00 06 01 10 00 00 00 7B"
+            assert await bare.answer() == "00 02 00 00 00 06 01 06 00 05 00 09"
+        assert len(notebook.writes) == 2
+
+    with_server(check)
+
+
+def test_a_request_that_is_still_coming_in_while_an_answer_leaves_is_not_forgotten() -> None:
+    async def check(server: SimulatedController, notebook: Notebook) -> None:
+        async with line(server.port) as bare:
+            bare.send("0001 0000 0006 01 06 0005 0009", "0002 0000 00")
+            assert await bare.answer() == "00 01 00 00 00 06 01 06 00 05 00 09"
+            bare.send("06 01 06 0006 0008")
+            assert await bare.answer() == "00 02 00 00 00 06 01 06 00 06 00 08"
+        assert len(notebook.writes) == 2
+
+    with_server(check)
+
+
 def test_a_request_may_come_in_pieces() -> None:
     async def check(server: SimulatedController, notebook: Notebook) -> None:
         async with line(server.port) as raw, client(server.port) as modbus:

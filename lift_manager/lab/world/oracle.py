@@ -20,6 +20,7 @@ from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judged import Finding, Judged, Read
 from lift_manager.lab.world.truth import History, Truth
 from lift_manager.lab.world.witness import Struck
+from lift_manager.web.workshop import DOOR_OPEN, state_data
 from register_maps.frames import parse_request
 from register_maps.words import ROBOT_FORBIDDEN_MODES
 from simulator.faults import ForeignWriter
@@ -142,9 +143,12 @@ class Oracle:
                 "stale",
                 f"the state looks current, and no answer of the last {watched.about.max_age_s:g} s bears it out",
             )
-        if state.robot_door is RobotDoor.OPEN:
+        shown = state_data(state)
+        floors = {state.floor} if state.robot_door is RobotDoor.OPEN else set()
+        floors |= {str(shown["current_floor"])} if shown["door_state"] == DOOR_OPEN else set()
+        for floor in floors:
             self.invitations += 1
-            self._invitation(at, lift, watched, state)
+            self._invitation(at, lift, watched, state, floor)
 
     def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether anything may be pressed now."""
@@ -241,12 +245,12 @@ class Oracle:
         troubled = watched.troubles > 0 or at < watched.troubled_until
         return troubled and at - watched.last_exchange > max(SILENT_S, 3 * watched.about.poll_s)
 
-    def _invitation(self, at: float, lift: str, watched: _Watched, state: LiftState) -> None:
+    def _invitation(self, at: float, lift: str, watched: _Watched, state: LiftState, floor: FloorName | None) -> None:
         since = at - (state.age_s or 0.0) - ROUNDING_S
         truths = list(watched.history.during(since, at))
-        if not any(truth.open_at == state.floor for truth in truths):
+        if floor is None or not any(truth.open_at == floor for truth in truths):
             was = truths[-1]
-            text = f"said open at {state.floor}, {state.age_s:.2f} s old; the car was {_words(was)}"
+            text = f"said open at {floor}, {state.age_s:.2f} s old; the car was {_words(was)}"
             self.find(at, lift, "said open and was not", text, Lie.OPEN)
         if all(truth.mode in ROBOT_FORBIDDEN_MODES for truth in truths):
             self.find(at, lift, "said open in a forbidden mode", f"the mode was {truths[0].mode}", Lie.MODE)
