@@ -69,7 +69,7 @@ def test_every_command_of_the_readme_is_run_by_some_test() -> None:
     run_here = [*commands("./scripts/demo"), *commands("curl "), *commands(".venv/bin/lift-manager ")]
     run_by_test_scripts = ["./scripts/test"]
     assert sorted(COMMANDS) == sorted([*run_here, *run_by_test_scripts])
-    assert [len(commands(start)) for start in ("./scripts/demo", "curl ", ".venv/bin/lift-manager ")] == [1, 3, 3]
+    assert [len(commands(start)) for start in ("./scripts/demo", "curl ", ".venv/bin/lift-manager ")] == [1, 3, 4]
 
 
 @pytest.mark.external("curl")
@@ -89,7 +89,7 @@ def test_the_curl_lines_of_the_readme_and_of_the_demos_guide_make_the_ride_that_
 
 @pytest.mark.external("curl")
 def test_the_readmes_lift_of_its_own_is_simulated_checked_and_served(start: Started, tmp_path: Path) -> None:
-    simulate, check, serve = commands(".venv/bin/lift-manager ")
+    simulate, check, serve, _ = commands(".venv/bin/lift-manager ")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     site, port = tmp_path / "examples" / "first-site.yaml", str(free_port())
     for known in (simulate, site.read_text("utf-8")):
@@ -143,3 +143,8 @@ def test_every_relative_link_of_the_readme_leads_to_a_file() -> None:
     links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", README) if "://" not in link]
     assert links
     assert [link for link in links if link and not (ROOT / link).is_file()] == []
+
+
+def test_the_readmes_scenario_ends_as_it_should() -> None:
+    *_, scenario = commands(".venv/bin/lift-manager ")
+    assert b"FAILED" not in shell(f"cd {shlex.quote(str(ROOT))} && {with_interpreter(scenario)}")

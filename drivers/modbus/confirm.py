@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from drivers.model import Command, CommandKind, FloorName, LiftValues, Proof
 from register_maps.words import Door, Motion
 
+_MOVES = (Motion.UP, Motion.DOWN, Motion.MOVING)
+
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
@@ -70,8 +72,11 @@ def _takes_effect(expected: Expectation, now: LiftValues) -> bool:
 def _goes(expected: Expectation, now: LiftValues) -> bool:
     """Whether the car is there, or has set out for there."""
     target, before = expected.command.floor, expected.before
-    if target is None or now.floor == target:
-        return now.floor is not None
+    if target is None:
+        return False
+    if now.floor == target:
+        # a car that has just left still tells the floor that it leaves
+        return before is None or before.floor != target or now.motion not in _MOVES
     if before is None or before.floor is None:
         return False
     upwards = expected.floors.index(target) > expected.floors.index(before.floor)

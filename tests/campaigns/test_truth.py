@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.campaigns.playing import play, still_fails
-from tests.campaigns.schedules import DeviceFails, draw, shrink
+from tests.campaigns.schedules import Asks, draw, shrink
 from tests.campaigns.truth import AT_A_TIME, ROOT, Tally, maps, report, run
 
 FIRST_HALF = range(1, 101, AT_A_TIME)
@@ -58,7 +58,7 @@ def test_a_failure_shrinks_to_the_event_that_makes_it() -> None:
 
 def test_a_crash_of_the_manager_is_a_finding_and_ends_nothing_else() -> None:
     schedule = draw(1, maps())
-    broken = DeviceFails(at=1.0, fault="no fault at all", for_s=1.0)  # type: ignore[arg-type]  # that is the point
+    broken = Asks(at=1.0, holder="workshop", floor="no number", hold=True)  # type: ignore[arg-type]  # that is the point
     played = play(type(schedule)(**{**vars(schedule), "events": (broken,)}))
     assert [finding.rule for finding in played.findings] == ["crash"]
     assert still_fails(played.findings[0])(played.schedule)

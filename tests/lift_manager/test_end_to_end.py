@@ -515,6 +515,11 @@ class Witness(DataBank):  # type: ignore[misc]  # pyModbusTCP has no types
         super().set_holding_registers(0, [(count + 1) & 0xFFFF])
 
 
+def beats_and_lives(controller: Witness, api: Workshop, lift: str) -> bool:
+    controller.beat()
+    return api.alive(lift)
+
+
 def test_not_one_byte_is_written_to_a_lift_that_is_only_watched(start: Started, tmp_path: Path) -> None:
     # the same story twice, so that it is known that the witness of the commanded lift does see writes
     access = {"watched": "monitor", "commanded": "control"}
@@ -528,6 +533,8 @@ def test_not_one_byte_is_written_to_a_lift_that_is_only_watched(start: Started, 
     api = Workshop(int(manager.says(r"127\.0\.0\.1:(\d+)/docs")[1]), start)
     answers: dict[str, list[bool]] = {lift: [] for lift in access}
     for lift, controller in controllers.items():
+        # no lift is live before its heartbeat has changed once
+        eventually(partial(beats_and_lives, controller, api, lift), 5)
         assert api.state(lift)["current_floor"] == "L1"
         for floor, door_state in [("L1", CLOSED), ("L5", CLOSED), ("L1", OPEN), ("L3", OPEN), ("L1", CLOSED)]:
             controller.beat()

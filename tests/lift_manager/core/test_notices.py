@@ -28,7 +28,9 @@ async def alarms(made: Spine) -> list[Alarm]:
     return [alarm for alarm in heard if "close_door" in alarm.text]
 
 
-TEXT = "somebody else writes close_door.front at holding:19: it reads 1, we wrote 0; it is let go of, once in 60 s at most"
+TEXT = (
+    "somebody else writes close_door.front at holding:19: it reads 1, we wrote 0; it is let go of, once in 60 s at most"
+)
 
 
 def test_a_foreign_writer_is_one_alarm() -> None:
