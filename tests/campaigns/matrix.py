@@ -107,29 +107,29 @@ def device_faults() -> tuple[Fault, ...]:
     return (*every_device_fault(), *foreign)
 
 
-def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell | None:
-    """Play one cell; None where the lift has nothing that could fail like this, or never comes to this phase."""
+def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
+    """Play one cell; where the lift has nothing that could fail like this, or never comes to this phase, it says so."""
     loaded = loaded_site(name, 900.0, 300.0, 0.0)
     oracle = Oracle({lift: replace(judged, detections={}) for lift, judged in judge_of(loaded).judges.items()})
     watch = _Watch()
 
-    async def main() -> bool:
+    async def main() -> str:
         world = World(loaded, (oracle,))
         async with world.running():
             if not await _reach(world, phase):
-                return False
+                return f"not tried: the ride never came to {phase}"
             if isinstance(fault, Fault) and not applies(world, LIFT, fault):
-                return False
+                return "not tried: the map has no such command"
             watch.began = asyncio.get_running_loop().time()
             watch.look(world)
             _set(world, fault, on=True)
             await _watched(world, watch, fault)
             _set(world, fault, on=False)
             await asyncio.sleep(AFTER_S)
-        return True
+        return ""
 
-    if not run_virtual(main, limit_s=600):
-        return None
+    if why_not := run_virtual(main, limit_s=600):
+        return Cell(name, _name(fault), phase, why_not, (), ())
     lies: dict[Lie, float] = {}
     others: list[Finding] = []
     for finding in oracle.findings:
@@ -227,8 +227,7 @@ def row(name: str) -> list[Cell]:
     """Play every fault in every phase on one map."""
     every: Sequence[Fault | WireFault] = (*device_faults(), *WIRE)
     with quiet():
-        found = [cell(name, fault, phase) for fault in every for phase in Phase]
-    return [one for one in found if one is not None]
+        return [cell(name, fault, phase) for fault in every for phase in Phase]
 
 
 def broken_promises(cells: Sequence[Cell]) -> Iterator[str]:
@@ -261,6 +260,8 @@ def table(cells: Sequence[Cell]) -> str:
             wrong = ", ".join(f"{lie} until {lasted:.1f} s" for lie, lasted in one.lies) or "nothing"
             lines.append(f"| {one.fault} | {_class(known.get(one.fault))} | {one.phase} | {one.told} | {wrong} |")
         lines.append("")
+    for name, why in NO_TRIP.items():
+        lines += [f"## {name}", "", f"Not tried: {why}.", ""]
     return "\n".join(lines)
 
 

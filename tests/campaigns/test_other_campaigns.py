@@ -5,7 +5,7 @@ import pytest
 from lift_manager.commissioning.detection import Lie
 from lift_manager.lab.world.fault_names import fault_name
 from register_maps.words import Mode
-from simulator.faults import InMode, StuckDoor
+from simulator.faults import ForeignWriter, InMode, StuckDoor
 from simulator.wire_faults import DropAnswer
 from tests.campaigns import matrix, mutants
 from tests.campaigns.long_day import Day, live
@@ -24,7 +24,6 @@ def _quiet() -> object:
 @pytest.mark.parametrize("phase", Phase)
 def test_a_fire_is_told_in_every_phase_of_a_ride(phase: Phase) -> None:
     played = cell("generic-registers", InMode(Mode.FIRE), phase)
-    assert played is not None
     assert "fire after" in played.told
     assert "refused: mode" in played.told or "refused: fire_latched" in played.told
     assert list(broken_promises([played])) == []
@@ -33,9 +32,15 @@ def test_a_fire_is_told_in_every_phase_of_a_ride(phase: Phase) -> None:
 @pytest.mark.parametrize("fault", [StuckDoor(), DropAnswer()])
 def test_what_a_robot_is_told_stands_in_the_table(fault: object) -> None:
     played = cell("generic-registers", fault, Phase.DOOR_HELD)  # type: ignore[arg-type]  # one of each kind
-    assert played is not None
     assert f"| {played.fault} |" in table([played])
     assert played.told in table([played])
+
+
+def test_what_could_not_be_tried_stands_in_the_table_with_its_reason() -> None:
+    played = cell("adam-io", ForeignWriter("robot_mode"), Phase.IDLE)
+    assert played.told == "not tried: the map has no such command"
+    assert played.told in table([played])
+    assert "thingweb-elevator" in table([played])
 
 
 def test_a_lie_that_should_have_been_detected_is_a_broken_promise() -> None:
