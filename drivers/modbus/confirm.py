@@ -69,14 +69,23 @@ def _takes_effect(expected: Expectation, now: LiftValues) -> bool:
             return False
 
 
+def _may_leave(now: LiftValues) -> bool:
+    """Whether the car may be on its way: one that has just left still tells the floor that it leaves.
+
+    Where no motion is told, a car with its doors shut may stand or drive.
+    """
+    if now.motion is None:
+        return all(door is Door.CLOSED for door in now.doors.values())
+    return now.motion in _MOVES
+
+
 def _goes(expected: Expectation, now: LiftValues) -> bool:
     """Whether the car is there, or has set out for there."""
     target, before = expected.command.floor, expected.before
     if target is None:
         return False
     if now.floor == target:
-        # a car that has just left still tells the floor that it leaves
-        return before is None or before.floor != target or now.motion not in _MOVES
+        return before is None or before.floor != target or not _may_leave(now)
     if before is None or before.floor is None:
         return False
     upwards = expected.floors.index(target) > expected.floors.index(before.floor)

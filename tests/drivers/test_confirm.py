@@ -26,6 +26,12 @@ def test_a_car_that_stands_where_it_is_called_to_is_there() -> None:
     assert effect("L2", None, LiftValues(floor="L2"))
 
 
+def test_without_a_word_about_motion_a_shut_car_may_be_leaving_and_an_open_one_is_there() -> None:
+    before = LiftValues(floor="L2", doors=SHUT)
+    assert not effect("L2", before, before)
+    assert effect("L2", before, LiftValues(floor="L2", doors={Side.FRONT: Door.OPENING}))
+
+
 def test_a_car_that_comes_to_its_floor_from_another_one_has_come_even_before_it_stands() -> None:
     assert effect("L2", LiftValues(floor="L1", motion=Motion.UP), LiftValues(floor="L2", motion=Motion.UP))
 

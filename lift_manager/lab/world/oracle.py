@@ -218,6 +218,10 @@ class Oracle:
         watched = self._lifts[lift]
         return not watched.troubles and at - watched.clean_since > for_s
 
+    def wanted_since(self, lift: str) -> float:
+        """Since when the lift is wanted where it is wanted last."""
+        return self._lifts[lift].floor_asked_at
+
     # -- how it is judged
 
     def _is_faulty(self, watched: _Watched, struck: Struck, at: float) -> None:

@@ -87,7 +87,8 @@ class Rules:
             book.held_at = at
         if truth.robot_mode:
             book.robot_mode_at = at
-        if before is not None and "robot_mode" in before.commands - truth.commands and not truth.standing:
+        dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
+        if dropped and not truth.standing:
             self._dropped_under_way(at, lift, book)
         for doubt in [doubt for doubt in book.doubts if doubt[0] < at]:
             book.doubts.remove(doubt)
@@ -102,7 +103,9 @@ class Rules:
             self._oracle.find(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it", Lie.OUTPUT)
         if at > book.locked_since + KNOWN_WITHIN_S:
             self._oracle.find(at, lift, "pressed in a lockout", names, Lie.OUTPUT)
-        if at < book.rests_until and commands - _WORDS:
+        # a lift that is still in robot mode is none for people, and what keeps it so under way may be pressed again
+        kept = {"robot_mode"} if at - book.robot_mode_at < MODE_LEFT_S else set()
+        if at < book.rests_until and commands - _WORDS - kept:
             text = f"{names}, {book.rests_until - at:.1f} s before people have had their turn"
             self._oracle.find(at, lift, "pressed in people's turn", text, Lie.OUTPUT)
         self._again(at, lift, book, commands)
@@ -120,7 +123,8 @@ class Rules:
         if state.robot_door is RobotDoor.OPEN and state.holder is not None:
             since = at - (state.age_s or 0.0)
             if book.about.holds and book.held_at < since - HELD_WITHIN_S:
-                self._oracle.find(at, lift, "said open and not held", f"for {state.holder}", Lie.EFFECT)
+                since = self._oracle.wanted_since(lift)
+                self._oracle.find(at, lift, "said open and not held", f"for {state.holder}", Lie.EFFECT, since=since)
             if book.about.tells_robot_mode and book.robot_mode_at < since - KNOWN_WITHIN_S:
                 self._oracle.find(at, lift, "said open without robot mode", f"for {state.holder}", Lie.MODE)
 
