@@ -56,7 +56,8 @@ class RobotMode:
         under_way = last is not None and moving(last) and granted
         until = self._keep_until
         if until is not None and now < until and (under_way or reporting):
-            if sight is not None:
+            # what is on is kept on; what has fallen is not pressed for nobody
+            if sight is not None and self._driver.given(_ROBOT_MODE):
                 self.hold(permit)
             return None
         self.drop()

@@ -33,6 +33,8 @@ KEPT_S = 30.0
 """How long the past is remembered; longer than any outcome takes to come, and than any window below."""
 ANSWERS_KEPT = 256
 """Right answers that are remembered: more than are asked for within the age of any reading, and those still on their way."""
+REGISTERS_WITHIN_S = 0.5
+"""A controller registers a call with its next scan, and a car that sets out may have been seen before that."""
 RELEASES_WITHIN_S = 6.0
 """How long an output may stay on that nobody wants, on a wire that works: retries of a release come up to 2 s apart, a pulse of
 the map has its own width, and a slow trip of the car comes to its end before robot mode falls."""
@@ -42,13 +44,18 @@ SILENT_S = 1.0
 """A wire on which nothing was asked for so long does not work: a lift is polled five times as often."""
 FOREIGN_CLEARED_S = 70.0
 """What somebody else has pressed is let go of at most once a minute (`drivers.modbus.foreign`), and the release takes its time."""
-HOMES_S = 60.0
-"""How long a lift may take to find its lowest floor after a restart."""
+LINGERS_S = {"reboot": 60.0, "lost_press": 30.0, "ignored_writes": 30.0, "ignored_writes.stored": 30.0}
+"""How long some faults go on to be felt: a lift looks for its lowest floor after a restart, and a press that was lost stays so for as
+long as it lasts, which is a ride where a robot's word is kept on."""
 SETTLES_S = 2.0
 """How long what a fault has spoiled may show after its end: two readings, and the age of the last wrong one."""
 
 DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 """Faults under which nobody can let go of an output, as nobody can on a wire that fails."""
+
+
+_Claim = tuple[float, float, Command, str]
+"""When a command was said to be confirmed, when it was pressed, which it is, and what to say."""
 
 
 @dataclass(slots=True)
@@ -77,6 +84,8 @@ class _Watched:
     pressed_at: dict[str, float] = field(default_factory=dict)
     under_way_at: float = -math.inf
     """When robot mode was last on, and not wanted, under way: it is not dropped then."""
+    claims: list[_Claim] = field(default_factory=list)
+    """Commands that are said to be confirmed and are not judged yet."""
     stuck: set[str] = field(default_factory=set)
     """Outputs that a fault left on, and that nobody can see."""
     foreign: dict[str, float] = field(default_factory=dict)
@@ -128,6 +137,9 @@ class Oracle:
             watched.clean_since = at
         if watched.on_since:
             self._outputs(at, lift, watched, truth)
+        for claim in [claim for claim in watched.claims if at - claim[0] > REGISTERS_WITHIN_S]:
+            watched.claims.remove(claim)
+            self._claimed(lift, watched, at, claim)
 
     def published(self, at: float, lift: str, state: LiftState) -> None:
         """Compare what is said with what is so."""
@@ -189,12 +201,9 @@ class Oracle:
     def heard(self, at: float, event: Event) -> None:
         """See whether what is said to be confirmed has happened."""
         if isinstance(event, CommandEnded) and event.outcome.result is Result.CONFIRMED:
-            watched = self._lifts[event.lift]
-            if not self._had_effect(watched, event.outcome.command, at):
-                text = f"{event.outcome.command} is said to be confirmed by {event.outcome.proof}, and had no effect"
-                since = watched.pressed_at.get(event.outcome.command.name, watched.floor_asked_at)
-                since = min(since, watched.floor_asked_at)
-                self.find(at, event.lift, "confirmed without effect", text, Lie.EFFECT, since=since)
+            command, watched = event.outcome.command, self._lifts[event.lift]
+            text = f"{command} is said to be confirmed by {event.outcome.proof}, and had no effect"
+            watched.claims.append((at, watched.pressed_at.get(command.name, at - KEPT_S), command, text))
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
         """Know since when the lift is wanted where it is: no press for that floor is older."""
@@ -240,7 +249,7 @@ class Oracle:
             if math.isinf(excuse.until) and Lie.OUTPUT in excuse.lies and not detection.goes_on:
                 # what was not let go meanwhile, and cannot be read back, stays on until it is written again
                 watched.stuck |= watched.on_since.keys()
-            excuse.until = min(excuse.until, at + (HOMES_S if name == "reboot" else SETTLES_S))
+            excuse.until = min(excuse.until, at + LINGERS_S.get(name, SETTLES_S))
             watched.excuses.append(excuse)
 
     @staticmethod
@@ -315,11 +324,17 @@ class Oracle:
         on_s = at - watched.on_since[name]
         return not name.startswith("hold_door") or on_s <= watched.about.max_session_hold_s
 
-    def _had_effect(self, watched: _Watched, command: Command, at: float) -> bool:
-        since = watched.pressed_at.get(command.name, at - KEPT_S)
-        truths = watched.history.during(since, at)
+    def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
+        claimed_at, pressed_at, command, text = claim
+        if not self._had_effect(watched, command, pressed_at, at):
+            since = min(pressed_at, watched.floor_asked_at)
+            self.find(claimed_at, lift, "confirmed without effect", text, Lie.EFFECT, since=since)
+
+    def _had_effect(self, watched: _Watched, command: Command, since: float, at: float) -> bool:
+        truths = list(watched.history.during(since, at))
         if command.kind in (CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO):
-            return any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
+            came = truths[-1].passed != command.floor == truths[0].passed
+            return came or any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
         return any(command.name in truth.commands for truth in truths)
 
     def find(

@@ -15,7 +15,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event, LockedOut, LockoutOver, PersonAcknowledged, SessionEnded, SessionOpened
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.judged import Judged
-from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.oracle import RELEASES_WITHIN_S, Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
 from register_maps.vocabulary import CALLS
@@ -66,6 +66,8 @@ class _Book:
     held_at: float = -math.inf
     """When one of our door holds was last on."""
     robot_mode_at: float = -math.inf
+    stood_at: float = -math.inf
+    """When the car was last seen to stand; that it has set out is known with the next reading."""
     doubts: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
     """Requests that were accepted and are not judged yet: when, of whom, and who held the lift then."""
 
@@ -88,7 +90,11 @@ class Rules:
         if truth.robot_mode:
             book.robot_mode_at = at
         dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
-        if dropped and not truth.standing:
+        if truth.standing:
+            book.stood_at = at
+        if (
+            dropped and truth.doors_shut and at - book.stood_at > KNOWN_WITHIN_S
+        ):  # with its doors open a car only re-levels
             self._dropped_under_way(at, lift, book)
         for doubt in [doubt for doubt in book.doubts if doubt[0] < at]:
             book.doubts.remove(doubt)
@@ -123,8 +129,8 @@ class Rules:
         if state.robot_door is RobotDoor.OPEN and state.holder is not None:
             since = at - (state.age_s or 0.0)
             if book.about.holds and book.held_at < since - HELD_WITHIN_S:
-                since = self._oracle.wanted_since(lift)
-                self._oracle.find(at, lift, "said open and not held", f"for {state.holder}", Lie.EFFECT, since=since)
+                wanted = self._oracle.wanted_since(lift)
+                self._oracle.find(at, lift, "said open and not held", f"for {state.holder}", Lie.EFFECT, since=wanted)
             if book.about.tells_robot_mode and book.robot_mode_at < since - KNOWN_WITHIN_S:
                 self._oracle.find(at, lift, "said open without robot mode", f"for {state.holder}", Lie.MODE)
 
@@ -201,7 +207,7 @@ class Rules:
         blind = at - book.live_at > KNOWN_WITHIN_S
         by_mode = at - book.mode_at < MODE_LEFT_S or not math.isinf(book.fire_since)
         restarted = at - book.restarted_at < book.about.arrive_within_s
-        if not (blind or by_mode or restarted or book.stopping) and self._oracle.is_clean(lift, at, KNOWN_WITHIN_S):
+        if not (blind or by_mode or restarted or book.stopping) and self._oracle.is_clean(lift, at, RELEASES_WITHIN_S):
             self._oracle.find(at, lift, "robot mode dropped under way", "the car was moving")
 
     def _again(self, at: float, lift: str, book: _Book, commands: frozenset[str]) -> None:

@@ -27,6 +27,8 @@ class Truth:
     """Car calls that are registered and not served yet."""
     given: tuple[tuple[str, int], ...]
     """What the controller is asked for over the network: command and the index of the floor, or 1."""
+    passed: FloorName | None = None
+    """The floor in whose door zone the car was last: it may have come and gone between two looks."""
 
     @property
     def commands(self) -> frozenset[str]:
@@ -49,6 +51,7 @@ def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:
         robot_mode=picture.robot_mode_on,
         calls=frozenset(floors[index] for index in picture.car_calls),
         given=tuple(sorted(face.asked.items())),
+        passed=floors[picture.floor],
     )
 
 

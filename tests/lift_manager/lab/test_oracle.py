@@ -80,6 +80,7 @@ def polled(oracle: Oracle, until: float, truth: Truth = STANDS_OPEN, since: floa
 
 
 def rules(oracle: Oracle) -> list[str]:
+    """What was found, also of what is judged a moment later."""
     return [finding.rule for finding in oracle.findings]
 
 
@@ -175,6 +176,7 @@ def test_a_confirmed_call_that_the_lift_never_had_is_found() -> None:
     polled(oracle, 4.0, DRIVES)
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), not_granted=False)
     oracle.heard(4.1, CommandEnded("lift", outcome))
+    polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
 
 
@@ -191,6 +193,7 @@ def test_a_confirmed_hold_that_the_controller_never_had_is_found() -> None:
     polled(oracle, 4.0)
     hold = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
     oracle.heard(4.1, CommandEnded("lift", Outcome(hold, Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)))
+    polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
 
 
@@ -306,6 +309,7 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
     polled(oracle, 7.0, DRIVES, since=6.2)
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
     oracle.heard(7.1, CommandEnded("lift", outcome))
+    polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
 
 

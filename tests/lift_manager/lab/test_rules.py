@@ -142,18 +142,18 @@ def test_the_same_call_that_is_pressed_again_at_once_is_found_unless_another_flo
 
 def test_robot_mode_that_is_dropped_under_way_is_found() -> None:
     oracle, rules = book()
-    driving = replace(DRIVES, given=(("robot_mode", 1),))
-    polled(oracle, 5.0, driving)
+    driving = replace(DRIVES, robot_mode=True, given=(("robot_mode", 1),))
+    polled(oracle, 15.0, driving)
     rules.looked(1.0, "lift", driving)
-    rules.published(4.9, "lift", state())
-    rules.looked(5.0, "lift", DRIVES)
+    rules.published(14.9, "lift", state())
+    rules.looked(15.0, "lift", DRIVES)
     assert found(oracle) == ["robot mode dropped under way"]
 
 
 def test_robot_mode_that_is_dropped_because_of_a_fire_or_where_the_car_stands_is_right() -> None:
     oracle, rules = book()
-    driving = replace(DRIVES, given=(("robot_mode", 1),))
-    polled(oracle, 5.0, driving)
+    driving = replace(DRIVES, robot_mode=True, given=(("robot_mode", 1),))
+    polled(oracle, 15.0, driving)
     rules.looked(1.0, "lift", driving)
     rules.published(4.9, "lift", on_fire())
     rules.looked(5.0, "lift", DRIVES)
