@@ -60,7 +60,6 @@ _TOLD = {
     "reopening_door": "the door limits tell what it does",
     "nudging_door": "the door limits tell what it does",
     "relevelling": "the car stays in the door zone, which is no fault",
-    "calls_cancelled": "the call disappears, or the car does not come in time",
     "robot_mode_withdrawn": "robot mode is read, or the call is not answered",
     "overload": "the door stays open, and the car does not come in time",
     "floor_ahead": "a car that moves has its doors shut",
@@ -79,7 +78,8 @@ def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     yield _late(codec, "wrong_floor", "the floor that the car tells is where it is", _SETS_OUT)
     yield _harmless("relevelling")
     yield _late(codec, "homing", "the car tells no floor, or one with its doors shut", _HOMES)
-    for fault in ("calls_cancelled", "robot_mode_withdrawn", "overload"):
+    yield _late(codec, "calls_cancelled", "the call disappears, or the car does not come in time", _ELSEWHERE)
+    for fault in ("robot_mode_withdrawn", "overload"):
         yield _harmless(fault)
     for mode in MODES:
         if _shows_mode(codec, mode):
@@ -137,6 +137,9 @@ _FLAGS_OF_SIMULATOR = frozenset({"fire", "emergency_power", "inspection", "indep
 
 
 _SETS_OUT = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
+_ELSEWHERE = (
+    "a car that moves for somebody else looks like the answer to a call that was forgotten; it does not come in time"
+)
 _HOMES = "a call that is read back counts as taken, and a lift that homes takes none; the car does not come in time"
 
 
