@@ -12,6 +12,7 @@ from typing import Any
 
 from register_maps.check import check
 from register_maps.check_places import unreadable
+from register_maps.draft_7 import draft_7_text
 from register_maps.errors import Finding, MapFileError, Problem
 from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay, unused
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
@@ -118,8 +119,7 @@ def json_schema() -> str:
         name: part if name in ("Parameter", "Provenance", "Table") else _or_parameter(part)
         for name, part in schema["$defs"].items()
     }
-    old = {"$schema": "http://json-schema.org/draft-07/schema#", **_draft_7(schema)}
-    return json.dumps(old, indent=2) + "\n"
+    return draft_7_text(schema)
 
 
 def _find(name_or_path: str | Path, near: Path) -> Path:
@@ -216,18 +216,6 @@ def _enumerate(table: dict[str, Any], names: Mapping[str, str]) -> None:
     # in draft 7 a `$ref` silences its neighbours, the description among them
     table["properties"] = {name: {"description": about, "allOf": [entry]} for name, about in names.items()}
     table["additionalProperties"] = False
-
-
-def _draft_7(node: Any) -> Any:
-    """Say the same in the older words: `definitions` for `$defs`, `items` and `additionalItems` for `prefixItems`."""
-    if isinstance(node, list):
-        return [_draft_7(item) for item in node]
-    if not isinstance(node, Mapping):
-        return node.replace("#/$defs/", "#/definitions/") if isinstance(node, str) else node
-    new = {{"$defs": "definitions", "prefixItems": "items"}.get(key, key): _draft_7(item) for key, item in node.items()}
-    if "prefixItems" in node:
-        new["additionalItems"] = False
-    return new
 
 
 def _or_parameter(node: Any) -> Any:

@@ -91,6 +91,11 @@ class RegisterFace:
         return self._pictured[1]
 
     @property
+    def inputs(self) -> Inputs:
+        """Return what people press, hold and turn, the key that the lift began with among it."""
+        return self._inputs
+
+    @property
     def asked(self) -> Mapping[str, int]:
         """Return what the controller is asked for over the network: the index of the floor for a call, 1 for others."""
         return self._inputs.asked

@@ -105,16 +105,19 @@ class ModbusLift:
         self._notices = self._watch.notices
         self._complained: set[str] = set()
         """Holds whose refusal was reported: once until they are on again."""
-        for command in self._commands.values():
-            if command.is_call:
-                for code in settings.floors.values():
-                    command.encode(code)
+        self._check_floors()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wakes = {
             endpoint: asyncio.Event() for endpoint in sorted({c.endpoint for c in codec.commands.values()} | {""})
         }
         self._rested = asyncio.Event()
         self.capabilities = capabilities(codec, self._blocks, settings)
+
+    def _check_floors(self) -> None:
+        """Raise ValueError for a floor of the site that some call of the map cannot express."""
+        for command in self._commands.values():
+            for code in self._settings.floors.values() if command.is_call else ():
+                command.encode(code)
 
     @property
     def source(self) -> str:

@@ -17,7 +17,7 @@ from random import Random
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.lab.virtual_time import run_virtual
+from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World
@@ -90,7 +90,7 @@ def live(*, lifts: int, hours: float, seed: int) -> Day:
                 asyncio.ensure_future(_busy(world, name, seed * 1000 + n, day)) for n, name in enumerate(world.lifts)
             ]
             for part in range(1, 33):
-                await asyncio.sleep(lasts_s / 32)
+                await elapse(lasts_s / 32)
                 gc.collect()
                 day.memory.append((hours * part / 32, _resident()))
             for task in busy:
@@ -109,7 +109,7 @@ async def _busy(world: World, lift: str, seed: int, day: Day) -> None:
     random = Random(seed)
     await act(world, lift, PeopleCome(random.uniform(0, 60), random.getrandbits(32)), day.played)
     while True:
-        await asyncio.sleep(random.uniform(5, QUIET_S))
+        await elapse(random.uniform(5, QUIET_S))
         running = [
             asyncio.ensure_future(act(world, lift, event, day.played)) for event in _minute(random.getrandbits(32))
         ]

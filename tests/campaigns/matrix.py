@@ -19,7 +19,7 @@ from pathlib import Path
 from lift_manager.commissioning.detection import Detection, Lie, detections
 from lift_manager.domain.asking import Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
-from lift_manager.lab.virtual_time import run_virtual
+from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.judging import judge_of
@@ -125,7 +125,7 @@ def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
             _set(world, fault, on=True)
             await _watched(world, watch, fault)
             _set(world, fault, on=False)
-            await asyncio.sleep(AFTER_S)
+            await elapse(AFTER_S)
         return ""
 
     if why_not := run_virtual(main, limit_s=600):
@@ -173,7 +173,7 @@ class _Watch:
 async def _watched(world: World, watch: _Watch, fault: Fault | WireFault) -> None:
     floor = world.lifts[LIFT].floors[-1]
     for tick in range(round(LASTS_S / 0.1)):
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         watch.look(world)
         if tick % 20 == 0:
             watch.ask(world, floor)
@@ -194,12 +194,12 @@ def _words(state: LiftState) -> str:
 async def _reach(world: World, phase: Phase) -> bool:
     floors = world.lifts[LIFT].floors
     target = floors[-1]
-    await asyncio.sleep(STARTS_S)
+    await elapse(STARTS_S)
     if phase is Phase.IDLE:
         return True
     world.ask(Ask(LIFT, ROBOT, target, hold_door=True))
     for tick in range(round(WAITS_S / 0.1)):
-        await asyncio.sleep(0.1)
+        await elapse(0.1)
         if tick % 10 == 0:
             world.ask(Ask(LIFT, ROBOT, target, hold_door=True))
         state = world.manager.state(LIFT)

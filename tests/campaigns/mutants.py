@@ -113,9 +113,6 @@ MUTANTS: tuple[Mutant, ...] = (
             ),
         ),
     ),
-)
-
-MUTANTS += (
     Mutant(
         "fire latch",
         (Edit("lift_manager/core/people.py", "return self.remembered.fire_since is not None", "return False"),),

@@ -13,7 +13,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, RobotWord
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
-from lift_manager.lab.virtual_time import run_virtual
+from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
@@ -106,7 +106,7 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
         world = World(loaded, (*witnesses_of_ours, *witnesses), seed=schedule.seed, settings=settings)
         async with world.running():
             actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
-            await asyncio.sleep(LASTS_S)
+            await elapse(LASTS_S)
             for actor in actors:
                 actor.cancel()
             ended = await asyncio.gather(*actors, return_exceptions=True)
@@ -129,7 +129,7 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
 
 async def act(world: World, lift: str, event: Event, played: Played) -> None:
     """Let one event happen, from the moment it is due; it begins to count when this is called."""
-    await asyncio.sleep(event.at)
+    await elapse(event.at)
     match event:
         case RobotRides():
             await _ride(world, lift, event, played)
@@ -139,7 +139,7 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
         case DeviceFails():
             if applies(world, lift, event.fault):
                 world.begin(lift, event.fault)
-                await asyncio.sleep(event.for_s)
+                await elapse(event.for_s)
                 world.end(lift, event.fault)
         case WireFails():
             await _spoil(world, lift, event)
@@ -154,7 +154,7 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
 async def _spoil(world: World, lift: str, event: WireFails) -> None:
     for controller in world.lifts[lift].controllers:
         world.spoil(controller, event.fault)
-    await asyncio.sleep(event.for_s)
+    await elapse(event.for_s)
     for controller in world.lifts[lift].controllers:
         world.mend(controller, event.fault)
 
@@ -205,7 +205,7 @@ async def _until_open(world: World, ask: Ask) -> None:
     while True:
         world.ask(ask)
         for _ in range(4):
-            await asyncio.sleep(ASKS_EVERY_S / 4)
+            await elapse(ASKS_EVERY_S / 4)
             if _invited(world.manager.state(ask.lift), ask):
                 return
 
@@ -220,7 +220,7 @@ def _invited(state: LiftState | None, ask: Ask) -> bool:
 async def _repeat(world: World, ask: Ask, for_s: float) -> None:
     for _ in range(round(for_s / ASKS_EVERY_S)):
         world.ask(ask)
-        await asyncio.sleep(ASKS_EVERY_S)
+        await elapse(ASKS_EVERY_S)
 
 
 def _holder(text: str) -> Holder:

@@ -19,11 +19,11 @@ from lift_manager.domain.events import Event
 from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.plant import default_floors, simulated_lift
+from lift_manager.lab.world.device import carry_out
 from register_maps import frames
 from register_maps.codec import Codec, compile_map
 from register_maps.frames import Request
 from register_maps.load import load
-from register_maps.words import BIT_TABLES
 from simulator.controller import Inputs, Parameters
 from simulator.registers import Endpoint, Objection, RegisterFace
 from tests.support.virtual_time import elapse, run_virtual
@@ -78,30 +78,13 @@ class SimulatedDevice:
             self.refused += 1
             return [(self.delay_s, frames.exception_answer(frame, 4))]
         try:
+            ignored = request.is_write and self.ignores_calls and request.address == CALL
+            payload = b"" if ignored else carry_out(self.face, request, now)
             if request.is_write:
-                if not (self.ignores_calls and request.address == CALL):
-                    self._write(request, now)
                 self.writes.append((now, request))
-                payload = b""
-            else:
-                cells = self.face.read(request.table, request.address, request.count, now)
-                payload = (
-                    frames.pack_bits(cells)
-                    if request.table in BIT_TABLES
-                    else b"".join(c.to_bytes(2, "big") for c in cells)
-                )
         except Objection as objection:
             return [(self.delay_s, frames.exception_answer(frame, objection.code))]
         return [(self.delay_s, frames.answer(request, frames.tid_of(frame), payload))]
-
-    def _write(self, request: Request, now: float) -> None:
-        if request.function == frames.MASK_WRITE:
-            keep, put = request.values
-            self.face.mask_write(request.address, keep, put, now)
-        elif request.duration is not None:
-            self.face.pulse(request.address, request.duration, now)
-        else:
-            self.face.write(request.table, request.address, request.values, now)
 
 
 @dataclass

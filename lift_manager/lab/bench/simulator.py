@@ -18,10 +18,9 @@ from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.truth import History, Truth, truth_of
 from register_maps.words import Side, Table
 from simulator.faults import Fault
-from simulator.modes import Key
 from simulator.registers import Endpoint, RegisterFace
 from simulator.server import SimulatedController
-from simulator.state import Inputs, Picture
+from simulator.state import Picture
 
 HOST = "127.0.0.1"
 WITHIN_S = 5.0
@@ -63,7 +62,7 @@ class Plant:
         self.ports: dict[str, int] = {}
         """Where each device listens, by endpoint; the controller itself goes by the empty name."""
         self._plan = plan
-        self._inputs = Inputs(key=Key.ROBOT if self.face.picture.robot_mode_on else Key.NORMAL)
+        self._inputs = self.face.inputs
         self._given: frozenset[tuple[str, int]] = frozenset()
         self._fingers: list[asyncio.TimerHandle] = []
         self._next_scan: asyncio.TimerHandle | None = None

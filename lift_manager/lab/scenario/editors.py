@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel
 from lift_manager.lab.scenario.faults import BESIDE, DEVICE_FAULTS, READY, WIRE, model_of, people_model
 from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, Sort
+from register_maps.draft_7 import draft_7_text
 from simulator.wire_faults import Target
 
 Json = dict[str, Any]
@@ -38,7 +38,7 @@ def json_schema() -> str:
     }
     step["wire"] = _named(WIRE, WIRE, {key: beside[key] for key in BESIDE}, parts)
     step["people"] = _part(people_model(), parts)
-    return json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", **_draft_7(schema)}, indent=2) + "\n"
+    return draft_7_text(schema)
 
 
 def _match(kind: str, parts: Json) -> Json:
@@ -96,15 +96,3 @@ def _part(model: type[BaseModel], parts: Json) -> Json:
         parts.setdefault(name, part)
     parts[model.__name__] = schema
     return {"$ref": f"#/$defs/{model.__name__}"}
-
-
-def _draft_7(node: Any) -> Any:
-    """Say the same in the older words: `definitions` for `$defs`, `items` and `additionalItems` for `prefixItems`."""
-    if isinstance(node, list):
-        return [_draft_7(item) for item in node]
-    if not isinstance(node, Mapping):
-        return node.replace("#/$defs/", "#/definitions/") if isinstance(node, str) else node
-    new = {{"$defs": "definitions", "prefixItems": "items"}.get(key, key): _draft_7(item) for key, item in node.items()}
-    if "prefixItems" in node:
-        new["additionalItems"] = False
-    return new

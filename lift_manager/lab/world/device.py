@@ -63,7 +63,7 @@ class MemoryController:
         if request.is_write:
             self._look(False)
         try:
-            payload = _carry_out(device, request, asyncio.get_running_loop().time())
+            payload = carry_out(device, request, asyncio.get_running_loop().time())
         except Objection as objection:
             return [(ANSWER_S, frames.exception_answer(frame, objection.code))]
         except Silence:
@@ -72,7 +72,8 @@ class MemoryController:
         return [(ANSWER_S, frames.answer(request, frames.tid_of(frame), payload))]
 
 
-def _carry_out(device: Device, request: Request, now: float) -> bytes:
+def carry_out(device: Device, request: Request, now: float) -> bytes:
+    """Read or write, and return what the answer carries. Raises Objection, and Silence while the device is off."""
     if not request.is_write:
         cells = device.read(request.table, request.address, request.count, now)
         if request.table in BIT_TABLES:

@@ -92,9 +92,8 @@ class Rules:
         dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
         if truth.standing:
             book.stood_at = at
-        if (
-            dropped and truth.doors_shut and at - book.stood_at > KNOWN_WITHIN_S
-        ):  # with its doors open a car only re-levels
+        # with its doors open a car only re-levels
+        if dropped and truth.doors_shut and at - book.stood_at > KNOWN_WITHIN_S:
             self._dropped_under_way(at, lift, book)
         for doubt in [doubt for doubt in book.doubts if doubt[0] < at]:
             book.doubts.remove(doubt)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Protocol
@@ -33,7 +33,6 @@ from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
 from register_maps.codec import Codec, compile_map
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
-from simulator.modes import Key
 from simulator.registers import RegisterFace
 from simulator.state import Inputs, Parameters, Picture
 from simulator.wire_faults import Exchange, WireFault, WireFaults
@@ -70,9 +69,9 @@ class SimulatedLift:
     face: RegisterFace
     controllers: tuple[str, ...]
     """Where it can be reached: its own controller first, then those of its endpoints."""
-    people: Passengers | None = None
-    inputs: Inputs = field(default_factory=Inputs)
+    inputs: Inputs
     """What people and keys do."""
+    people: Passengers | None = None
 
 
 class World:
@@ -299,9 +298,7 @@ class World:
                 raise WorldError(text)
             units[place.unit_id] = face.endpoint(endpoint) if endpoint else face
         controllers = tuple(dict.fromkeys((places[""].controller, *(place.controller for place in places.values()))))
-        # whoever changes what people do must not turn the key of a lift that stands on robot
-        inputs = Inputs(key=Key.ROBOT if face.picture.robot_mode_on else Key.NORMAL)
-        return SimulatedLift(name, codec, tuple(spec.floors), face, controllers, inputs=inputs)
+        return SimulatedLift(name, codec, tuple(spec.floors), face, controllers, inputs=face.inputs)
 
 
 def office_hours() -> datetime:
