@@ -1,4 +1,5 @@
-"""Does the judge see anything? Each rule is taken out of a copy of the program in turn, and the campaign must find it.
+"""Does the judge see anything? Each rule is taken out of a copy of the program in turn, and the campaign must find it,
+by a seed that passes with the rule in place.
 
     python -m tests.campaigns.mutants
 
@@ -186,18 +187,30 @@ def changed_copy(mutant: Mutant, where: Path) -> Path:
 
 
 def judge(mutant: Mutant, *, first: int, schedules: int) -> Verdict:
-    """Run the campaign against a copy without this rule until it finds something."""
+    """Run the campaign against a copy without this rule until a seed fails there that passes with the rule in place."""
+    said, start, end = "", first, first + schedules
     with tempfile.TemporaryDirectory() as folder:
         copy = changed_copy(mutant, Path(folder))
-        command = [sys.executable, "-m", "tests.campaigns.truth", "--processes", "1", "--stop-at", "1"]
-        command += ["--seed", str(first), "--schedules", str(schedules)]
-        environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONHASHSEED": "0"}
-        ended = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
-    failures = sorted((int(seed), text) for seed, text in re.findall(r"FAILED seed (\d+): (.*)", ended.stdout))
-    if not failures:
-        return Verdict(mutant, None, ended.stderr.strip())
-    seed, text = failures[0]
-    return Verdict(mutant, seed - first + 1, text)
+        while start < end:
+            failures, said = _played(copy, start, end - start)
+            if not failures:
+                break
+            seed, text = failures[0]
+            with_the_rule, _ = _played(ROOT, seed, 1)
+            if not with_the_rule:
+                return Verdict(mutant, seed - first + 1, text)
+            start = seed + 1
+    return Verdict(mutant, None, said)
+
+
+def _played(tree: Path, first: int, schedules: int) -> tuple[list[tuple[int, str]], str]:
+    """Play schedules against a tree; return what failed by seed, and what was printed to standard error."""
+    command = [sys.executable, "-m", "tests.campaigns.truth", "--processes", "1", "--stop-at", "1"]
+    command += ["--seed", str(first), "--schedules", str(schedules)]
+    environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"}
+    ended = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
+    failures = re.findall(r"FAILED seed (\d+): (.*)", ended.stdout)
+    return sorted((int(seed), text) for seed, text in failures), ended.stderr.strip()
 
 
 def verdicts(mutants: Sequence[Mutant], *, first: int, schedules: int) -> Iterator[Verdict]:
