@@ -21,6 +21,7 @@ from enum import StrEnum, unique
 
 from register_maps.errors import EXCEPTION_NAMES
 
+ILLEGAL_FUNCTION = 1
 ILLEGAL_ADDRESS = 2
 ACCEPTED = 5
 """Not an error: the controller has taken the command and needs time for it."""
@@ -46,6 +47,8 @@ class ConnectProblem(StrEnum):
     """Nothing listens on that port, or the host turns us away."""
     TIMED_OUT = "timed out"
     HOST_NOT_FOUND = "host not found"
+    TLS = "tls"
+    """The certificates do not fit, or one side speaks TLS and the other does not."""
     OTHER = "other"
 
 
@@ -103,12 +106,20 @@ class ControllerException(DriverError):
     Code 5 (acknowledge) means accepted and still at work; code 6 (busy) means not carried out, so `sent` is no.
     """
 
-    def __init__(self, link: str, request: str, code: int, sent: Sent | None = None, about: str = "") -> None:
-        """`about` names what the request was for: signals or a command, with addresses as printed."""
+    def __init__(
+        self, link: str, request: str, code: int, sent: Sent | None = None, about: str = "", *, tls: bool = False
+    ) -> None:
+        """`about` names what the request was for: signals or a command, with addresses as printed.
+
+        Over `tls` 01 is also the answer to a role that may not do this (Modbus/TCP Security).
+        """
         self.link = link
         self.request = request
         self.code = code
         self.name = EXCEPTION_NAMES.get(code, "not in the specification")
+        if tls and code == ILLEGAL_FUNCTION:
+            self.name += ", or the role in our certificate does not allow it"
+        self.tls = tls
         if sent is None:
             sent = Sent.NO if code == BUSY else Sent.YES
         told = f": {about}" if about else ""
@@ -129,7 +140,7 @@ class PointsRefused(ControllerException):
     """The controller answered a poll with an exception; the text names the signals and their printed addresses."""
 
     def __init__(self, error: ControllerException, about: str) -> None:
-        super().__init__(error.link, error.request, error.code, error.sent, about)
+        super().__init__(error.link, error.request, error.code, error.sent, about, tls=error.tls)
 
 
 class PressRefused(DriverError):

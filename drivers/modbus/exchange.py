@@ -273,8 +273,10 @@ class Exchange:
                 self._busy_pause.cancel()
             self._busy_pause = self._loop.call_later(self._settings.busy_pause_s, self._on_busy_pause_over)
             return
-        kind = UnitOffline if answer.code in (PATH_UNAVAILABLE, TARGET_SILENT) else ControllerException
-        _fail(job, kind(self._name, str(request), answer.code), answer)
+        if answer.code in (PATH_UNAVAILABLE, TARGET_SILENT):
+            _fail(job, UnitOffline(self._name, str(request), answer.code), answer)
+            return
+        _fail(job, ControllerException(self._name, str(request), answer.code, tls=self._settings.tls), answer)
 
     def _on_mismatch(self, job: _Job, mismatch: Mismatch) -> None:
         _fail(job, AnswerMismatch(self._name, str(mismatch)), mismatch)

@@ -28,6 +28,8 @@ class LinkSettings:
     """How many clients the device serves at once, where that is known: a time-out may mean that its slots are taken."""
     tid_echo: bool = True
     """Whether the device answers with the transaction id of the request, as the specification says; some do not."""
+    tls: bool = False
+    """Whether the wire is Modbus/TCP Security: there an exception may be about the role in our certificate."""
     busy_retries: int = 3
     """How often a read that was answered with busy (06) is asked again. Chosen."""
     busy_pause_s: float = 0.05

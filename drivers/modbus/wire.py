@@ -9,11 +9,23 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 from pymodbus.transport import CommParams, CommType, ModbusProtocol
 
 from drivers.errors import ConnectFailed, ConnectProblem
+from drivers.modbus.tls import (
+    NO_TLS,
+    ClientContext,
+    LinkTls,
+    broken,
+    client_context,
+    handshake_fault,
+    refused,
+    tls_instead,
+    unanswered,
+)
 from register_maps.errors import FrameError
 from register_maps.frames import split
 
@@ -65,11 +77,13 @@ class Wire(Protocol):
 
 
 class PymodbusWire:
-    """A wire over TCP, on the transport layer of pymodbus."""
+    """A wire over TCP, with or without TLS, on the transport layer of pymodbus."""
 
-    def __init__(self, host: str, port: int = 502) -> None:
+    def __init__(self, host: str, port: int = 502, *, tls: LinkTls | None = None) -> None:
         self.on_bytes: OnBytes | None = None
-        self._params = _tcp_params(host, port)
+        self._host = host
+        self._port = port
+        self._tls = tls
         self._peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._connection: _Connection | None = None
 
@@ -82,21 +96,19 @@ class PymodbusWire:
         return self._connection is not None and self._connection.is_active()
 
     async def open(self, on_frame: OnFrame, on_lost: OnLost, *, timeout_s: float) -> None:
+        """As in `Wire`; over TLS the handshake has its own `handshake_s` after that."""
         self.close()
-        connection = _Connection(self._params, self, on_frame, on_lost)
+        context = None if self._tls is None else client_context(self._tls, self._peer)
+        connection = _Connection(_params(self._host, self._port, context), self, on_frame, on_lost, self._tls)
         self._connection = connection
         try:
-            # Not `ModbusProtocol.connect`: it turns every failure into False and logs it on each attempt.
-            async with asyncio.timeout(timeout_s):
-                await connection.call_create()
+            await _made(connection, context, timeout_s)
         except TimeoutError as error:
             self.close()
-            detail = f"no answer to the connection request within {timeout_s:g} s"
-            detail += "; the controller may be off, or may have no free connection slot"
-            raise ConnectFailed(self._peer, ConnectProblem.TIMED_OUT, detail) from error
+            raise self._too_late(context, timeout_s) from error
         except (OSError, UnicodeError) as error:
             self.close()
-            raise _connect_failed(self._peer, error) from error
+            raise self._failed(context, error) from error
         except BaseException:
             self.close()
             raise
@@ -116,12 +128,31 @@ class PymodbusWire:
             self.on_bytes(True, frame)
         self._connection.write(frame)
 
+    def _too_late(self, context: ClientContext | None, timeout_s: float) -> ConnectFailed:
+        if context is not None and context.began:
+            detail = f"the controller took the connection, but no TLS handshake came about within {context.handshake_s:g} s; {NO_TLS}"
+            return ConnectFailed(self._peer, ConnectProblem.TLS, detail)
+        detail = f"no answer to the connection request within {timeout_s:g} s"
+        detail += "; the controller may be off, or may have no free connection slot"
+        return ConnectFailed(self._peer, ConnectProblem.TIMED_OUT, detail)
+
+    def _failed(self, context: ClientContext | None, error: OSError | UnicodeError) -> ConnectFailed:
+        if context is None or self._tls is None or not context.began or isinstance(error, UnicodeError):
+            return _connect_failed(self._peer, error)
+        return ConnectFailed(self._peer, ConnectProblem.TLS, handshake_fault(error, self._tls))
+
 
 class _Connection(ModbusProtocol):
     """One TCP connection, from its making to its end; it is never used for a second one."""
 
-    def __init__(self, params: CommParams, wire: PymodbusWire, on_frame: OnFrame, on_lost: OnLost) -> None:
+    def __init__(
+        self, params: CommParams, wire: PymodbusWire, on_frame: OnFrame, on_lost: OnLost, tls: LinkTls | None
+    ) -> None:
         super().__init__(params, is_server=False)
+        if tls is not None:
+            name = tls.server_name or params.host
+            self.call_create = partial(self.call_create, server_hostname=name)  # type: ignore[call-arg]  # a partial itself
+        self._tls = tls
         self._wire = wire
         self._on_frame = on_frame
         self._on_lost = on_lost
@@ -129,6 +160,7 @@ class _Connection(ModbusProtocol):
         self._rest_is_old = False
         """The frame that is coming in began before the last request left, so it cannot be the answer to it."""
         self._aborted = False
+        self._heard = False
         self.announced = False
         """Whether `open` has returned; a loss before that is its failure."""
 
@@ -161,19 +193,26 @@ class _Connection(ModbusProtocol):
     def callback_disconnected(self, exc: Exception | None) -> None:
         self._aborted = True
         if self.announced:
-            self._on_lost(f"the connection broke: {exc}" if exc else CLOSED_BY_CONTROLLER)
+            self._on_lost(self._ending(exc))
+
+    def _ending(self, exc: Exception | None) -> str:
+        reason = f"the connection broke: {broken(exc)}" if exc else CLOSED_BY_CONTROLLER
+        if self._tls is None or self._heard:
+            return reason
+        return refused(exc, self._tls) or f"{reason} before anything came; {unanswered(self._tls)}"
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
         raise RuntimeError("data_received does not pass it on")
 
     def data_received(self, data: bytes) -> None:
         # Not left to ModbusProtocol: its buffer drops everything that comes when more than 516 bytes come together.
+        self._heard = True
         try:
             frames, self._rest = split(self._rest + data)
         except FrameError as error:
             self.abort()
             if self.announced:
-                self._on_lost(f"{NOT_MODBUS}: {error}")
+                self._on_lost(f"{NOT_MODBUS}: {tls_instead(self._rest + data) or error}")
             return
         if frames and self._rest_is_old:
             self._rest_is_old = False
@@ -186,9 +225,28 @@ class _Connection(ModbusProtocol):
             self._on_frame(frame)
 
 
-def _tcp_params(host: str, port: int) -> CommParams:
-    # Modbus/TCP Security differs in these parameters only: CommType.TLS and an `sslctx`.
-    return CommParams(comm_name=host, comm_type=CommType.TCP, host=host, port=port, reconnect_delay=0)
+async def _made(connection: _Connection, context: ClientContext | None, timeout_s: float) -> None:
+    """Make a connection: `timeout_s` for TCP, then the handshake's own time for TLS. Raises OSError, UnicodeError."""
+    # Not `ModbusProtocol.connect`: it turns every failure into False and logs it on each attempt.
+    async with asyncio.timeout(timeout_s) as limit:
+        if context is None:
+            await connection.call_create()
+            return
+        context.on_handshake = partial(_give_more, limit, context.handshake_s)
+        try:
+            await connection.call_create()
+        finally:
+            context.on_handshake = None
+
+
+def _give_more(limit: asyncio.Timeout, more_s: float) -> None:
+    if not limit.expired():
+        limit.reschedule(asyncio.get_running_loop().time() + more_s)
+
+
+def _params(host: str, port: int, context: ClientContext | None) -> CommParams:
+    kind = CommType.TCP if context is None else CommType.TLS
+    return CommParams(comm_name=host, comm_type=kind, host=host, port=port, reconnect_delay=0, sslctx=context)
 
 
 def _connect_failed(peer: str, error: OSError | UnicodeError) -> ConnectFailed:

@@ -1,0 +1,214 @@
+"""Modbus/TCP Security on our side of a link: whom it believes, what it shows, and what a failure means in plain words."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers.errors import ConnectFailed, ConnectProblem
+
+NO_TLS = "what answers on this port speaks no TLS; a controller without Modbus/TCP Security needs no `tls` (its port is 502 as a rule)"
+_ENDED_HANDSHAKE = "the controller ended the connection in the middle of the TLS handshake; it may speak no TLS on this port, or refuse our certificate"
+_IS_TLS = "it answers in TLS; to speak Modbus/TCP Security give this controller `tls` in the site file, or take its port without TLS"
+_TLS_RECORDS = (b"\x15\x03", b"\x16\x03")
+"""An alert or a handshake, of any version since 1.0."""
+
+_NO_TLS_REASONS = {
+    "WRONG_VERSION_NUMBER", "HTTP_REQUEST", "HTTPS_PROXY_REQUEST", "UNKNOWN_PROTOCOL", "PACKET_LENGTH_TOO_LONG",
+    "RECORD_LAYER_FAILURE", "BAD_RECORD_TYPE",
+}  # fmt: skip
+_REFUSED_REASONS = {
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "it was shown none that it can use",
+    "TLSV1_ALERT_UNKNOWN_CA": "it does not know the CA of it; load that CA into the controller",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "it calls it bad",
+    "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is of a kind that it does not support",
+    "SSLV3_ALERT_CERTIFICATE_REVOKED": "it is revoked",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired, or the clock of the controller is wrong",
+    "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "it does not accept it",
+    "TLSV1_ALERT_ACCESS_DENIED": "it is valid, but has no access",
+    "TLSV1_ALERT_DECRYPT_ERROR": "it could not check its signature",
+}
+_TOO_OLD_REASONS = {"TLSV1_ALERT_PROTOCOL_VERSION", "UNSUPPORTED_PROTOCOL", "NO_PROTOCOLS_AVAILABLE", "VERSION_TOO_LOW"}
+_NOTHING_SHARED_REASONS = {"SSLV3_ALERT_HANDSHAKE_FAILURE", "NO_SHARED_CIPHER", "TLSV1_ALERT_INSUFFICIENT_SECURITY"}
+
+# X509_V_ERR_*, from openssl/x509_vfy.h
+_UNKNOWN_ISSUER_CODES = {2, 18, 19, 20, 21}
+_NOT_YET_VALID_CODE = 9
+_EXPIRED_CODE = 10
+_PURPOSE_CODE = 26
+_OTHER_NAME_CODES = {62, 64}
+
+
+class ClientContext(ssl.SSLContext):
+    """The TLS of one link, one connection at a time; it tells when the handshake begins, which is when TCP is through."""
+
+    handshake_s = 0.0
+    on_handshake: Callable[[], None] | None = None
+    began = False
+    """Whether the handshake has begun."""
+
+    def wrap_bio(
+        self,
+        incoming: ssl.MemoryBIO,
+        outgoing: ssl.MemoryBIO,
+        server_side: bool = False,  # noqa: FBT001, FBT002 - Python's own signature
+        server_hostname: str | bytes | None = None,
+        session: ssl.SSLSession | None = None,
+    ) -> ssl.SSLObject:
+        self.began = True
+        if self.on_handshake is not None:
+            self.on_handshake()
+        return super().wrap_bio(incoming, outgoing, server_side, server_hostname, session)
+
+
+@dataclass(slots=True)
+class LatestContext:
+    """What the files gave when they were read last: that takes milliseconds, and a link tries again every second."""
+
+    context: ClientContext | None = None
+    stamp: tuple[tuple[int, int, int], ...] = ()
+    """Of the files before they were read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkTls:
+    """Mutual TLS of one link, as Modbus/TCP Security asks for it: files in PEM form.
+
+    They are read for the first connection, and for each later one before which one of them has changed.
+    """
+
+    ca: Path
+    """Whom we believe: the CA of the controller's certificate, or that certificate itself."""
+    certificate: Path
+    """What we show."""
+    key: Path
+    server_name: str | None = None
+    """The name or address that the controller's certificate must be for; that of the host when not said."""
+    handshake_s: float = 5.0
+    """Most that the handshake may take, once TCP is through. Chosen: its arithmetic takes a small controller a second or two."""
+    latest: LatestContext = field(default_factory=LatestContext, init=False, repr=False, compare=False)
+
+
+def client_context(tls: LinkTls, peer: str) -> ClientContext:
+    """Return the context for the next connection. Raises ConnectFailed with what is wrong with the files."""
+    latest, stamp = tls.latest, _stamp(tls)
+    if latest.context is None or stamp != latest.stamp:
+        latest.context, latest.stamp = None, stamp
+        latest.context = _read(tls, peer)
+    latest.context.began, latest.context.on_handshake = False, None
+    return latest.context
+
+
+def handshake_fault(error: OSError, tls: LinkTls) -> str:
+    """What a handshake that failed means, and what to do about it."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return _distrust(error, tls)
+    if not isinstance(error, ssl.SSLError):
+        return _ENDED_HANDSHAKE
+    if (words := refused(error, tls)) is not None:
+        return words
+    reason = error.reason or ""
+    if reason in _NO_TLS_REASONS:
+        return NO_TLS
+    if reason in _TOO_OLD_REASONS:
+        return (
+            "the controller speaks no TLS of version 1.2 or later; only such is safe, and the specification asks for it"
+        )
+    if reason in _NOTHING_SHARED_REASONS:
+        return "the controller and we have no way of encrypting in common, or it wants another certificate than ours"
+    if isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError):
+        return _ENDED_HANDSHAKE
+    return _failed(error)
+
+
+def refused(error: Exception | None, tls: LinkTls) -> str | None:
+    """Say so where a controller refuses our certificate, in the handshake or, over TLS 1.3, after it."""
+    reason = error.reason if isinstance(error, ssl.SSLError) else None
+    if reason not in _REFUSED_REASONS:
+        return None
+    return f"the controller refuses our certificate {tls.certificate}: {_REFUSED_REASONS[reason]}"
+
+
+def broken(error: Exception) -> str:
+    """What ended a connection after its handshake."""
+    return _failed(error) if isinstance(error, ssl.SSLError) else str(error)
+
+
+def unanswered(tls: LinkTls) -> str:
+    """What may stand behind a connection that ended before anything came over it."""
+    return f"it may refuse our certificate {tls.certificate}, which over TLS 1.3 shows only now"
+
+
+def tls_instead(data: bytes) -> str | None:
+    """Say so where data that is no Modbus/TCP is TLS."""
+    return _IS_TLS if data.startswith(_TLS_RECORDS) else None
+
+
+def _failed(error: ssl.SSLError) -> str:
+    return f"TLS failed ({(error.reason or '').replace('_', ' ').lower() or error})"
+
+
+def _distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
+    code = error.verify_code
+    if code in _OTHER_NAME_CODES:
+        which = "its `host`" if tls.server_name is None else "`server_name`"
+        advice = f"{which} in the site file must be a name or address that the certificate holds"
+        if tls.server_name is None:
+            advice += ", or `server_name` must say one"
+        return f"the certificate of the controller is for another name ({error.verify_message}); {advice}"
+    if code == _EXPIRED_CODE:
+        return "the certificate of the controller, or of its CA, has expired; renew it, and look whether the clock of this computer is right"
+    if code == _NOT_YET_VALID_CODE:
+        return "the certificate of the controller is not valid yet; look whether the clock of this computer is right"
+    if code in _UNKNOWN_ISSUER_CODES:
+        return f"the certificate of the controller is not from the CA in {tls.ca}; nothing was sent to it"
+    if code == _PURPOSE_CODE:
+        return "the certificate of the controller is not meant for a server (extended key usage); it needs another one"
+    return f"the certificate of the controller is not accepted: {error.verify_message}"
+
+
+def _unusable(peer: str, what: str, error: OSError | ValueError) -> ConnectFailed:
+    if isinstance(error, ssl.SSLError):
+        mismatch = error.reason == "KEY_VALUES_MISMATCH"
+        why = "the key does not belong to the certificate" if mismatch else "the file is not in PEM form, or too weak"
+    else:
+        why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
+    advice = "`lift-manager check` says more"
+    return ConnectFailed(peer, ConnectProblem.TLS, f"cannot use {what}: {why}; {advice}")
+
+
+def _no_passphrase() -> str:
+    # without this OpenSSL would ask at the terminal, and the manager would stand still
+    raise ValueError("the key is protected by a passphrase; store it without one, readable for the manager alone")
+
+
+def _read(tls: LinkTls, peer: str) -> ClientContext:
+    context = ClientContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.handshake_s = tls.handshake_s
+    context.minimum_version = ssl.TLSVersion.TLSv1_2  # asked for by the specification
+    context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN  # `ca` may be the controller's certificate itself
+    try:
+        context.load_verify_locations(tls.ca)
+    except OSError as error:
+        raise _unusable(peer, f"the CA file {tls.ca}", error) from error
+    try:
+        context.load_cert_chain(tls.certificate, tls.key, password=_no_passphrase)
+    except (OSError, ValueError) as error:
+        files = f"our certificate {tls.certificate} with its key {tls.key}"
+        raise _unusable(peer, files, error) from error
+    return context
+
+
+def _stamp(tls: LinkTls) -> tuple[tuple[int, int, int], ...]:
+    """What changes when one of the files does."""
+    found = []
+    for path in (tls.ca, tls.certificate, tls.key):
+        try:
+            seen = path.stat()
+        except OSError:
+            found.append((0, 0, 0))  # reading it says why
+        else:
+            found.append((seen.st_mtime_ns, seen.st_size, seen.st_ino))
+    return tuple(found)
