@@ -1,10 +1,11 @@
 """What a poll of one lift costs in CPU time, layer by layer, against one read with pymodbus's own client.
 
-    python benchmarks/link.py [--loop asyncio] [--polls 3000] [--rounds 5] [--beat 5]
+    python benchmarks/link.py [--loop asyncio] [--polls 3000] [--rounds 5] [--beat 5] [--tls]
 
 The server is a process of its own, so only the asking side is measured. The contestants take turns, round by round, so
 that a busy machine slows all of them; the table shows the median round. It ends by itself after about a minute at most.
 The lift is only watched: the looks at outputs of a lift that may be told something, one read in about 2 s, are not in it.
+With --tls a link over mutual TLS takes part; what it costs is said as times the link without.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import ssl
 import statistics
 import sys
+import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 
+import trustme
 import uvloop
 from pymodbus.client import AsyncModbusTcpClient
 
@@ -27,11 +31,14 @@ from benchmarks import common
 from benchmarks.common import REGISTERS
 from drivers.errors import HeartbeatStopped
 from drivers.modbus.link import Link
+from drivers.modbus.tls import LinkTls
 from register_maps import frames
 from register_maps.words import Table
 
 LIMIT_S = 120.0
 BARE = "bare pymodbus"
+LINK = "link"
+LINK_OVER_TLS = "link over TLS"
 BEATS_WITHIN = 1000
 """Polls within which the alive counter has to change."""
 Poll = Callable[[], Awaitable[object]]
@@ -55,10 +62,10 @@ async def bare_pymodbus(port: int) -> AsyncIterator[Poll]:
 
 
 @contextlib.asynccontextmanager
-async def link_read(port: int) -> AsyncIterator[Poll]:
+async def link_read(port: int, tls: LinkTls | None = None) -> AsyncIterator[Poll]:
     """One checked read over the link and the real wire."""
     request = frames.read(Table.HOLDING, 0, REGISTERS)
-    async with _link_up(port) as link:
+    async with _link_up(port, tls) as link:
 
         async def poll() -> None:
             if len(await link.read(request)) != 2 * REGISTERS:
@@ -97,8 +104,8 @@ async def _live(poll: Poll) -> None:
 
 
 @contextlib.asynccontextmanager
-async def _link_up(port: int) -> AsyncIterator[Link]:
-    link = common.make_link(port)
+async def _link_up(port: int, tls: LinkTls | None = None) -> AsyncIterator[Link]:
+    link = common.make_link(port, tls)
     async with asyncio.TaskGroup() as group:
         group.create_task(link.run())
         await link.wait_up()
@@ -108,17 +115,34 @@ async def _link_up(port: int) -> AsyncIterator[Link]:
 
 CONTESTANTS: dict[str, Contestant] = {
     BARE: bare_pymodbus,
-    "link": link_read,
+    LINK: link_read,
     "lift: read": lift_read,
     "lift: read, rules": lift_poll,
 }
 
 
-async def measure(port: int, polls: int, rounds: int) -> dict[str, float]:
+@contextlib.contextmanager
+def over_tls(beat: int, core: int | None) -> Iterator[Contestant]:
+    """A link over mutual TLS 1.3, to a controller of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        authority = trustme.CA()
+        ca, ours = Path(folder, "ca.pem"), Path(folder, "ours.pem")
+        authority.cert_pem.write_to_path(ca)
+        authority.issue_cert("lift-manager").private_key_and_cert_chain_pem.write_to_path(ours)
+        theirs = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        authority.issue_cert("127.0.0.1").configure_cert(theirs)
+        authority.configure_trust(theirs)
+        theirs.verify_mode = ssl.CERT_REQUIRED
+        with common.controllers(1, beat, core, theirs) as ports:
+            tls = LinkTls(ca=ca, certificate=ours, key=ours)
+            yield lambda _: link_read(ports[0], tls)
+
+
+async def measure(contestants: dict[str, Contestant], port: int, polls: int, rounds: int) -> dict[str, float]:
     """Microseconds of CPU per poll, the median round of each contestant."""
-    cost_us: dict[str, list[float]] = {name: [] for name in CONTESTANTS}
+    cost_us: dict[str, list[float]] = {name: [] for name in contestants}
     async with contextlib.AsyncExitStack() as stack, asyncio.timeout(LIMIT_S):
-        ready = {name: await stack.enter_async_context(make(port)) for name, make in CONTESTANTS.items()}
+        ready = {name: await stack.enter_async_context(make(port)) for name, make in contestants.items()}
         for turn in range(rounds + 1):
             for name, poll in ready.items():
                 await _live(poll)
@@ -137,16 +161,24 @@ def main() -> None:
     parser.add_argument("--polls", type=int, default=3000, help="in each round")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--beat", type=int, default=5, help="polls to a count of the alive counter")
+    parser.add_argument("--tls", action="store_true", help="with a link over mutual TLS")
     chosen = parser.parse_args()
     core, other = common.two_cores()
     factory = uvloop.new_event_loop if chosen.loop == "uvloop" else asyncio.new_event_loop
-    with common.controllers(1, chosen.beat, other) as ports, asyncio.Runner(loop_factory=factory) as runner:
+    contestants = dict(CONTESTANTS)
+    with contextlib.ExitStack() as stack:
+        ports = stack.enter_context(common.controllers(1, chosen.beat, other))
+        if chosen.tls:
+            contestants[LINK_OVER_TLS] = stack.enter_context(over_tls(chosen.beat, other))
+        runner = stack.enter_context(asyncio.Runner(loop_factory=factory))
         common.pin(core)
-        costs = runner.run(measure(ports[0], chosen.polls, chosen.rounds))
+        costs = runner.run(measure(contestants, ports[0], chosen.polls, chosen.rounds))
     print("not pinned" if core is None else f"measured process on core {core}, controller on core {other}")
     print(f"{'loop: ' + chosen.loop:<20}{'CPU per poll':>14}{'bare is':>12}")
     for name, cost_us in costs.items():
         print(f"{name:<20}{cost_us:>11.1f} us{costs[BARE] / cost_us:>6.2f} times")
+    if chosen.tls:
+        print(f"TLS costs {costs[LINK_OVER_TLS] / costs[LINK]:.2f} times the link without")
 
 
 if __name__ == "__main__":

@@ -6,10 +6,25 @@ from asyncio import Future
 from collections.abc import Callable
 from typing import Protocol
 
-from drivers.model import Capabilities, Command, LiftReading, Outcome
+from drivers.model import Capabilities, Command, LiftReading, Outcome, Written
 
 Permit = Callable[[], str | None]
 """Called immediately before the bytes of a press leave; a text refuses it and says why."""
+
+
+class WriteLog(Protocol):
+    """Writes down what is told to one lift. Never raises, and only `before` has an answer to wait for."""
+
+    def before(self, command: Command, frames: tuple[str, ...]) -> Future[str | None]:
+        """Note that this is about to be pressed; tell when that is written down: None, or why it may not be pressed.
+
+        `frames` are the writes it will be, as far as they are known before words that others write too are read.
+        """
+        ...
+
+    def wrote(self, written: Written) -> None:
+        """Note what reached the wire, or may have. Of what is written again and again only changes are noted."""
+        ...
 
 
 class LiftDriver(Protocol):
@@ -42,6 +57,14 @@ class LiftDriver(Protocol):
 
     def hold(self, command: Command, permit: Permit) -> None:
         """Keep a held command on, or renew it; it falls `max_hold_s` after the last call."""
+        ...
+
+    def adopt(self, command: Command, permit: Permit) -> None:
+        """Keep what was on for this session before the process began, if the first look at the lift finds it on.
+
+        To be called before the lift is read for the first time. What is found off is at rest: nothing is pressed because of
+        this, a call least of all. What is found on is a hold, or a call, like any other: `given`, refreshed, limited.
+        """
         ...
 
     def let_go(self, command: Command) -> None:

@@ -87,6 +87,20 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
+class Written:
+    """One write of one command, as it went out."""
+
+    name: str
+    """The command as the map names it; empty for a block that is written in a cycle."""
+    what: str
+    """`press`, `release`, `refresh`, `reset`, `pause`, `beat` or `cycle`."""
+    frames: tuple[str, ...]
+    """Unit, function and data as hex, transaction id left out."""
+    failure: str = ""
+    """Why it failed, empty if it was echoed; it may have arrived nevertheless."""
+
+
+@dataclass(frozen=True, slots=True)
 class LiftValues:
     """Everything one lift says at one moment. A signal the map does not have is None (or absent)."""
 

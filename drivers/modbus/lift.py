@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-import math
 from collections.abc import Mapping
-from contextlib import suppress
 
-from drivers.driver import Permit
+from drivers.driver import Permit, WriteLog
 from drivers.errors import (
-    BUSY,
     ConnectionLost,
     ControllerException,
-    DriverError,
     PointsRefused,
-    PressRefused,
-    Sent,
     UnitOffline,
 )
 from drivers.modbus.capabilities import LiftSettings, capabilities
+from drivers.modbus.carrier import Carrier
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
@@ -27,23 +21,19 @@ from drivers.modbus.foreign import Watch
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
+from drivers.modbus.notes import Notes
 from drivers.modbus.permission import Permissions
 from drivers.modbus.plan import plan_reads, polled
-from drivers.modbus.presses import Press, Presses
+from drivers.modbus.presses import NOT_SENT, REPLACED, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.steps import CHANGE, Phase, Step, StepKind
+from drivers.modbus.rows import Rows, Wish
+from drivers.modbus.steps import Phase
 from drivers.modbus.writer import Writer
 from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result
 from register_maps.codec import Cell, Codec
 
-_log = logging.getLogger(__name__)
-
 _ONLY_ALIVE = frozenset({SIGNAL})
-_EARLY_S = 1e-6
-"""A timer may be called just before its time; what is due so soon is due now, or its worker would turn until then."""
-_LET_GO_WITHIN_S = 4.0
-"""How long a bug waits for outputs to be let go of before it ends the program: as long as an orderly end does."""
 
 
 class ModbusLift:
@@ -53,9 +43,17 @@ class ModbusLift:
     """
 
     def __init__(
-        self, codec: Codec, link: Link, settings: LiftSettings, endpoints: Mapping[str, Line] | None = None
+        self,
+        codec: Codec,
+        link: Link,
+        settings: LiftSettings,
+        endpoints: Mapping[str, Line] | None = None,
+        log: WriteLog | None = None,
     ) -> None:
-        """Plan the poll and prepare every request once; `endpoints` are the map's further devices."""
+        """Plan the poll and prepare every request once; `endpoints` are the map's further devices.
+
+        Without a `log` nothing is written down, and no press waits for that.
+        """
         self._codec = codec
         self._lines = Lines(Line(link, settings.unit_id), endpoints or {})
         self._name = link.name
@@ -73,8 +71,6 @@ class ModbusLift:
         self._values: LiftValues | None = None
         self._epoch = 0
         self._epochs: dict[str, int] = {}
-        self._bug: Exception | None = None
-        self._bug_at = math.inf
         self._heartbeat = Heartbeat(codec, link.name)
         watchdog = codec.map.signals.get("watchdog_time")
         self._watchdog_unit_s = (watchdog.unit_s if watchdog is not None else None) or 1.0
@@ -82,7 +78,9 @@ class ModbusLift:
         self._floor_under_way = car_floor is None or car_floor.known_while is None
         self._diagnosis = Diagnosis(codec, self._lines, settings.name)
         self._outputs = Outputs(self._commands, codec.written)
-        self._writer = Writer(codec, self._commands, self._lines, settings)
+        beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
+        notes = Notes(log, {point.cell for command in beats for point in command.points})
+        self._writer = Writer(codec, self._commands, self._lines, settings, notes)
         self._presses = Presses(tuple(settings.floors))
         self._permissions = Permissions(
             codec,
@@ -99,18 +97,24 @@ class ModbusLift:
             self._lines,
             settings,
             is_unread=self._is_unread,
-            tripped=self._is_tripped,
+            tripped=self._permissions.is_tripped,
             clear=self._clear,
         )
         self._notices = self._watch.notices
-        self._complained: set[str] = set()
-        """Holds whose refusal was reported: once until they are on again."""
+        self._carrier = Carrier(
+            settings.name,
+            self._outputs,
+            self._writer,
+            self._presses,
+            self._permissions,
+            self._watch,
+            self._give_all_up,
+        )
+        self._rows = Rows(
+            log, notes, lift=settings.name, planned=self._planned, enter=self._enter, refused=self._refused
+        )
         self._check_floors()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._wakes = {
-            endpoint: asyncio.Event() for endpoint in sorted({c.endpoint for c in codec.commands.values()} | {""})
-        }
-        self._rested = asyncio.Event()
         self.capabilities = capabilities(codec, self._blocks, settings)
 
     def _check_floors(self) -> None:
@@ -161,87 +165,68 @@ class ModbusLift:
 
         A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
         """
-        async with asyncio.TaskGroup() as workers:
-            for endpoint in self._wakes:
-                workers.create_task(self._work(endpoint))
-            if self._watch.has_work:
-                workers.create_task(self._look_for_others())
-
-    async def _work(self, endpoint: str) -> None:
-        loop = asyncio.get_running_loop()
-        while True:
-            step = self._outputs.next(loop.time() + _EARLY_S, endpoint)
-            if step is not None and self._permissions.waits(step):
-                self._outputs.failed(step, maybe_sent=False, now=loop.time())
-                continue
-            if step is not None:
-                try:
-                    await self._carry_out(step)
-                except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
-                    self._outputs.failed(step, maybe_sent=True, now=loop.time())
-                    self._let_go_because_of(bug, f"{step.kind} of {step.name}")
-                continue
-            if self._outputs.at_rest:
-                self._rested.set()
-            if self._bug is not None and (self._outputs.at_rest or loop.time() >= self._bug_at + _LET_GO_WITHIN_S):
-                raise self._bug
-            wake_at = min(self._outputs.wake_at(endpoint), self._bug_at + _LET_GO_WITHIN_S)
-            await _sleep_until(wake_at, self._wakes[endpoint])
-
-    async def _look_for_others(self) -> None:
-        try:
-            await self._watch.run()
-        except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
-            self._let_go_because_of(bug, "the look at our outputs")
-
-    def _let_go_because_of(self, bug: Exception, what: str) -> None:
-        _log.error("%s: a bug in %s; everything is let go", self._settings.name, what, exc_info=bug)
-        if self._bug is None:
-            self._bug, self._bug_at = bug, asyncio.get_running_loop().time()
-        self._presses.end_all("everything was let go because of a bug")
-        self._outputs.let_all_go()
-        self._stir()
+        await self._carrier.run()
 
     def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
-        """Give a command once."""
-        if command.name not in self._outputs:
-            return self._presses.refuse(command, permit, f"{self._settings.name} has no command {command.name}")
-        if self._bug is not None:
+        """Give a command once; it waits until it is written down."""
+        name = command.name
+        if name not in self._outputs:
+            return self._presses.refuse(command, permit, f"{self._settings.name} has no command {name}")
+        if self._carrier.has_failed:
             return self._presses.refuse(command, permit, "the driver of this lift has failed")
-        press = self._presses.begin(command, permit)
-        self._permissions.note(command.name, permit)
-        code = self._settings.floors[command.floor] if command.floor is not None else 1
-        self._outputs.press(command.name, code, asyncio.get_running_loop().time())
-        self._end_dropped()
-        self._stir()
+        press = self._presses.asked(command, permit)
+        self._drop(name, Result.UNCONFIRMED, REPLACED)
+        self._ask(Wish(command, permit, asyncio.get_running_loop().time(), press))
         return press.future
 
     def hold(self, command: Command, permit: Permit) -> None:
-        """Keep a held command on, or renew it."""
-        if command.name not in self._outputs or self._bug is not None:
+        """Keep a held command on, or renew it. From rest it waits until it is written down."""
+        name = command.name
+        if name not in self._outputs or self._carrier.has_failed:
             return
-        if self._permissions.missing(command.name):
+        if self._permissions.missing(name) and not self._outputs.output(name).awaits_look:
             # what the map requires was taken away: the hold goes, whatever its limit
             self.let_go(command)
             return
+        now = asyncio.get_running_loop().time()
+        if self._outputs.wanted(name):
+            self._permissions.note(name, permit)
+            self._outputs.hold(name, now)
+        elif (wish := self._rows.waiting(name)) is not None:
+            wish.permit, wish.at = permit, now
+        elif self._rows.may_ask(name, now):
+            self._ask(Wish(command, permit, now))
+
+    def adopt(self, command: Command, permit: Permit) -> None:
+        """Keep what the first look finds on as this command writes it; raises RuntimeError once the lift was read.
+
+        Nothing to adopt are pulses, holds made of pulses, points that show a lamp, and floors that the site has no longer:
+        what is found on there is let go of.
+        """
+        if self._epoch:
+            raise RuntimeError(f"{self._settings.name}: {command} is adopted after the first reading")
+        code = self._settings.floors.get(command.floor) if command.floor is not None else 1
+        if command.name not in self._outputs or code is None:
+            return
         self._permissions.note(command.name, permit)
-        resting = self._outputs.phase(command.name) is Phase.REST
-        self._outputs.hold(command.name, asyncio.get_running_loop().time())
-        if resting:
-            self._end_dropped()
-            self._stir()
+        self._outputs.adopt(command.name, code, asyncio.get_running_loop().time())
 
     def let_go(self, command: Command) -> None:
         """Release a hold or a press that is still on."""
-        if command.name in self._outputs and self._outputs.phase(command.name) is not Phase.REST:
-            self._outputs.let_go(command.name)
-            self._presses.end(command.name, Result.UNCONFIRMED, "let go before it was confirmed")
-            self._stir()
+        name, reason = command.name, "let go before it was confirmed"
+        self._drop(name, Result.UNCONFIRMED, reason)
+        if name in self._outputs and not self._outputs.rests(name):
+            self._outputs.let_go(name)
+            self._presses.end(name, Result.UNCONFIRMED, reason)
+            self._carrier.stir()
 
     def given(self, command: Command) -> bool:
-        """Whether it is wanted and not let go."""
-        phase = self._outputs.phase(command.name) if command.name in self._outputs else Phase.REST
-        return phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
+        """Whether it is wanted and not let go; what waits to be written down or was adopted is wanted."""
+        name = command.name
+        if name not in self._outputs:
+            return False
+        waits = self._rows.waiting(name) is not None
+        return waits or self._outputs.given(name, asyncio.get_running_loop().time())
 
     def held(self, command: Command) -> bool:
         """Whether this hold is on and verified, by read-back or, where the map asks for it, by its effect."""
@@ -257,12 +242,54 @@ class ModbusLift:
 
     async def release_all(self) -> None:
         """Let everything go and return once it is verified."""
-        self._presses.end_all("everything was let go")
+        self._give_all_up("everything was let go")
+        await self._carrier.rest()
+
+    def _ask(self, wish: Wish) -> None:
+        """Have a wish written down, and want of the outputs what it wants once that is done."""
+        for other in self._outputs.excluded(wish.command.name):
+            self._drop(other, Result.REJECTED, NOT_SENT)
+        self._rows.ask(wish)
+
+    def _planned(self, command: Command) -> tuple[str, ...]:
+        """Return the frames that a press of this command will be, as far as is known without reading."""
+        return self._writer.planned(*self._outputs.about_to_press(command.name, self._code(command)))
+
+    def _enter(self, wish: Wish) -> None:
+        """It is written down: from here on the outputs see to it."""
+        name, now = wish.command.name, asyncio.get_running_loop().time()
+        resting = self._outputs.phase(name) is Phase.REST
+        if wish.press is not None:
+            self._presses.begin(wish.press)
+        self._permissions.note(name, wish.permit)
+        if wish.press is not None:
+            self._outputs.press(name, self._code(wish.command), now)
+        else:
+            self._outputs.hold(name, wish.at)
+        if wish.press is not None or resting:
+            self._carrier.end_dropped()
+            self._carrier.stir()
+
+    def _refused(self, wish: Wish, reason: str) -> None:
+        """It could not be written down, so nothing of it is pressed."""
+        if wish.press is not None:
+            self._presses.finish(wish.press, Result.REJECTED, reason)
+
+    def _drop(self, name: str, result: Result, reason: str) -> None:
+        """Forget a wish that waits to be written down."""
+        wish = self._rows.drop(name)
+        if wish is not None and wish.press is not None:
+            self._presses.finish(wish.press, result, reason)
+
+    def _give_all_up(self, reason: str) -> None:
+        """Let everything go, and forget what waits to be written down."""
+        for name in self._outputs.names:
+            self._drop(name, Result.UNCONFIRMED, reason)
+        self._presses.end_all(reason)
         self._outputs.let_all_go()
-        if not self._outputs.at_rest:
-            self._rested.clear()
-            self._stir()
-            await self._rested.wait()
+
+    def _code(self, command: Command) -> int:
+        return self._settings.floors[command.floor] if command.floor is not None else 1
 
     async def _read_blocks(self) -> tuple[bytes, ...]:
         payloads: list[bytes] = []
@@ -287,8 +314,8 @@ class ModbusLift:
             self._diagnosis.report_unlisted(self._values)
             for name in ended(self._commands, self._values, self._codec.signals):
                 self._outputs.let_go(name)
-                self._end_dropped()
-                self._stir()
+                self._carrier.end_dropped()
+                self._carrier.stir()
         return self._values
 
     async def _take_over(self, epoch: int) -> None:
@@ -305,69 +332,9 @@ class ModbusLift:
                 raise PointsRefused(error, f"it does not say what our outputs hold: {names}") from error
         if self._commands:
             self._outputs.reconnected(cells, asyncio.get_running_loop().time(), changed)
-            self._stir()
+            self._carrier.stir()
         self._epoch, self._epochs = epoch, epochs
         self._diagnosis.forget()
-
-    async def _carry_out(self, step: Step) -> None:
-        loop = asyncio.get_running_loop()
-        asks = step.kind in (StepKind.PRESS, StepKind.RESET)
-        press = self._presses.of(step.name) if asks else None
-        permit = self._permissions.of(step, press)
-        maybe_sent = False
-        cells = self._outputs.covered(step) if step.kind in CHANGE else ()
-        self._watch.writing(cells)
-        try:
-            async for request in self._writer.write(step, self._outputs.cells(step), permit):
-                maybe_sent = True
-                if press is not None and step.kind is StepKind.PRESS:
-                    press.sent(request)
-            self._outputs.written(step, loop.time())
-            self._complained.discard(step.name)
-            if press is not None and step.kind is StepKind.PRESS and not press.future.done():
-                self._presses.await_proof(press, self._writer.confirm(step.name), self._values)
-            if not self._outputs.looked_at_later(step, loop.time()):
-                await self._look_back(step, press)
-        except PressRefused as refused:
-            # a hold that may not be refreshed stays on until it is let go or falls by its limit
-            self._outputs.failed(step, maybe_sent=maybe_sent, now=loop.time())
-            if press is not None:
-                result = Result.UNCONFIRMED if maybe_sent else Result.REJECTED
-                self._presses.finish(press, result, refused.reason)
-        except DriverError as error:
-            rejected = isinstance(error, ControllerException) and error.code != BUSY
-            sent = maybe_sent or not (error.sent is Sent.NO or _not_executed(error))
-            self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected)
-            if press is not None and press.expected is None:
-                result = Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED
-                self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")
-            self._complain(step, error, aloud=rejected and press is None and step.name not in self._complained)
-        finally:
-            self._watch.writing(cells)
-            self._end_dropped()
-
-    async def _look_back(self, step: Step, press: Press | None) -> None:
-        """Look whether what a step wrote has come about, where anybody asks for it."""
-        if (holds := await self._writer.look(step)) is not None:
-            self._outputs.looked(step, holds=holds, now=asyncio.get_running_loop().time(), excused=self._is_tripped())
-            self._watch.tell_fights()
-            if press is not None:
-                press.read_back = holds
-
-    def _complain(self, step: Step, error: DriverError, *, aloud: bool) -> None:
-        """Report a write that failed; one that a controller refuses and nobody waits for, once for everybody to hear."""
-        if aloud:
-            self._complained.add(step.name)
-        what = self._writer.printed(step.name)
-        message = "%s: %s of %s failed: %s"
-        _log.log(logging.WARNING if aloud else logging.DEBUG, message, self._settings.name, step.kind, what, error)
-
-    def _end_dropped(self) -> None:
-        """End the presses that will not be written any more."""
-        for name in self._presses.unwritten:
-            if not self._outputs.pending(name):
-                reason = "not sent: something else was wanted instead, or it could not be sent in time"
-                self._presses.end(name, Result.REJECTED, reason)
 
     def _is_unread(self) -> bool:
         """Whether a connection is new, and nothing was read over it yet."""
@@ -376,24 +343,4 @@ class ModbusLift:
     def _clear(self, name: str) -> None:
         """Let go of what somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
-        self._stir()
-
-    def _is_tripped(self) -> bool:
-        """Whether the lift says that a watchdog has let our outputs go."""
-        return self._values is not None and self._values.flags.get("watchdog_tripped", False)
-
-    def _stir(self) -> None:
-        for wake in self._wakes.values():
-            wake.set()
-
-
-async def _sleep_until(when: float, wake: asyncio.Event) -> None:
-    wake.clear()
-    with suppress(TimeoutError):
-        async with asyncio.timeout_at(None if math.isinf(when) else when):
-            await wake.wait()
-
-
-def _not_executed(error: DriverError) -> bool:
-    """Whether the controller said that it did not understand, and so did nothing (exceptions 01, 02 and 03)."""
-    return isinstance(error, ControllerException) and error.code in (1, 2, 3)
+        self._carrier.stir()

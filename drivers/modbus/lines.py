@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 from drivers.driver import Permit
 from drivers.errors import ACCEPTED, ControllerException
+from drivers.modbus.declared import Declared
 from drivers.modbus.link import Link, LinkState
 from register_maps import frames
-from register_maps.codec import Block, Cell
+from register_maps.codec import Block, Cell, CommandCodec
 from register_maps.frames import Request
 from register_maps.words import BIT_TABLES
 
@@ -30,6 +31,15 @@ class Lines:
         """`endpoints` as the map names them."""
         self._lines = {"": controller, **endpoints}
         self._links = tuple(dict.fromkeys(line.link for line in self._lines.values()))
+
+    def declare(self, commands: Iterable[CommandCodec]) -> None:
+        """Let the links pass what writes these commands, beside what other lifts on them have declared, and nothing else."""
+        declared = tuple(commands)
+        for link in self._links:
+            if link.declared is None:
+                link.declared = Declared()
+            units = {endpoint: line.unit_id for endpoint, line in self._lines.items() if line.link is link}
+            link.declared.add(declared, units)
 
     @property
     def epoch(self) -> int:

@@ -14,6 +14,7 @@ from enum import StrEnum, unique
 
 from drivers.driver import Permit
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
+from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
@@ -49,6 +50,8 @@ class Link:
         """Rises by one with every connection made; 0 before the first. What an earlier epoch told counts no more."""
         self.shared_words = asyncio.Lock()
         """Held by whoever reads a word and writes it back changed, so that two lifts on one controller cannot undo each other."""
+        self.declared: Declared | None = None
+        """What the lifts on this link may write: all else is a bug. None while no lift was put on it."""
         self._make_wire = make_wire
         self._wire: Wire | None = None
         self._exchange: Exchange | None = None
@@ -104,12 +107,15 @@ class Link:
         """Write, in the command lane; never sent a second time. Raises as `read`, and PressRefused if `permit` objects.
 
         What needs a permit is refused as well while the link is in doubt. What needs none, a release, leaves all the same.
-        The error's `sent` says whether the controller may have carried it out.
+        The error's `sent` says whether the controller may have carried it out. Raises UndeclaredWrite, which is no DriverError,
+        for what no map on this link declares, whether or not there is a connection.
         """
-        if self._exchange is None:
-            raise self._link_down()
         if not request.values:
             raise ValueError(f"not a write: {request}")
+        if self.declared is not None and not self.declared.allows(request):
+            raise UndeclaredWrite(self.name, request)
+        if self._exchange is None:
+            raise self._link_down()
         await self._exchange.command(request, permit)
 
     async def wait_up(self) -> int:

@@ -80,6 +80,8 @@ class Output:
     """Its release was answered and not looked at yet."""
     yields: bool = False
     """It was dropped too often: it is pressed once more when `FIGHT_S` is over, and not before."""
+    adopt_by: float = -math.inf
+    """Until then the first look at the controller may find it on for somebody from before this process began."""
     foreign: int = 0
     """Tries that are left to let go of what somebody else pressed; 0: what is let go of is ours, and it is tried until it is done."""
 
@@ -127,6 +129,47 @@ class Output:
         """Whether whoever writes its cells has to write it pressed."""
         return self.phase is Phase.ON and not self.paused and not self.yields and not self.spec.ends_itself
 
+    @property
+    def can_be_adopted(self) -> bool:
+        """Whether what stands at its points shows that it is on: not a lamp, nor a hold made of pulses, nor what ends by itself."""
+        level = self.spec.action == "hold" and self.spec.repeat_pulse_s is None and not self.spec.ends_itself
+        return level and bool(self.codec.read_points) and not self.codec.lamp
+
+    @property
+    def awaits_look(self) -> bool:
+        """Whether it may be on for somebody from before, and was not looked at yet: nothing may be written over it."""
+        return self.adopt_by > -math.inf
+
+    def connected(self, cells: Cells, now: float) -> None:
+        """Compare it with what the controller holds after a new connection."""
+        kept = now < self.adopt_by and match(self.codec, cells, self.code)
+        self.adopt_by, self.armed_at = -math.inf, None
+        if kept and self.phase is Phase.REST:
+            self._keep(now)
+            return
+        at_rest = self.codec.lamp or match(self.codec, cells, None)
+        if self.phase is Phase.ON and self.spec.action == "hold" and self.adopted(cells, now):
+            return
+        if self.phase is Phase.DUE and self.is_written_again and match(self.codec, cells, self.code):
+            self.phase, self.verified, self.was_seen, self.refresh_at = Phase.ON, True, True, now
+            return
+        if self.phase in (Phase.REST, Phase.DUE) and at_rest:
+            return
+        if self.phase is Phase.DUE:
+            self.again, self.next_code = True, self.code
+        # written even if it reads at rest: the controller may still find our press in the connection that broke
+        self.phase, self.try_at, self.verified = Phase.LETTING_GO, now, False
+        self.failures, self.foreign, self.echoed = 0, 0, False
+
+    def _keep(self, now: float) -> None:
+        """It is on for somebody from before: it goes on like a hold that was pressed now, but for the press."""
+        self.phase, self.verified, self.was_seen, self.gone = Phase.ON, True, True, False
+        self.fall_at = now + (self.spec.max_hold_s or math.inf)
+        if math.isinf(self.every_s):
+            self.refresh_at = now + LOOK_S if self.is_only_looked_at else math.inf
+        else:
+            self.refresh_at = now
+
     def drop(self, now: float) -> None:
         """It was seen to be gone, after it had been seen to be there. Nothing counts twice that was not written in between."""
         if self.gone or self.yields or not self.was_seen:
@@ -168,11 +211,11 @@ class Output:
             # there is nothing to let go with: writing it again would press it again
             self.unwanted = self.phase is Phase.LEAVING
             return
-        if self.phase in (Phase.ON, Phase.LEAVING):
+        if self.phase in (Phase.ON, Phase.LEAVING) or self.awaits_look:
             self.phase, self.try_at, self.failures = Phase.LETTING_GO, -math.inf, 0
         elif self.phase is Phase.DUE:
             self.phase = Phase.REST
-        self.verified, self.armed_at, self.pause_at = False, None, math.inf
+        self.verified, self.armed_at, self.pause_at, self.adopt_by = False, None, math.inf, -math.inf
 
     def rest(self, now: float) -> None:
         """It has come to rest."""

@@ -14,6 +14,8 @@ from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
 from drivers.model import LiftValues, Result
 from register_maps.codec import Codec
 
+_OF_ITSELF = frozenset({StepKind.BEAT, StepKind.RESET, StepKind.CYCLE})
+
 READ_WITHIN_S = 1.0
 """So long after a connection was made a release that covers wanted neighbours waits for the first reading. Chosen: `max_age_s`."""
 
@@ -38,7 +40,8 @@ class Permissions:
         self._presses = presses
         self._lines = lines
         self._heartbeat = heartbeat
-        self._values = values
+        self.values = values
+        """What the lift said last; None before it said anything."""
         self._is_unread = is_unread
         self._permits: dict[str, Permit] = {}
 
@@ -48,9 +51,14 @@ class Permissions:
 
     def missing(self, name: str) -> list[str]:
         """List the flags that a command requires and the lift does not show."""
-        values = self._values()
+        values = self.values()
         flags = values.flags if values is not None else {}
         return [flag for flag in self._commands[name].spec.requires if not flags.get(flag, False)]
+
+    def is_tripped(self) -> bool:
+        """Whether the lift says that a watchdog has let our outputs go."""
+        values = self.values()
+        return values is not None and values.flags.get("watchdog_tripped", False)
 
     def waits(self, step: Step) -> bool:
         """Whether a release is written a little later, because it covers neighbours that would be let go with it.
@@ -77,11 +85,10 @@ class Permissions:
         when the bytes leave.
         """
         if step.kind not in NEED_PERMIT:
-            if step.kind in ONLY_LOOK or step.kind is StepKind.CYCLE:
+            if step.kind in ONLY_LOOK:
                 return None
-            neighbours = self._outputs.neighbours(step)
-            if step.kind in (StepKind.BEAT, StepKind.RESET) and neighbours:
-                return lambda: self._first_refusal(neighbours)
+            if step.kind in _OF_ITSELF:
+                return self._unless_looked_at(step)
             self._drop_refused(step)
             return None
 
@@ -100,6 +107,23 @@ class Permissions:
 
         return allowed
 
+    def _unless_looked_at(self, step: Step) -> Permit | None:
+        """Return what is asked of a write that nobody wished for: it presses no neighbour again that may not be pressed.
+
+        And what it says of them is as old as its beginning: a look that found one on since then has overtaken it.
+        """
+        neighbours = self._outputs.neighbours(step) if step.kind is not StepKind.CYCLE else ()
+        early = self._is_unread() and bool(self._outputs.beside(step))
+        if not neighbours and not early:
+            return None
+
+        def allowed() -> str | None:
+            if early and not self._is_unread():
+                return "our outputs were looked at for the first time meanwhile"
+            return self._first_refusal(neighbours)
+
+        return allowed
+
     def _drop_refused(self, step: Step) -> None:
         """Let go of the neighbours that this write may not press again."""
         for name in self._outputs.neighbours(step):
@@ -113,7 +137,7 @@ class Permissions:
             return "the connection is new and has not been read yet"
         if missing := self.missing(name):
             return f"{name} needs {', '.join(missing)}"
-        values = self._values()
+        values = self.values()
         if values is not None and name in ended({name: self._commands[name]}, values, self._signals):
             return "the door is shut or opens, or something is in its way"
         return self._permits[name]()

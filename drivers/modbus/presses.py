@@ -9,9 +9,13 @@ from dataclasses import dataclass, field
 
 from drivers.driver import Permit
 from drivers.modbus.confirm import Expectation, proof
+from drivers.modbus.notes import hex_part
 from drivers.model import Command, FloorName, LiftValues, Outcome, Proof, Result
 from register_maps.frames import Request
 from register_maps.schema import Confirm
+
+REPLACED = "replaced by a newer command"
+NOT_SENT = "not sent: something else was wanted instead, or it could not be sent in time"
 
 
 @dataclass(slots=True)
@@ -29,8 +33,8 @@ class Press:
     not_granted: bool = False
 
     def sent(self, request: Request) -> None:
-        """Note unit, function and data of a request: what a person compares with a manual."""
-        self.frames.append(request.body[4:].hex())
+        """Note a request that was answered."""
+        self.frames.append(hex_part(request).hex())
 
 
 class Presses:
@@ -52,12 +56,14 @@ class Presses:
         """Commands whose press was not written yet."""
         return tuple(name for name, press in self._of.items() if press.expected is None)
 
-    def begin(self, command: Command, permit: Permit) -> Press:
+    def asked(self, command: Command, permit: Permit) -> Press:
+        """Make a press that has not begun: it ends no other yet."""
+        return Press(command, permit, asyncio.get_running_loop().create_future())
+
+    def begin(self, press: Press) -> None:
         """Take a new press."""
-        press = Press(command, permit, asyncio.get_running_loop().create_future())
-        self.end(command.name, Result.UNCONFIRMED, "replaced by a newer command")
-        self._of[command.name] = press
-        return press
+        self.end(press.command.name, Result.UNCONFIRMED, REPLACED)
+        self._of[press.command.name] = press
 
     def of(self, name: str) -> Press | None:
         """Return the press of a command, if it has no outcome yet."""
@@ -65,7 +71,7 @@ class Presses:
 
     def refuse(self, command: Command, permit: Permit, reason: str) -> asyncio.Future[Outcome]:
         """End a press at once."""
-        press = Press(command, permit, asyncio.get_running_loop().create_future())
+        press = self.asked(command, permit)
         self.finish(press, Result.REJECTED, reason)
         return press.future
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
+from drivers.modbus.image import Image
 from drivers.modbus.output import (
     LEAVE_WITHIN_S,
     LOOK_S,
@@ -20,12 +21,10 @@ from drivers.modbus.output import (
     Cells,
     Cycle,
     Output,
-    match,
     period_s,
-    put,
 )
 from drivers.modbus.steps import ONLY_LOOK, Phase, Step, StepKind
-from register_maps.codec import Block, Cell, CommandCodec
+from register_maps.codec import Cell, CommandCodec
 from register_maps.command_codec import Written
 
 
@@ -47,10 +46,7 @@ class Outputs:
             for block, _, every_s in written
             if every_s is not None and not own.isdisjoint(block.cells)
         ]
-        self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
-        """Every cell of ours with nothing pressed."""
-        for codec in commands.values():
-            put(self._resting, codec.encode(None))
+        self._image = Image(self._outputs, self._beats, written)
 
     def __contains__(self, name: str) -> bool:
         return name in self._outputs
@@ -59,6 +55,7 @@ class Outputs:
         """Want a press. A press of the same output that is still on is let go first."""
         output = self._outputs[name]
         self._clear_excluded(name)
+        output.adopt_by = -math.inf
         output.leave_by = now + LEAVE_WITHIN_S + self._pauses_s(name)
         if output.phase in (Phase.REST, Phase.DUE):
             output.phase, output.code = Phase.DUE, code
@@ -71,12 +68,22 @@ class Outputs:
     def hold(self, name: str, now: float) -> None:
         """Want a hold, or renew it until `max_hold_s` from now."""
         output = self._outputs[name]
+        if output.awaits_look:
+            output.adopt_by = now + (output.spec.max_hold_s or 0.0)
+            return
         output.fall_at = now + (output.spec.max_hold_s or 0.0)
         if output.phase is Phase.REST:
             self._clear_excluded(name)
             output.phase, output.code, output.leave_by = Phase.DUE, 1, math.inf
         elif output.phase is Phase.LETTING_GO:
             output.again, output.next_code, output.leave_by = True, output.code or 1, math.inf
+
+    def adopt(self, name: str, code: int, now: float) -> None:
+        """Keep what is found on at the first look; what it excludes may not be kept as well."""
+        output = self._outputs[name]
+        if output.can_be_adopted and output.phase is Phase.REST:
+            self._clear_excluded(name)
+            output.code, output.adopt_by = code, now + (output.spec.max_hold_s or math.inf)
 
     def let_go(self, name: str) -> None:
         """Want rest, now."""
@@ -105,6 +112,12 @@ class Outputs:
         return output.phase is Phase.ON and output.verified
 
     @property
+    def endpoints(self) -> tuple[str, ...]:
+        """Every device that is written to, and the controller."""
+        outputs = {output.codec.endpoint for output in self._outputs.values()}
+        return tuple(sorted(outputs | {beat.codec.endpoint for beat in self._beats.values()} | {""}))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Every output."""
         return tuple(self._outputs)
@@ -122,6 +135,29 @@ class Outputs:
         """Whether it is on, or will be as far as it goes."""
         output = self._outputs[name]
         return output.again or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
+
+    def given(self, name: str, now: float) -> bool:
+        """Whether it is wanted and not let go, or may be on for somebody from before."""
+        output = self._outputs[name]
+        return output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON) or now < output.adopt_by
+
+    def rests(self, name: str) -> bool:
+        """Whether there is nothing to let go of."""
+        output = self._outputs[name]
+        return output.phase is Phase.REST and not output.awaits_look
+
+    def wanted(self, name: str) -> bool:
+        """Whether it is pressed, will be, or may be on: then wanting it is no news."""
+        return self.pending(name) or self._outputs[name].awaits_look
+
+    def excluded(self, name: str) -> Collection[str]:
+        """List what may not be on together with an output."""
+        return self._excluded[name]
+
+    def about_to_press(self, name: str, code: int) -> tuple[Step, Cells]:
+        """Return the press of an output and our cells with it, once what it excludes is let go."""
+        step = Step(StepKind.PRESS, name, code)
+        return step, self.cells(step, without=self._excluded[name])
 
     def still_wanted(self, step: Step) -> bool:
         """Whether somebody still wants what a press or refresh asks for."""
@@ -145,6 +181,8 @@ class Outputs:
         """End what has lasted, or waited, for as long as it may."""
         for output in self._outputs.values():
             output.try_again(now)
+            if now >= output.adopt_by:
+                output.adopt_by = -math.inf
             if output.phase is Phase.ON and now >= output.fall_at:
                 if output.spec.ends_itself:
                     output.rest(now)
@@ -197,15 +235,19 @@ class Outputs:
                 looks = output.yields or (output.is_only_looked_at and not output.gone)
                 yield output.refresh_at, Step(StepKind.LOOK if looks else StepKind.REFRESH, name, output.code)
         for cycle in self._cycles:
-            if cycle.block.endpoint == endpoint and self._idle(cycle.block):
+            if cycle.block.endpoint == endpoint and self._image.idle(cycle.block):
                 yield cycle.at, Step(StepKind.CYCLE, "", None, cycle.block)
 
     def wake_at(self, endpoint: str = "") -> float:
         """Earliest time at which `next` may have something; infinity when only an event can change that."""
         times = [math.inf, *(beat.at for beat in self._beats.values() if beat.codec.endpoint == endpoint)]
-        times += [cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._idle(cycle.block)]
+        times += [
+            cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._image.idle(cycle.block)
+        ]
         for name, output in self._at(endpoint):
             times.append(output.let_go_at)
+            if output.awaits_look:
+                times.append(output.adopt_by)
             if output.phase is Phase.DUE:
                 times.append(self._free_at(name))
             if output.phase is Phase.DUE or output.again:
@@ -214,33 +256,21 @@ class Outputs:
                 times += [output.fall_at, output.refresh_at]
         return min(times)
 
-    def cells(self, step: Step) -> Cells:
+    def cells(self, step: Step, without: Collection[str] = ()) -> Cells:
         """Contents of our cells with this step applied: of everything else, only what is on is pressed."""
-        image = dict(self._resting)
-        for beat in self._beats.values():
-            put(image, beat.codec.encode(beat.count or None))
-        for output in self._outputs.values():
-            if output.asserts:
-                put(image, output.codec.encode(output.code))
-        if step.block is None:
-            put(image, self._codec(step).encode(step.code))
-        return image
+        return self._image.cells(step, without)
 
     def covered(self, step: Step) -> list[Cell]:
         """List every address that the writes of a step cover."""
-        blocks = self._codec(step).blocks if step.block is None else (step.block,)
-        return [cell for block in blocks for cell in block.cells]
+        return self._image.covered(step)
+
+    def beside(self, step: Step) -> tuple[str, ...]:
+        """Other outputs in the cells of a step, on or not."""
+        return self._image.beside(step)
 
     def neighbours(self, step: Step) -> tuple[str, ...]:
-        """Other outputs that a step writes as pressed, because they are on and lie in its cells."""
-        if step.block is None and self._codec(step).shared:
-            return ()
-        cells = set(self.covered(step))
-        return tuple(
-            name
-            for name, output in self._outputs.items()
-            if name != step.name and output.asserts and any(point.cell in cells for point in output.codec.points)
-        )
+        """Other outputs in the cells of a step that it has to write as pressed, because they are on, or may be."""
+        return self._image.neighbours(step)
 
     def written(self, step: Step, now: float) -> None:
         """The controller echoed the write. That proves nothing yet."""
@@ -324,36 +354,13 @@ class Outputs:
     def reconnected(self, cells: Cells, now: float, endpoints: Collection[str] = ("",)) -> None:
         """Compare with what the controller holds after a new connection to these devices; `cells` are those of `read_points`.
 
-        A hold that is wanted and is there is adopted; one that is gone is written again as the level it is. A
+        What was to be adopted and is there is kept; what is not there is at rest. A hold that is wanted and is there is adopted; one that is gone is written again as the level it is. A
         call is never repeated. Everything else of ours that is not at rest is let go. At a point that shows a lamp nobody
         can see a leftover of ours, and a passenger's call is not to be cleared.
         """
         for output in self._outputs.values():
-            if output.spec.ends_itself or not {point.endpoint for point in output.codec.points} & set(endpoints):
-                continue
-            output.armed_at = None
-            at_rest = output.codec.lamp or match(output.codec, cells, None)
-            if output.phase is Phase.ON and output.spec.action == "hold" and output.adopted(cells, now):
-                continue
-            if output.phase is Phase.DUE and output.is_written_again and match(output.codec, cells, output.code):
-                output.phase, output.verified, output.was_seen, output.refresh_at = Phase.ON, True, True, now
-                continue
-            if output.phase in (Phase.REST, Phase.DUE) and at_rest:
-                continue
-            if output.phase is Phase.DUE:
-                output.again, output.next_code = True, output.code
-            # written even if it reads at rest: the controller may still find our press in the connection that broke
-            output.phase, output.try_at, output.verified = Phase.LETTING_GO, now, False
-            output.failures, output.foreign, output.echoed = 0, 0, False
-
-    def _codec(self, step: Step) -> CommandCodec:
-        return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec
-
-    def _idle(self, block: Block) -> bool:
-        """Whether nothing in this block is on: what is, is refreshed instead, with permission."""
-        busy = (Phase.ON, Phase.LEAVING)
-        inside = [output for output in self._outputs.values() if block in output.codec.blocks]
-        return not any(output.phase in busy and not output.yields for output in inside)
+            if not output.spec.ends_itself and {point.endpoint for point in output.codec.points} & set(endpoints):
+                output.connected(cells, now)
 
     def _restart_cycles(self, cells: Sequence[Cell], now: float) -> None:
         for cycle in self._cycles:

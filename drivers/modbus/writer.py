@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Collection, Mapping
 
 from drivers.driver import Permit
-from drivers.errors import DriverError
+from drivers.errors import ControllerException, DriverError, Sent
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lines import Lines
+from drivers.modbus.notes import CUT_SHORT, Notes, frames
 from drivers.modbus.output import Cells, match
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
@@ -26,12 +27,19 @@ class Writer:
     """Knows how each command of a map is written and read back."""
 
     def __init__(
-        self, codec: Codec, commands: Mapping[str, CommandCodec], lines: Lines, settings: LiftSettings
+        self,
+        codec: Codec,
+        commands: Mapping[str, CommandCodec],
+        lines: Lines,
+        settings: LiftSettings,
+        notes: Notes | None = None,
     ) -> None:
-        """`commands` are those that this lift may use."""
+        """`commands` are those that this lift may use: from here on its links pass no write but theirs."""
         self._codec = codec
         self._commands = commands
         self._lines = lines
+        self._notes = notes or Notes(None)
+        lines.declare(commands.values())
         self._functions = {block: function for block, function, _ in codec.written}
         self._read_blocks = {
             name: read_back_blocks(
@@ -64,20 +72,48 @@ class Writer:
         """Name a command with its addresses as its map prints them."""
         return f"{name} at {', '.join(self._commands[name].spec.addresses)}" if name in self._commands else name
 
+    def planned(self, step: Step, cells: Cells) -> tuple[str, ...]:
+        """Return the writes of a press as hex, without reading: what others write into the same words is taken for 0."""
+        command = self._commands[step.name]
+        return frames(
+            [
+                self._request(command, step, block, function, cells)
+                for block, function in self._in_order(command, step, cells)
+            ]
+        )
+
     async def write(self, step: Step, cells: Cells, permit: Permit | None) -> AsyncIterator[Request]:
-        """Send every request of a step, and yield each once it was answered. Raises DriverError."""
-        if step.block is not None:
-            yield await self._send(
-                block_write(step.block, self._functions[step.block], cells, self._unit(step.block)), step.block, permit
-            )
-            return
+        """Send every request of a step, and yield each once it was answered. Raises DriverError.
+
+        Told to the notes at the end, whatever the end: what reached the wire or may have.
+        """
         if step.kind in ONLY_LOOK:
+            return
+        left: list[Request] = []
+        failure = CUT_SHORT
+        try:
+            async for request in self._write(step, cells, permit, left):
+                yield request
+            failure = ""
+        except DriverError as error:
+            failure = str(error)
+            raise
+        finally:
+            blocks = self._commands[step.name].blocks if step.block is None else (step.block,)
+            self._notes.wrote(step, blocks, cells, left, failure)
+
+    async def _write(
+        self, step: Step, cells: Cells, permit: Permit | None, left: list[Request]
+    ) -> AsyncIterator[Request]:
+        if step.block is not None:
+            request = block_write(step.block, self._functions[step.block], cells, self._unit(step.block))
+            yield await self._send(request, step.block, permit, left)
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
         for block, function in self._in_order(command, step, cells):
             try:
-                yield await self._write_block(command, step, block, function, cells, permit)
+                yield await self._write_block(command, step, block, function, cells, permit, left)
             except DriverError as error:
                 # what is pressed on one device is let go whatever another one answers
                 if step.kind is not StepKind.RELEASE:
@@ -102,25 +138,40 @@ class Writer:
         return match(command, await self._lines.cells(self._read_blocks[step.name]), step.code)
 
     async def _write_block(
-        self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells, permit: Permit | None
+        self,
+        command: CommandCodec,
+        step: Step,
+        block: Block,
+        function: int,
+        cells: Cells,
+        permit: Permit | None,
+        left: list[Request],
     ) -> Request:
-        values = command.encode(step.code)
-        unit = self._unit(block)
-        if command.is_timed_coil:
-            return await self._send(timed_pulse(command, block, unit), block, permit)
-        if function == MASK_WRITE:
-            return await self._send(masked_write(values, block, unit), block, permit)
-        if not command.shared:
-            return await self._send(block_write(block, function, cells, unit), block, permit)
+        if not command.shared or function == MASK_WRITE or command.is_timed_coil:
+            return await self._send(self._request(command, step, block, function, cells), block, permit, left)
         async with self._lines.undisturbed(block.endpoint):
             fresh: dict[Cell, int] = await self._lines.cells([block])
-            for point, value in values.items():
+            for point, value in command.encode(step.code).items():
                 if block.holds(point):
                     fresh[point.cell] = point.into(fresh[point.cell], value)
-            return await self._send(block_write(block, function, fresh, unit), block, permit)
+            return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, left)
 
-    async def _send(self, request: Request, block: Block, permit: Permit | None) -> Request:
-        await self._lines.send(block.endpoint, request, permit)
+    def _request(self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells) -> Request:
+        unit = self._unit(block)
+        if command.is_timed_coil:
+            return timed_pulse(command, block, unit)
+        if function == MASK_WRITE:
+            return masked_write(command.encode(step.code), block, unit)
+        return block_write(block, function, cells, unit)
+
+    async def _send(self, request: Request, block: Block, permit: Permit | None, left: list[Request]) -> Request:
+        left.append(request)
+        try:
+            await self._lines.send(block.endpoint, request, permit)
+        except Exception as error:
+            if not _may_have_left(error):
+                left.pop()
+            raise
         return request
 
     def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
@@ -138,3 +189,8 @@ class Writer:
 
     def _unit(self, block: Block) -> int:
         return self._lines.unit(block.endpoint)
+
+
+def _may_have_left(error: Exception) -> bool:
+    """Whether a write that failed so is on the wire: a controller that answers has heard it, even where it did nothing."""
+    return isinstance(error, DriverError) and (error.sent is not Sent.NO or isinstance(error, ControllerException))

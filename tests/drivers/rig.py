@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
+from drivers.driver import WriteLog
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
@@ -50,8 +51,13 @@ class Rig:
 
 @asynccontextmanager
 async def rig(
-    codec: Codec, devices: Mapping[str, MemoryDevice] | None = None, floors: Mapping[str, int] | None = None
+    codec: Codec,
+    devices: Mapping[str, MemoryDevice] | None = None,
+    floors: Mapping[str, int] | None = None,
+    log: WriteLog | None = None,
+    first: Callable[[ModbusLift], None] | None = None,
 ) -> AsyncIterator[Rig]:
+    """`first` is called with the lift before anything runs."""
     made_of = {"": MemoryDevice(timed_coils=True)} if devices is None else devices
     made_of[""].values[Table.INPUT].setdefault(1, 1)
     links = {name: Link(device.wire, LinkSettings(), name=name or "plc") for name, device in made_of.items()}
@@ -59,7 +65,9 @@ async def rig(
         name="lift", floors=floors or {"L1": 1, "L2": 2}, control=True, unit_id=codec.map.link.unit_id
     )
     lines = {name: Line(link, 1) for name, link in links.items() if name}
-    made = Rig(ModbusLift(codec, links[""], settings, lines), made_of, links)
+    made = Rig(ModbusLift(codec, links[""], settings, lines, log), made_of, links)
+    if first is not None:
+        first(made.lift)
 
     async def poll() -> None:
         while True:
@@ -89,9 +97,11 @@ def on_rig(
     text: str,
     devices: Mapping[str, MemoryDevice] | None = None,
     head: str = HEAD,
+    log: WriteLog | None = None,
+    first: Callable[[ModbusLift], None] | None = None,
 ) -> None:
     async def main() -> None:
-        async with rig(written_map(text, head), devices) as made:
+        async with rig(written_map(text, head), devices, log=log, first=first) as made:
             await check(made)
 
     run_virtual(main, limit_s=600)
