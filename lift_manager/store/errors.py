@@ -2,6 +2,8 @@
 
 StoreError
     StateUnusable       what was kept of a site cannot be relied on; the message names the file and what to do
+    JournalUnusable     rows cannot be added to a journal as it is; the message names the file and what to do
+    KeysUnusable        the keys of a site cannot be read or changed; the message says why and what to do
 """
 
 from __future__ import annotations
@@ -13,3 +15,11 @@ class StoreError(Exception):
 
 class StateUnusable(StoreError):
     """What was kept of a site cannot be relied on; the message names the file and what to do."""
+
+
+class JournalUnusable(StoreError):
+    """Rows cannot be added to a journal as it is; the message names the file and what to do."""
+
+
+class KeysUnusable(StoreError):
+    """The keys of a site cannot be read or changed; the message says why and what to do."""

@@ -23,6 +23,11 @@ def state_path(site: str, said: str | None, site_file: Path, environ: Mapping[st
     return _folder(said, site_file, environ) / f"{words or 'site'}-{digest}.json"
 
 
+def journal_path(state: Path) -> Path:
+    """Return the journal that belongs to the file of a site."""
+    return state.with_suffix(".journal.db")
+
+
 def _folder(said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
     if given := environ.get("STATE_DIRECTORY", "").split(":")[0]:
         return Path(given)

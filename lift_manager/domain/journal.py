@@ -1,0 +1,52 @@
+"""What the journal says: who asked for what, what was written because of it, and what became of it. Pure values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum, unique
+
+Json = str | int | float | bool | None | Sequence["Json"] | Mapping[str, "Json"]
+
+
+@unique
+class RowKind(StrEnum):
+    """What a row is about; stable words for filters and exports."""
+
+    MANAGER = "manager"
+    """A manager started on this journal, or ended; with the maps it commands by and their hashes."""
+    REQUEST = "request"
+    """What a caller asked, and what it was told at once."""
+    PRESS = "press"
+    """What is about to be pressed; nothing of it leaves before this row is on the disk."""
+    WRITE = "write"
+    """What reached the wire, or may have. Of what is written again and again only the changes."""
+    OUTCOME = "outcome"
+    SESSION = "session"
+    MODE = "mode"
+    LINK = "link"
+    """A controller is read, or is not."""
+    ALARM = "alarm"
+    PERSON = "person"
+    """A person's word: acknowledged, locked out, took the lift from its holder."""
+    KEY = "key"
+    """A key was made or revoked; never the key itself."""
+    ANCHOR = "anchor"
+    """Where the journal was cut: the number and hash of the last row that is gone."""
+    GAP = "gap"
+    """Rows that could not be written while the disk took none, and how many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One fact. Its number, its time and its hash are the journal's to give."""
+
+    kind: RowKind
+    text: str
+    """One line for people."""
+    lift: str = ""
+    """Empty where it concerns the whole site."""
+    caller: str = ""
+    """`<face>:<name>` of whoever asked, or the name of the person; empty where nobody did."""
+    data: Mapping[str, Json] = field(default_factory=dict)
+    """For programs: stable keys, no secrets."""

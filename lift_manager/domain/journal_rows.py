@@ -1,0 +1,163 @@
+"""How what happens to a lift is worded in the journal. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+
+from drivers.model import Command, Outcome, Written
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import (
+    Advised,
+    Alarm,
+    CommandEnded,
+    Event,
+    HandedOver,
+    LockedOut,
+    LockoutOver,
+    PersonAcknowledged,
+    ReleasedByPerson,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+    StateChanged,
+)
+from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.domain.state import Holder
+from register_maps.words import Mode
+
+
+def row_of(event: Event) -> Row | None:
+    """Return the row of an event; None for a state, of which only mode and link have rows of their own."""
+    match event:
+        case StateChanged():
+            return None
+        case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson():
+            return _person(event)
+        case CommandEnded(lift, outcome):
+            return _outcome(lift, outcome)
+        case Alarm(lift, text, holder):
+            return Row(RowKind.ALARM, text, lift, "" if holder is None else str(holder))
+        case _:
+            return _session(event)
+
+
+def _session(event: SessionOpened | SessionRestored | SessionEnded | HandedOver | Advised) -> Row:
+    holder, data, text = str(event.holder), dict[str, Json](), ""
+    match event:
+        case SessionOpened(_, _, floor):
+            data, text = {"to": floor}, f"{holder} holds the lift, to {floor}"
+        case SessionRestored(_, _, floor, why):
+            data, text = {"to": floor}, f"{holder} holds the lift as before the restart, to {floor}: {why}"
+        case SessionEnded(_, _, reason, why, advice):
+            data, text = {"reason": reason, "advice": advice}, f"the session of {holder} is over: {why}"
+        case HandedOver(_, _, to):
+            data, text = {"handed_to": str(to)}, f"{holder} hands the lift over to {to}"
+        case Advised(_, _, advice, why):
+            data, text = {"advice": advice}, f"{holder} is told {advice}: {why}"
+    return Row(RowKind.SESSION, text, event.lift, holder, data)
+
+
+def asked(ask: Ask) -> Row:
+    """Return the row of a request, written before it is decided on."""
+    hold = "hold the door there" if ask.hold_door else "no hold"
+    word = "" if ask.robot is None else f", robot {ask.robot}"
+    data: dict[str, Json] = {"floor": ask.floor, "hold_door": ask.hold_door, "robot": ask.robot}
+    return Row(RowKind.REQUEST, f"asks for {ask.floor}, {hold}{word}", ask.lift, str(ask.holder), data)
+
+
+def answered(ask: Ask, answer: Accepted | Refused) -> Row | None:
+    """Return the row of a refusal; what was accepted shows by what follows."""
+    if isinstance(answer, Accepted):
+        return None
+    return Row(RowKind.REQUEST, f"refused: {answer.message}", ask.lift, str(ask.holder), {"refused": answer.code})
+
+
+def repeated(ask: Ask, times: int, for_s: float) -> Row:
+    """Return the row of requests like the one before, with the same answer."""
+    text = f"asks for {ask.floor} again, {times} times within {for_s:.0f} s, with the same answer"
+    return Row(RowKind.REQUEST, text, ask.lift, str(ask.holder), {"floor": ask.floor, "times": times})
+
+
+def pressing(lift: str, holder: Holder | None, command: Command, frames: tuple[str, ...]) -> Row:
+    """Return the row that a press waits for. It says what is wanted and not what came of it."""
+    data: dict[str, Json] = {"command": command.name, "floor": command.floor, "frames": list(frames)}
+    return Row(RowKind.PRESS, f"{command} is to be pressed", lift, "" if holder is None else str(holder), data)
+
+
+def written(lift: str, holder: Holder | None, write: Written) -> Row:
+    """Return the row of a write."""
+    what = f"{write.what} of {write.name}" if write.name else write.what
+    text = f"{what} failed: {write.failure}" if write.failure else f"{what} was answered"
+    data: dict[str, Json] = {
+        "command": write.name,
+        "what": write.what,
+        "frames": list(write.frames),
+        "failure": write.failure,
+    }
+    return Row(RowKind.WRITE, text, lift, "" if holder is None else str(holder), data)
+
+
+def mode_is(lift: str, mode: Mode, before: Mode | None) -> Row:
+    """Return the row of a mode that is seen for the first time or has changed."""
+    text = f"the mode is {mode}" if before is None else f"the mode was {before} and is {mode}"
+    return Row(RowKind.MODE, text, lift, "", {"mode": mode, "before": before})
+
+
+def link_up(lift: str, source: str) -> Row:
+    """Return the row of a lift that is read."""
+    return Row(RowKind.LINK, f"reading {source}", lift, "", {"up": True})
+
+
+def link_down(lift: str, why: str) -> Row:
+    """Return the row of a lift that cannot be read."""
+    return Row(RowKind.LINK, why, lift, "", {"up": False})
+
+
+def manager_started(version: str, maps: Mapping[str, tuple[str, str, str]]) -> Row:
+    """Return the first row of a process; `maps` are access, map and the hash of the map as loaded, by lift."""
+    lifts: Json = {
+        lift: {"access": access, "map": name, "sha256": sha256} for lift, (access, name, sha256) in maps.items()
+    }
+    text = f"lift manager {version} started, {len(maps)} lift(s)"
+    return Row(RowKind.MANAGER, text, data={"version": version, "lifts": lifts})
+
+
+def manager_ended(*, released: bool) -> Row:
+    """Return the last row of an orderly end."""
+    rest = "everything is let go and verified" if released else "not every output could be verified as let go"
+    return Row(RowKind.MANAGER, f"the manager ends: {rest}", data={"released": released})
+
+
+def _person(event: LockedOut | LockoutOver | PersonAcknowledged | ReleasedByPerson) -> Row:
+    match event:
+        case ReleasedByPerson(lift, released):
+            text = f"{released.by} took the lift from {released.holder}: {released.reason}"
+            taken: dict[str, Json] = {"said": "release", "from": str(released.holder), "reason": released.reason}
+            return Row(RowKind.PERSON, text, lift, released.by, taken)
+        case LockedOut(lift, lockout):
+            text = f"locked out by {lockout.by}: {lockout.reason}"
+            return Row(RowKind.PERSON, text, lift, lockout.by, {"said": "lockout", "reason": lockout.reason})
+        case LockoutOver(lift, ended):
+            text = f"the lockout by {ended.lockout.by} is ended by {ended.by}"
+            since: dict[str, Json] = {"said": "lockout_end", "since": _shown(ended.lockout.since)}
+            return Row(RowKind.PERSON, text, lift, ended.by, since)
+        case PersonAcknowledged(lift, said):
+            text = f"{' and '.join(said.what)} acknowledged by {said.by}"
+            return Row(RowKind.PERSON, text, lift, said.by, {"said": "acknowledge", "what": list(said.what)})
+
+
+def _outcome(lift: str, outcome: Outcome) -> Row:
+    text = f"{outcome.command} {outcome.result}" + (f": {outcome.reason}" if outcome.reason else "")
+    data: dict[str, Json] = {
+        "command": outcome.command.name,
+        "floor": outcome.command.floor,
+        "result": outcome.result,
+        "proof": outcome.proof,
+        "frames": list(outcome.frames),
+    }
+    return Row(RowKind.OUTCOME, text, lift, "", data)
+
+
+def _shown(at: datetime) -> str:
+    return at.isoformat(timespec="seconds")

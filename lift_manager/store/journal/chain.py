@@ -1,0 +1,69 @@
+"""What ties the rows of a journal together: each row's hash covers the row and the hash of the row before it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, assert_never
+
+from lift_manager.domain.journal import Json
+
+_encode = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode
+
+
+class Stored(NamedTuple):
+    """A row as the table `rows` has it, in the order of its columns."""
+
+    seq: int
+    """1, 2, 3 and so on."""
+    at: int
+    """Microseconds since 1970, UTC."""
+    kind: str
+    lift: str
+    caller: str
+    text: str
+    data: str
+    """Canonical JSON; it goes into the hash as this text, so nothing needs to be read to verify it."""
+    hash: bytes
+    """32 bytes."""
+
+
+def canonical(value: Json) -> str:
+    """Return JSON of which every value has one form only: sorted keys, no spaces, nothing escaped that need not be.
+
+    What JSON cannot say is said in words: `nan` and `inf` as text. Half a surrogate pair becomes `?`, as in `clean`.
+    """
+    return _encode(_plain(value))
+
+
+def clean(text: str) -> str:
+    """Return the text with `?` where it cannot be written as UTF-8."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def seed(site: str) -> bytes:
+    """Return the hash that stands before row 1."""
+    return hashlib.sha256(f"lift-manager journal\n{site}".encode("utf-8", "replace")).digest()
+
+
+def row_hash(before: bytes, row: Stored) -> bytes:
+    """Return the hash that this row must have after a row with the hash `before`; the row's own hash does not count."""
+    return hashlib.sha256(before + _encode(row[:7]).encode()).digest()
+
+
+def _plain(value: Json) -> Json:
+    match value:
+        case str():
+            return clean(value)
+        case float() if not math.isfinite(value):
+            return str(value)
+        case None | bool() | int() | float():
+            return value
+        case Mapping():
+            return {clean(key): _plain(entry) for key, entry in value.items()}
+        case Sequence():
+            return [_plain(entry) for entry in value]
+        case _:
+            assert_never(value)

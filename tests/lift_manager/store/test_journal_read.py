@@ -1,0 +1,331 @@
+"""A journal that is read while its manager writes, cuts and starts again."""
+
+import shutil
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from lift_manager.domain.journal import RowKind
+from lift_manager.store.journal.chain import Stored
+from lift_manager.store.journal.file import Entry, JournalFile
+from lift_manager.store.journal.read import (
+    ALL,
+    BATCH,
+    Follower,
+    JournalBusy,
+    JournalUnreadable,
+    News,
+    RowUnreadable,
+    Wanted,
+    microseconds,
+    open_journal,
+    time_of,
+)
+from lift_manager.store.journal.retention import Limits
+
+SITE = "Main hospital"
+T0 = 1_795_200_000_000_000
+DAY = 86_400_000_000
+
+
+class Manager:
+    """Writes a journal as the manager does; a row a second."""
+
+    def __init__(self, path: Path, keep_days: int = 400) -> None:
+        self.path = path
+        self._file = JournalFile(path, SITE, Limits(keep_days=keep_days, max_mb=500))
+        self._at = T0
+
+    def write(self, *texts: str, lift: str = "east", kind: str = "press", caller: str = "workshop:r1") -> None:
+        entries = []
+        for text in texts:
+            entries.append(Entry(self._at, kind, lift, caller, text, "{}"))
+            self._at += 1_000_000
+        self._file.write(entries)
+
+    def cut_through(self, seq: int, digest: bytes) -> None:
+        self._file.write([Entry(self._at, "anchor", "", "", "rows go", f'{{"hash":"{digest.hex()}","through":{seq}}}')])
+        while self._file.tend(self._at, check=False).more:
+            pass
+
+    def end(self) -> None:
+        self._file.close()
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[Manager]:
+    manager = Manager(tmp_path / "x.journal.db")
+    yield manager
+    manager.end()
+
+
+def texts(rows: News | Iterable[Stored]) -> list[str]:
+    return [row.text for row in (rows.rows if isinstance(rows, News) else rows)]
+
+
+def all_texts(path: Path, wanted: Wanted = ALL) -> list[str]:
+    with open_journal(path) as reader:
+        found = texts(reader.rows(wanted))
+        assert texts(reader.newest(wanted, 10**6)) == found
+        return found
+
+
+def test_rows_are_chosen_by_lift_kind_caller_time_and_text(manager: Manager) -> None:
+    manager.write("a", "b", lift="east")
+    manager.write("c", lift="west", kind="alarm", caller="")
+    manager.write("Door BLOCKED", caller="rmf:fleet/robot")
+    manager.write("straße", caller="rmf")
+    manager.write("f", caller="rmfx:fleet")
+    path = manager.path
+    assert all_texts(path) == ["a", "b", "c", "Door BLOCKED", "straße", "f"]
+    assert all_texts(path, Wanted(lift="west")) == ["c"]
+    assert all_texts(path, Wanted(lift="wes")) == []
+    assert all_texts(path, Wanted(kinds=frozenset({RowKind.ALARM, RowKind.LINK}))) == ["c"]
+    assert all_texts(path, Wanted(caller="rmf:fleet/robot")) == ["Door BLOCKED"]
+    assert all_texts(path, Wanted(caller="rmf")) == ["Door BLOCKED", "straße"]
+    assert all_texts(path, Wanted(find="blocked")) == ["Door BLOCKED"]
+    assert all_texts(path, Wanted(find="STRASSE")) == ["straße"]
+    assert all_texts(path, Wanted(since=T0 + 4_000_000)) == ["straße", "f"]
+    assert all_texts(path, Wanted(until=T0 + 1_000_000)) == ["a"]
+    assert all_texts(path, Wanted(lift="east", since=T0 + 1_000_000, until=T0 + 4_000_000)) == ["b", "Door BLOCKED"]
+
+
+def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_batches(manager: Manager) -> None:
+    count = 2 * BATCH + 5
+    manager.write(*(f"{n}" for n in range(1, count + 1)))
+    with open_journal(manager.path) as reader:
+        assert texts(reader.newest(ALL, 3)) == [f"{count - 2}", f"{count - 1}", f"{count}"]
+        assert texts(reader.newest(ALL, 2, upto=7)) == ["6", "7"]
+        assert texts(reader.newest(Wanted(until=T0 + 2_000_000), 9)) == ["1", "2"]
+        assert list(reader.newest(ALL, 0)) == []
+        assert len(list(reader.rows())) == count
+        assert texts(reader.rows(after=count - 1)) == [f"{count}"]
+        assert (reader.first(), reader.last(), reader.row(count + 1)) == (1, count, None)
+
+
+def test_a_journal_without_rows_has_none(manager: Manager) -> None:
+    manager.write()
+    with open_journal(manager.path) as reader:
+        assert (list(reader.rows()), list(reader.newest(ALL, 5)), reader.first(), reader.last()) == ([], [], None, None)
+        assert reader.newest_of(RowKind.ANCHOR) is None
+        assert reader.site == SITE
+
+
+def test_the_newest_row_of_a_kind_is_found_in_any_batch(manager: Manager) -> None:
+    manager.write("old", "x", kind="anchor")
+    manager.write(*(f"{n}" for n in range(BATCH + 3)))
+    with open_journal(manager.path) as reader:
+        assert reader.newest_of(RowKind.ANCHOR) == 2
+
+
+def test_a_reader_in_the_middle_of_its_rows_does_not_keep_the_writer_from_carrying_its_log_over(
+    manager: Manager,
+) -> None:
+    manager.write(*(f"{n}" for n in range(BATCH + 10)))
+    with open_journal(manager.path) as reader:
+        rows = reader.rows()
+        next(rows)
+        manager.write("more")
+        with closing(sqlite3.connect(manager.path, timeout=0)) as other:
+            busy, in_log, carried_over = other.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        assert (busy, in_log, carried_over) == (0, 0, 0)
+        # and the rows end with the one that was the newest at the beginning
+        assert len(list(rows)) == BATCH + 9
+
+
+def test_nothing_is_written_by_a_reader(manager: Manager) -> None:
+    manager.write("a")
+    with open_journal(manager.path) as reader, pytest.raises(sqlite3.OperationalError, match="readonly"):
+        reader._connection.execute("DELETE FROM rows")  # noqa: SLF001  there is no way to write through what it offers
+
+
+def test_a_copy_that_is_one_file_gets_no_files_beside_it(manager: Manager, tmp_path: Path) -> None:
+    manager.write("a")
+    manager.end()
+    copy = tmp_path / "elsewhere" / "copy #1?.db"
+    copy.parent.mkdir()
+    shutil.copy(manager.path, copy)
+    with open_journal(copy, copy=True) as reader:
+        assert texts(reader.rows()) == ["a"]
+        assert reader.immutable
+    assert list(copy.parent.iterdir()) == [copy]
+
+
+def test_a_copy_with_its_log_is_read_to_its_newest_row(manager: Manager, tmp_path: Path) -> None:
+    manager.write("a")
+    manager.write("b")
+    copy = tmp_path / "copy.db"
+    shutil.copy(manager.path, copy)
+    shutil.copy(f"{manager.path}-wal", f"{copy}-wal")
+    with open_journal(copy, copy=True) as reader:
+        assert texts(reader.rows()) == ["a", "b"]
+
+
+@contextmanager
+def following(manager: Manager, wanted: Wanted = ALL) -> Iterator[Follower]:
+    with open_journal(manager.path) as reader:
+        newest = next(iter(reader.newest(ALL, 1)), None)
+    follower = Follower(manager.path, wanted, newest)
+    try:
+        yield follower
+    finally:
+        follower.close()
+
+
+def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
+    manager.write("a")
+    with following(manager, Wanted(lift="east")) as follower:
+        assert follower.news() == News()
+        manager.write("b", "c")
+        manager.write("d", lift="west")
+        assert texts(follower.news()) == ["b", "c"]
+        assert follower.news() == News()
+        manager.write("e")
+        assert texts(follower.news()) == ["e"]
+
+
+def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) -> None:
+    manager.write()
+    with following(manager) as follower:
+        assert follower.news() == News()
+        manager.write("a")
+        assert texts(follower.news()) == ["a"]
+
+
+def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager: Manager) -> None:
+    manager.write("a", "b", "c")
+    with open_journal(manager.path) as reader:
+        second = reader.row(2)
+    assert second is not None
+    with following(manager) as follower:
+        assert follower.news() == News()
+        manager.cut_through(2, second.hash)
+        assert follower.news().cut is None
+        manager.end()
+        assert follower.news() == News()
+        again = Manager(manager.path)
+        again.write("d")
+        assert texts(follower.news()) == ["d"]
+        again.end()
+
+
+def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager: Manager) -> None:
+    manager.write("a")
+    with following(manager) as follower:
+        manager.write("b", "c", "d")
+        with open_journal(manager.path) as reader:
+            third = reader.row(3)
+        assert third is not None
+        manager.cut_through(3, third.hash)
+        news = follower.news()
+        assert (texts(news), news.cut) == (["d", "rows go"], (2, 3))
+
+
+def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager, tmp_path: Path) -> None:
+    manager.write("a", "b")
+    with following(manager) as follower:
+        assert follower.news() == News()
+        manager.end()
+        for file in tmp_path.glob("x.journal.db*"):
+            file.rename(tmp_path / f"old-{file.name}")
+        other = Manager(manager.path)
+        other.write("as old as the last that was told", "x", "y")
+        news = follower.news()
+        assert (texts(news), news.replaced) == (["y"], True)
+        other.write("z")
+        news = follower.news()
+        assert (texts(news), news.replaced) == (["z"], False)
+        other.end()
+
+
+def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(manager: Manager, tmp_path: Path) -> None:
+    manager.write("a", "b")
+    with following(manager) as follower:
+        assert follower.news() == News()
+        manager.end()
+        with closing(sqlite3.connect(manager.path)) as old, closing(sqlite3.connect(tmp_path / "copy")) as copy:
+            old.backup(copy)
+        for file in tmp_path.glob("x.journal.db*"):
+            file.unlink()
+        (tmp_path / "copy").rename(manager.path)
+        again = Manager(manager.path)
+        again.write("c")
+        news = follower.news()
+        assert (texts(news), news.replaced) == (["c"], False)
+        again.end()
+
+
+def test_a_file_that_is_locked_is_told_in_words_and_a_follower_waits_for_it(manager: Manager) -> None:
+    manager.write("a", "b")
+    with open_journal(manager.path) as reader:
+        first = reader.row(1)
+    manager.end()
+    follower = Follower(manager.path, ALL, first, busy_s=0.01)
+    with closing(sqlite3.connect(manager.path, isolation_level=None)) as other:
+        other.execute("PRAGMA locking_mode = EXCLUSIVE")
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(JournalBusy, match="is locked by another program"):
+            open_journal(manager.path, busy_s=0.01)
+        assert follower.news() == News()
+    assert texts(follower.news()) == ["b"]
+    follower.close()
+
+
+def test_what_is_no_journal_is_told_in_words(tmp_path: Path) -> None:
+    def told(name: str, content: bytes | None = None, *, copy: bool = False) -> str:
+        path = tmp_path / name
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(JournalUnreadable) as error:
+            open_journal(path, copy=copy)
+        assert str(error.value).startswith(str(path))
+        return str(error.value)
+
+    assert "no manager has run for this site" in told("none.db")
+    assert "look where it is" in told("none.db", copy=True)
+    assert "is a folder" in told(".")
+    assert "is empty" in told("empty.db", b"")
+    assert "is no journal, or is damaged (file is not a database)" in told("words.db", b"what people said " * 300)
+    for name, pragmas, what in (
+        ("other.db", "PRAGMA application_id = 7", "a database, but no journal"),
+        ("newer.db", "PRAGMA application_id = 0x4C4A524E; PRAGMA user_version = 2", "use the newer program"),
+        ("older.db", "PRAGMA application_id = 0x4C4A524E; PRAGMA user_version = 0", "start `lift-manager serve`"),
+        ("bare.db", "PRAGMA application_id = 0x4C4A524E; PRAGMA user_version = 1", "damaged (no such table: about)"),
+    ):
+        with closing(sqlite3.connect(tmp_path / name)) as file:
+            file.executescript(f"{pragmas}; CREATE TABLE x (y)")
+        assert what in told(name)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ("at = 'noon'", "row 2 has 'noon' for its time"),
+        ("at = 9223372036854775807", "row 2 has 9223372036854775807 for its time"),
+        ("at = -62135596800000000", "row 2 has -62135596800000000 for its time"),
+        ("caller = x'00'", "row 2 has no text for its caller"),
+        ("hash = 'x'", "row 2 has no bytes for its hash"),
+    ],
+)
+def test_a_row_that_no_manager_has_written_is_named(manager: Manager, change: str, what: str) -> None:
+    manager.write("a", "b", "c")
+    with closing(sqlite3.connect(manager.path)) as file:
+        file.execute(f"UPDATE rows SET {change} WHERE seq = 2")
+        file.commit()
+    with open_journal(manager.path) as reader:
+        rows = reader.rows()
+        assert next(rows).text == "a"
+        with pytest.raises(RowUnreadable, match=f"{what}; `lift-manager audit --verify`"):
+            next(rows)
+
+
+def test_times_are_kept_to_the_microsecond(manager: Manager) -> None:
+    manager.write("a")
+    with open_journal(manager.path) as reader:
+        row = reader.row(1)
+    assert row is not None
+    assert microseconds(time_of(row)) == T0
+    assert time_of(row._replace(at=T0 + 1)).isoformat() == "2026-11-20T18:40:00.000001+00:00"

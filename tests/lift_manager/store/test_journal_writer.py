@@ -1,0 +1,461 @@
+"""The journal on the disk: what it costs, what it does when the disk refuses, and that nothing is lost or told twice."""
+
+import asyncio
+import json
+import shutil
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lift_manager.domain.journal import Row, RowKind
+from lift_manager.store.journal.writer import ANSWER_S
+from tests.lift_manager.store.journal_disk import (
+    WITHIN_S,
+    Disk,
+    Hanging,
+    full,
+    journal,
+    numbers,
+    opened_raw,
+    press,
+    read_only,
+    stored,
+    usual,
+    write_presses,
+    writing,
+    written,
+)
+
+LARGE = "x" * 20_000
+"""More than the two pages that a full disk still has."""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A file in a folder that is not there yet."""
+    return tmp_path / "var" / "lib" / "site.journal.db"
+
+
+@pytest.fixture
+def hanging() -> Iterator[Hanging]:
+    disk = Hanging()
+    disk.through.set()
+    yield disk
+    disk.through.set()
+
+
+def test_the_files_are_for_their_user_alone(path: Path) -> None:
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept):
+            assert await kept.before(press(1)) is None
+            seen = {file.name: file.stat().st_mode & 0o777 for file in path.parent.iterdir()}
+            assert seen == {path.name + end: 0o600 for end in ("", "-wal", "-shm")}
+        assert list(path.parent.iterdir()) == [path]
+
+    asyncio.run(main())
+    assert path.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_row_holds_what_was_said_and_when_it_was_noted(path: Path) -> None:
+    at = datetime(2026, 3, 2, 21, 30, 5, 250_001, tzinfo=UTC)
+
+    async def main() -> None:
+        times = iter([at, at.replace(year=1999)])  # a clock may be set back
+        kept = journal(path, clock=lambda: next(times, at))
+        kept.note(Row(RowKind.REQUEST, "L3, door open", "east", "rmf:robot1", {"floor": "L3", "door": None}))
+        kept.note(Row(RowKind.MANAGER, "ends"))
+        await written(kept)
+
+    asyncio.run(main())
+    first, second = stored(path)
+    assert first[:7] == (
+        1,
+        1_772_487_005_250_001,
+        "request",
+        "east",
+        "rmf:robot1",
+        "L3, door open",
+        '{"door":null,"floor":"L3"}',
+    )
+    assert second.at < first.at
+
+
+def test_numbers_go_on_after_a_restart(path: Path) -> None:
+    for begin in (0, 5, 10):
+        write_presses(path, begin + 5, begin=begin)
+    assert [row.seq for row in stored(path)] == list(range(1, 16))
+    assert numbers(path) == list(range(15))
+
+
+def test_everything_that_waits_when_a_commit_begins_is_one_commit(path: Path, hanging: Hanging) -> None:
+    async def main() -> None:
+        disk = Disk(hanging)
+        kept = journal(path, disk)
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            first = kept.before(press(1))
+            await asyncio.to_thread(hanging.hung.wait)
+            disk.statements.clear()
+            others = [kept.before(press(number)) for number in range(2, 102)]
+            hanging.through.set()
+            assert set(await asyncio.gather(first, *others)) == {None}
+            assert disk.statements.count("BEGIN IMMEDIATE") == 1
+
+    asyncio.run(main())
+    assert numbers(path) == list(range(102))
+
+
+def test_a_press_is_answered_only_after_its_commit(path: Path, hanging: Hanging) -> None:
+    async def main() -> None:
+        kept = journal(path, Disk(hanging))
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            answer = kept.before(press(1))
+            await asyncio.to_thread(hanging.hung.wait)
+            assert not answer.done()
+            assert numbers(path) == [0]
+            hanging.through.set()
+            assert await answer is None
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("refuse", "words"),
+    [
+        (full, "has no room: the disk is full (database or disk is full, SQLITE_FULL)"),
+        (read_only, "cannot be written: this user may only read it, or the disk is read-only"),
+    ],
+)
+def test_a_disk_that_refuses_is_told_once_and_everything_is_written_when_it_takes_rows_again(
+    path: Path, refuse: Any, words: str
+) -> None:
+    disk = Disk()
+
+    async def main() -> None:
+        kept = journal(path, disk)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            disk.hook = refuse
+            refused = await kept.before(press(1, LARGE))
+            why = await told.get()
+            assert refused == why == kept.trouble
+            assert f"the journal {path} {words}" in why
+            assert "until it can be written nothing is pressed, while releases and states go on" in why
+            assert "it is tried again by itself" in why
+            assert kept.before(press(2)).result() == why
+            kept.note(Row(RowKind.OUTCOME, "not pressed"))
+            disk.opened.clear()
+            await asyncio.to_thread(disk.opened.wait)  # tried again, which is not told
+            assert told.empty()
+            disk.hook = usual
+            assert await told.get() == ""
+            await kept.settled()
+            assert kept.trouble == ""
+            assert await kept.before(press(3)) is None
+            assert told.empty()
+
+    asyncio.run(main())
+    rows = stored(path)
+    assert [row.kind for row in rows] == ["press", "press", "outcome", "press"]
+    assert numbers(path) == [0, 1, 3]
+
+
+def test_a_disk_that_is_full_at_the_start_keeps_nobody_from_starting(path: Path) -> None:
+    disk = Disk(full)
+
+    async def main() -> None:
+        kept = journal(path, disk)
+        async with writing(kept) as told:
+            assert "the disk is full" in await told.get()
+            kept.note(Row(RowKind.MANAGER, "started"))
+            disk.hook = usual
+            assert await told.get() == ""
+            assert await kept.before(press(1)) is None
+
+    asyncio.run(main())
+    assert [row.kind for row in stored(path)] == ["manager", "press"]
+
+
+def test_a_disk_that_is_read_only_is_known_before_the_first_press(path: Path) -> None:
+    write_presses(path, 1)
+
+    async def main() -> None:
+        kept = journal(path, Disk(read_only))
+        async with writing(kept) as told:
+            assert "may only read it" in await told.get()
+
+    asyncio.run(main())
+
+
+def test_a_folder_that_cannot_be_made_is_trouble_until_it_can(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    path = tmp_path / "file" / "site.journal.db"
+
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept) as told:
+            assert "see to it that its folder is there" in await told.get()
+            (tmp_path / "file").unlink()
+            assert await told.get() == ""
+            assert await kept.before(press(1)) is None
+
+    asyncio.run(main())
+    assert numbers(path) == [1]
+
+
+def test_a_disk_that_hangs_is_told_in_time_and_what_it_writes_in_the_end_is_there_once(
+    path: Path, hanging: Hanging
+) -> None:
+    async def main() -> None:
+        kept = journal(path, Disk(hanging))
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            begun = time.monotonic()
+            refused = await kept.before(press(1))
+            assert time.monotonic() - begun < ANSWER_S + 1
+            assert refused is not None
+            assert f"did not reach the journal {path} within 2 s" in refused
+            assert "the disk has not answered for 2 s" in await told.get()
+            assert kept.before(press(2)).result() == kept.trouble
+            kept.note(Row(RowKind.OUTCOME, "not pressed"))
+            assert told.empty()
+            hanging.through.set()
+            assert await told.get() == ""
+            assert await kept.before(press(3)) is None
+
+    asyncio.run(main())
+    assert numbers(path) == [0, 1, 3]
+    assert [row.kind for row in stored(path)] == ["press", "press", "outcome", "press"]
+
+
+def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(path: Path, hanging: Hanging) -> None:
+    async def main() -> None:
+        kept = journal(path, Disk(hanging))
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            answer = kept.before(press(1))
+            await asyncio.to_thread(hanging.hung.wait)
+            kept.note(press(2))
+        assert "the manager ends" in str(answer.result())
+
+    begun = time.monotonic()
+    asyncio.run(main())
+    assert time.monotonic() - begun < 5
+
+
+def test_a_commit_that_is_under_way_at_the_end_is_waited_for_and_answered(path: Path, hanging: Hanging) -> None:
+    async def main() -> None:
+        kept = journal(path, Disk(hanging))
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            answer = kept.before(press(1))
+            await asyncio.to_thread(hanging.hung.wait)
+            asyncio.get_running_loop().call_later(0.05, hanging.through.set)
+        assert answer.result() is None
+        async with writing(kept):  # and it can go on
+            assert await kept.before(press(2)) is None
+
+    asyncio.run(main())
+    assert numbers(path) == [0, 1, 2]
+
+
+def test_a_row_whose_commit_failed_after_it_had_reached_the_disk_is_there_once(path: Path) -> None:
+    def lies(connection: sqlite3.Connection, sql: str) -> None:
+        if sql == "COMMIT":
+            sqlite3.Connection.execute(connection, sql)
+            disk.hook = usual
+            raise sqlite3.OperationalError("disk I/O error")
+
+    disk = Disk()
+
+    async def main() -> None:
+        kept = journal(path, disk)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            disk.hook = lies
+            kept.note(press(1))
+            answer = kept.before(press(2))
+            assert "the disk reports an error (disk I/O error" in await told.get()
+            kept.note(press(3))
+            assert await told.get() == ""
+            await kept.settled()
+            assert "disk I/O error" in str(answer.result())
+
+    asyncio.run(main())
+    stored(path)
+    assert numbers(path) == [0, 1, 2, 3]
+
+
+def test_a_journal_that_is_moved_away_is_missed_and_nothing_is_lost_when_it_is_back(path: Path) -> None:
+    away = path.with_name("away.db")
+
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            await asyncio.to_thread(path.rename, away)
+            refused = await kept.before(press(1))
+            assert refused == await told.get()
+            assert "cannot be opened" in str(refused)
+            await asyncio.to_thread(away.rename, path)
+            assert await told.get() == ""
+            assert await kept.before(press(2)) is None
+
+    asyncio.run(main())
+    stored(path)
+    assert numbers(path) == [0, 1, 2]
+
+
+def test_another_file_in_the_place_of_the_journal_is_not_mixed_with_its_log(path: Path) -> None:
+    copy, right = path.with_name("copy.db"), path.with_name("right.db")
+    write_presses(path, 2)
+    shutil.copy(path, copy)
+    before = copy.read_bytes()
+
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept) as told:
+            assert await kept.before(press(2)) is None
+            await asyncio.to_thread(path.replace, right)
+            await asyncio.to_thread(copy.replace, path)
+            assert "was moved, deleted or replaced while the manager had it open" in str(await kept.before(press(3)))
+            await told.get()
+            assert "is another file than the one that this manager wrote to" in await told.get()
+            assert await asyncio.to_thread(path.read_bytes) == before
+            await asyncio.to_thread(right.replace, path)
+            assert await told.get() == ""
+
+    asyncio.run(main())
+    stored(path)
+    assert numbers(path) == [0, 1, 2, 3]
+
+
+def test_an_older_copy_without_a_log_is_not_gone_on_with(path: Path) -> None:
+    copy = path.with_name("copy.db")
+    write_presses(path, 2)
+    shutil.copy(path, copy)
+
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept) as told:
+            assert await kept.before(press(2)) is None
+            for old in await asyncio.to_thread(lambda: list(path.parent.glob(f"{path.name}*"))):
+                await asyncio.to_thread(old.unlink)
+            await asyncio.to_thread(copy.replace, path)
+            refused = await kept.before(press(3))
+            assert refused == await told.get()
+            why = await told.get()
+            assert "is not as this manager left it: its newest row is 2, and row 3 was written" in why
+            assert "put the right file back, or restart the manager to go on with this one" in why
+
+    asyncio.run(main())
+    assert numbers(path) == [0, 1]
+
+
+def test_a_journal_that_another_program_writes_to_is_trouble_while_it_does(path: Path) -> None:
+    async def main() -> None:
+        kept = journal(path, Disk())
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            with opened_raw(path) as other:
+                other.execute("BEGIN IMMEDIATE")
+                assert "is locked by another program (database is locked" in str(await kept.before(press(1)))
+                assert "end the program that has it open" in await told.get()
+                other.execute("ROLLBACK")
+                assert await told.get() == ""
+
+    asyncio.run(main())
+    assert numbers(path) == [0, 1]
+
+
+def test_rows_that_too_many_wait_before_are_counted_by_kind_in_their_place(path: Path, hanging: Hanging) -> None:
+    async def main() -> None:
+        seconds = count()
+        kept = journal(path, Disk(hanging), kept_rows=10, clock=lambda: datetime.fromtimestamp(next(seconds), UTC))
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            for number in range(1, 11):
+                kept.note(press(number))
+            await asyncio.to_thread(hanging.hung.wait)
+            for _ in range(3):
+                kept.note(Row(RowKind.WRITE, "let go"))
+            kept.note(Row(RowKind.LINK, "lost"))
+            assert "10 rows wait for the disk" in str(kept.before(press(11)).result())
+            settled = asyncio.ensure_future(kept.settled())
+            hanging.through.set()
+            await settled
+            kept.note(press(12))
+            await kept.settled()
+
+    asyncio.run(main())
+    rows = stored(path)
+    assert [row.kind for row in rows] == ["press"] * 11 + ["gap", "press"]
+    gap = rows[11]
+    assert gap.text == "4 rows could not be written and are lost"
+    assert json.loads(gap.data) == {
+        "rows": 4,
+        "kinds": {"write": 3, "link": 1},
+        "from": 11_000_000,
+        "to": 12_000_000,
+    }
+    assert numbers(path) == [*range(11), 12]
+
+
+def test_a_computer_without_a_thread_to_spare_is_taken_for_a_bad_disk(path: Path) -> None:
+    async def main() -> None:
+        kept = journal(path)
+        usual_size = threading.stack_size(1 << 46)  # no computer has that much, so no thread starts
+        try:
+            async with writing(kept) as told:
+                assert "this computer has no thread to spare" in await told.get()
+                threading.stack_size(usual_size)
+                assert await told.get() == ""
+                assert await kept.before(press(1)) is None
+        finally:
+            threading.stack_size(usual_size)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("bug", [ZeroDivisionError, sqlite3.ProgrammingError])
+def test_a_bug_in_writing_is_not_taken_for_a_bad_disk(path: Path, bug: type[Exception]) -> None:
+    def wrong(connection: sqlite3.Connection, sql: str) -> None:
+        raise bug
+
+    disk = Disk()
+    kept = journal(path, disk)
+    disk.hook = wrong
+    with pytest.raises(bug):
+        asyncio.run(asyncio.wait_for(kept.run(lambda _: None), WITHIN_S))
+
+
+def test_the_log_beside_the_file_is_carried_over_and_stays_small(path: Path) -> None:
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept):
+            with closing(sqlite3.connect(path)) as reader:
+                for number in range(800):
+                    assert await kept.before(press(number, "x" * 500)) is None
+                    if number % 100 == 0:  # one who looks now and then does not keep it from that
+                        reader.execute("SELECT count(*) FROM rows").fetchone()
+            log = await asyncio.to_thread(path.with_name(f"{path.name}-wal").stat)
+            assert log.st_size < 5_000_000
+
+    asyncio.run(main())
+    assert numbers(path) == list(range(800))
