@@ -1,0 +1,312 @@
+"""`lift-manager audit`: show, follow, export and verify the journal of a site."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, tzinfo
+from pathlib import Path
+from typing import Annotated, BinaryIO
+from zoneinfo import ZoneInfo
+
+import typer
+
+from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
+from lift_manager.cli.common import err, fail, loaded_site, out, say
+from lift_manager.config.site import Site
+from lift_manager.domain.journal import RowKind
+from lift_manager.store.errors import StateUnusable
+from lift_manager.store.journal.chain import Stored
+from lift_manager.store.journal.read import (
+    ALL,
+    Follower,
+    JournalUnreadable,
+    Wanted,
+    microseconds,
+    open_journal,
+    time_of,
+)
+from lift_manager.store.journal.verify import Chain, ChainBroken, Seal, read_seal, verify
+from lift_manager.store.place import journal_path, state_path
+
+LAST = 50
+"""Rows of a table, where nobody says how many."""
+LAST_FOLLOWED = 10
+"""Rows that are shown before those that come."""
+LOOK_S = 0.25
+"""From one look for new rows to the next. Chosen: at once for a person, nothing for a computer."""
+
+_AGO = re.compile(r"([0-9]{1,6})([smhdw])")
+_DAY = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+_UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
+SiteOption = Annotated[
+    Path | None, typer.Argument(metavar="SITE", help="The site file. The journal is where `serve` keeps it.")
+]
+Journal = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="This file instead: a copy, or a journal that was moved away.")
+]
+OfLift = Annotated[str | None, typer.Option(metavar="LIFT", help="Rows of this lift.")]
+Kinds = Annotated[list[RowKind] | None, typer.Option("--kind", help="Rows of this kind; may be given more than once.")]
+Caller = Annotated[
+    str | None, typer.Option(metavar="CALLER", help="Rows of this caller, as the table has it, or of a face.")
+]
+Since = Annotated[
+    str | None,
+    typer.Option(metavar="TIME", help="A date, a time by the building's clock, both, or how long ago: 2h, 3d."),
+]
+Until = Annotated[str | None, typer.Option(metavar="TIME", help="Before this time; a date is meant to its end.")]
+Last = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=1_000_000, metavar="N", help=f"The newest N of them. A table has {LAST} if this is not said."
+    ),
+]
+Find = Annotated[str | None, typer.Option(metavar="TEXT", help="Rows with this in their text, in capitals or not.")]
+Follow = Annotated[bool, typer.Option("--follow", help="Go on with new rows as they come, until Ctrl-C.")]
+Csv = Annotated[
+    Path | None, typer.Option("--csv", metavar="FILE", help="Write every column for a spreadsheet; - prints it.")
+]
+Jsonl = Annotated[
+    Path | None,
+    typer.Option("--jsonl", metavar="FILE", help="Write every column, a JSON object per line; - prints it."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")]
+Verify = Annotated[bool, typer.Option("--verify", help="Walk the whole chain: no row is changed and none is gone.")]
+SinceSeal = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBER:HASH", help="Verify, and see whether a row that --verify printed earlier is still the same."
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A journal, and the building it is of."""
+
+    path: Path
+    site: Site | None
+    """None where there is only a file."""
+    copy: bool
+
+    @property
+    def zone(self) -> tzinfo | None:
+        """The building's; None is this computer's."""
+        return ZoneInfo(self.site.timezone) if self.site is not None and self.site.timezone is not None else None
+
+
+def audit(  # noqa: PLR0913  a parameter per option
+    site: SiteOption = None,
+    *,
+    journal: Journal = None,
+    lift: OfLift = None,
+    kinds: Kinds = None,
+    caller: Caller = None,
+    since: Since = None,
+    until: Until = None,
+    last: Last = None,
+    find: Find = None,
+    follow: Follow = False,
+    as_csv: Csv = None,
+    as_jsonl: Jsonl = None,
+    force: Force = False,
+    verified: Verify = False,
+    since_seal: SinceSeal = None,
+) -> None:
+    """Show who asked for what, what was written because of it, and what became of it; export and verify it."""
+    seal = _seal(since_seal)
+    walk = verified or seal is not None
+    _one_of({"--follow": follow, "--csv": as_csv is not None, "--jsonl": as_jsonl is not None, "--verify": walk})
+    if walk and (lift, kinds, caller, since, until, last, find) != (None,) * 7:
+        raise typer.BadParameter("the whole chain is verified; leave out what chooses rows", param_hint="--verify")
+    source = _source(site, journal)
+    now = datetime.now(UTC).astimezone(source.zone)
+    wanted = Wanted(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find)
+    try:
+        if walk:
+            _verify(source, seal)
+        elif as_csv is not None:
+            _export(source, wanted, last, as_csv, write_csv, force=force)
+        elif as_jsonl is not None:
+            _export(source, wanted, last, as_jsonl, write_jsonl, force=force)
+        elif follow:
+            _follow(source, wanted, LAST_FOLLOWED if last is None else last)
+        else:
+            _show(source, wanted, last)
+    except JournalUnreadable as error:
+        raise fail(shown(str(error))) from error
+
+
+def _show(source: Source, wanted: Wanted, last: int | None) -> None:
+    count = LAST if last is None else last
+    with open_journal(source.path, copy=source.copy) as reader:
+        found = reader.newest(wanted, count + 1)
+    rows = found[-count:] if count else []
+    if not rows:
+        err.print(_nothing(source, wanted, any_rows=bool(found)), markup=False, highlight=False, soft_wrap=True)
+        return
+    if len(found) > count and last is None:
+        err.print(f"the newest {count} rows; --last N shows more", style="dim", highlight=False)
+    Sheet(out, source.zone, rows, _lifts(source)).show(rows)
+
+
+def _follow(source: Source, wanted: Wanted, count: int) -> None:
+    with open_journal(source.path, copy=source.copy) as reader:
+        newest = next(iter(reader.newest(ALL, 1)), None)
+        rows = reader.newest(wanted, count, newest.seq if newest is not None else None)
+    sheet = Sheet(out, source.zone, rows, _lifts(source))
+    follower = Follower(source.path, wanted, newest, copy=source.copy)
+    try:
+        sheet.show(rows)
+        while True:
+            news = follower.news()
+            if news.replaced:
+                err.print(
+                    f"{source.path}: another journal is in its place; these are its rows", markup=False, soft_wrap=True
+                )
+            if news.cut is not None:
+                err.print("rows {} to {} were cut before they could be shown".format(*news.cut), highlight=False)
+            sheet.show(news.rows)
+            time.sleep(LOOK_S)
+    except KeyboardInterrupt:
+        return  # that is how it ends
+    finally:
+        follower.close()
+
+
+def _verify(source: Source, seal: Seal | None) -> None:
+    with open_journal(source.path, copy=source.copy) as reader:
+        try:
+            chain = verify(reader, reader.site if source.site is None else source.site.name, seal)
+        except ChainBroken as broken:
+            with suppress(JournalUnreadable):
+                if (row := reader.row(broken.seq)) is not None:
+                    Sheet(out, source.zone, [row], ()).show([row])
+            raise fail(shown(f"{source.path}: {broken}")) from broken
+        say(_verdict(source, shown(reader.site), chain, seal))
+
+
+def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iterator[str]:
+    yield f"{source.path}: the chain of the site {site} holds"
+    if chain.newest is None:
+        yield "rows    none"
+        return
+    newest = chain.newest
+    at = time_of(newest).astimezone(source.zone)
+    yield f"rows    {chain.rows}, from {chain.first} to {newest.seq}"
+    if chain.cut is not None:
+        yield f"cut     rows up to {chain.cut.through} were cut, says row {chain.cut.anchor}"
+        if chain.cut.through >= chain.first:
+            yield f"        that cut is under way, and row {chain.first} itself cannot be verified"
+    if seal is not None:
+        yield f"noted   row {seal.seq} is the one that was noted"
+    yield f"newest  {at:%Y-%m-%d %H:%M:%S.%f %z}"
+    yield f"seal    {newest.seq}:{newest.hash.hex()}"
+    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was written anew."
+
+
+def _export(
+    source: Source,
+    wanted: Wanted,
+    last: int | None,
+    path: Path,
+    write: Callable[[Iterable[Stored], BinaryIO], int],
+    *,
+    force: bool,
+) -> None:
+    with open_journal(source.path, copy=source.copy) as reader:
+        rows = reader.rows(wanted) if last is None else reader.newest(wanted, last)
+        if str(path) == "-":
+            write(rows, sys.stdout.buffer)
+            return
+        if path.exists() and not (force and path.is_file()):
+            raise fail(f"{path}: there already; give another name, or --force to replace a file")
+        beside = path.with_name(f"{path.name}.part")
+        try:
+            with beside.open("wb") as file:
+                if write is write_csv:
+                    file.write(b"\xef\xbb\xbf")  # without it a spreadsheet does not read letters beyond ASCII
+                count = write(rows, file)
+            beside.replace(path)
+        except OSError as error:
+            raise fail(f"{path} cannot be written: {error.strerror or error}") from error
+        finally:
+            beside.unlink(missing_ok=True)
+    say([f"{count} row{'' if count == 1 else 's'} in {path}"])
+
+
+def _source(site: Path | None, journal: Path | None) -> Source:
+    if site is None:
+        if journal is None:
+            raise typer.BadParameter("name the site file, or a journal with --journal FILE", param_hint="SITE")
+        return Source(journal, None, copy=True)
+    loaded = loaded_site(site)
+    if journal is not None:
+        return Source(journal, loaded.site, copy=True)
+    try:
+        kept = state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
+    except StateUnusable as error:
+        raise fail(str(error)) from error
+    return Source(journal_path(kept), loaded.site, copy=False)
+
+
+def _lifts(source: Source) -> Iterable[str]:
+    return () if source.site is None else source.site.lifts
+
+
+def _nothing(source: Source, wanted: Wanted, *, any_rows: bool) -> str:
+    if wanted.lift is not None and source.site is not None and wanted.lift not in source.site.lifts:
+        return f"no row is of a lift {wanted.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
+    if any_rows or wanted == ALL:
+        return "no rows"
+    return "no row is like that"
+
+
+def _one_of(ways: dict[str, bool]) -> None:
+    said = [way for way, is_said in ways.items() if is_said]
+    if len(said) > 1:
+        raise typer.BadParameter(f"{' and '.join(said)} do not go together; give one of them", param_hint=said[1])
+
+
+def _seal(text: str | None) -> Seal | None:
+    try:
+        return None if text is None else read_seal(text)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--since-seal") from error
+
+
+def _since(text: str | None, now: datetime) -> int | None:
+    return None if text is None else microseconds(_moment(text, now, "--since")[0])
+
+
+def _until(text: str | None, now: datetime) -> int | None:
+    return None if text is None else microseconds(_moment(text, now, "--until")[1])
+
+
+def _moment(text: str, now: datetime, option: str) -> tuple[datetime, datetime]:
+    """Return when that begins and when it ends: a date is a day, everything else a moment."""
+    zone = now.tzinfo if isinstance(now.tzinfo, ZoneInfo) else None
+    try:
+        if ago := _AGO.fullmatch(text):
+            moment = now - timedelta(**{_UNITS[ago[2]]: int(ago[1])})
+        elif _DAY.fullmatch(text):
+            day = datetime.fromisoformat(text)
+            return _at(day, zone), _at(day + timedelta(days=1), zone)
+        else:
+            moment = _at(datetime.fromisoformat(f"{now:%Y-%m-%d}T{text}" if text[2:3] == ":" else text), zone)
+    except (ValueError, OverflowError) as error:
+        advice = "write 2026-11-21, 18:30, 2026-11-21T18:30, or how long ago, such as 90s, 30m, 2h, 3d, 1w"
+        raise typer.BadParameter(f"{text!r} is no time; {advice}", param_hint=option) from error
+    return moment, moment
+
+
+def _at(moment: datetime, zone: tzinfo | None) -> datetime:
+    """A time without a zone is by the building's clock, or by this computer's."""
+    if moment.tzinfo is None and zone is not None:
+        moment = moment.replace(tzinfo=zone)
+    return moment.astimezone(UTC)

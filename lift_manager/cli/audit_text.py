@@ -1,0 +1,176 @@
+"""Rows of the journal as text: for people, for a spreadsheet, for other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import date, datetime, tzinfo
+from typing import BinaryIO
+
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lift_manager.domain.journal import Json, RowKind
+from lift_manager.store.journal.chain import Stored, canonical
+from lift_manager.store.journal.read import time_of
+
+_JOINERS = "\u200c\u200d"
+"""Unseen, but Persian and Indian scripts cannot be written without them."""
+# also behind what is a separator in some countries, in quotes, and in the wide form of Japanese keyboards
+_FORMULA = re.compile('(^|;)(?="*[=+\\-@\uff1d\uff0b\uff0d\uff20])')
+_STYLES: Mapping[str, str] = {
+    RowKind.ALARM: "red",
+    RowKind.GAP: "red",
+    RowKind.ANCHOR: "yellow",
+    RowKind.PERSON: "bold",
+    RowKind.PRESS: "bold",
+}
+
+
+class Sheet:
+    """Rows for people: a table for a terminal, a line each for everything else."""
+
+    def __init__(self, console: Console, zone: tzinfo | None, rows: Sequence[Stored], lifts: Iterable[str]) -> None:
+        """Take the widths of the columns from the rows that are there, and from the names of lifts."""
+        self._console, self._zone = console, zone
+        wide = console.width >= 100 or not console.is_terminal
+        names = [*lifts, *(row.lift for row in rows)]
+        self._lift = _width(names, least=4, most=20 if wide else 10)
+        self._caller = _width([row.caller for row in rows], least=12, most=28 if wide else 18)
+        self._number = max(len(str(rows[-1].seq)) if rows else 0, 6) if wide else 0
+        self._day: date | None = None
+
+    def show(self, rows: Sequence[Stored]) -> None:
+        """Print some rows, below those that were printed before."""
+        if not self._console.is_terminal:
+            for row in rows:
+                self._console.print(self._line(row), markup=False, highlight=False, soft_wrap=True)
+            return
+        table: Table | None = None
+        for row in rows:
+            at = time_of(row).astimezone(self._zone)
+            if table is None or at.date() != self._day:
+                self._print(table)
+                table = self._table(at)
+            cells = [f"{at:%H:%M:%S}", shown(row.lift), row.kind, shown(row.caller), shown(row.text)]
+            style = _STYLES.get(row.kind, "")
+            table.add_row(*([str(row.seq)] if self._number else []), *(Text(cell, style) for cell in cells))
+        self._print(table)
+
+    def _print(self, table: Table | None) -> None:
+        if table is not None:
+            self._console.print(table)
+
+    def _table(self, at: datetime) -> Table:
+        first = self._day is None
+        if at.date() != self._day:
+            self._console.print(Text(f"{'' if first else chr(10)}{at:%A %Y-%m-%d}, {at:%Z}", "bold"))
+            self._day = at.date()
+        table = Table(
+            box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=first, header_style="dim", expand=True
+        )
+        if self._number:
+            table.add_column("row", width=self._number, justify="right", style="dim")
+        table.add_column("time", width=8, style="dim")
+        for name, width in (("lift", self._lift), ("kind", 7), ("caller", self._caller)):
+            table.add_column(name, width=width, overflow="fold")
+        table.add_column("text", ratio=1, overflow="fold")
+        return table
+
+    def _line(self, row: Stored) -> str:
+        at = time_of(row).astimezone(self._zone)
+        cells = (
+            f"{row.seq:>{self._number}}",
+            f"{at:%Y-%m-%d %H:%M:%S}",
+            f"{shown(row.lift):{self._lift}}",
+            f"{shown(row.kind):7}",
+            f"{shown(row.caller):{self._caller}}",
+            shown(row.text),
+        )
+        return "  ".join(cells).rstrip()
+
+
+def shown(text: str) -> str:
+    r"""Return the text with what cannot be seen, or could command a terminal, as `\u001b`."""
+    if text.isprintable():
+        return text
+    return "".join(sign if _is_shown(sign) else _escaped(sign) for sign in text)
+
+
+def write_csv(rows: Iterable[Stored], file: BinaryIO) -> int:
+    """Write every column, for people and spreadsheets; returns how many rows."""
+    count = 0
+    with _utf8(file) as text:
+        writer = csv.writer(text, lineterminator="\r\n")
+        writer.writerow(Stored._fields)
+        for row in rows:
+            texts = (row.kind, row.lift, row.caller, row.text, row.data)
+            writer.writerow([row.seq, _utc(row), *(_cell(cell) for cell in texts), row.hash.hex()])
+            count += 1
+    return count
+
+
+def write_jsonl(rows: Iterable[Stored], file: BinaryIO) -> int:
+    """Write every column as it is, an object per line; returns how many rows."""
+    count = 0
+    with _utf8(file) as text:
+        for row in rows:
+            text.write(_as_json(_columns(row)) + "\n")
+            count += 1
+    return count
+
+
+def _columns(row: Stored) -> dict[str, Json]:
+    return row._asdict() | {"at": _utc(row), "data": _read_data(row.data), "hash": row.hash.hex()}
+
+
+def _utc(row: Stored) -> str:
+    return f"{time_of(row).replace(tzinfo=None).isoformat(timespec='microseconds')}Z"
+
+
+def _read_data(text: str) -> Json:
+    """Return what the JSON says; the text itself if it is not what the manager writes, so that its hash can be found again."""
+    try:
+        data: Json = json.loads(text)
+        return data if canonical(data) == text else text
+    except (ValueError, RecursionError):
+        return text
+
+
+def _as_json(value: Json) -> str:
+    return shown(json.dumps(value, ensure_ascii=False))
+
+
+def _cell(text: str) -> str:
+    """Keep a spreadsheet from taking a text for a formula: an apostrophe in front says that it is text."""
+    return _FORMULA.sub(r"\1'", shown(text))
+
+
+@contextmanager
+def _utf8(file: BinaryIO) -> Iterator[io.TextIOWrapper]:
+    text = io.TextIOWrapper(file, "utf-8", newline="")
+    try:
+        yield text
+    finally:
+        text.detach()  # writes out what is left, and leaves the file open
+
+
+def _is_shown(sign: str) -> bool:
+    return sign.isprintable() or sign in _JOINERS or unicodedata.category(sign) == "Zs"
+
+
+def _escaped(sign: str) -> str:
+    # as in JSON, where signs of more than 16 bits are two
+    units = sign.encode("utf-16-be", "surrogatepass")
+    return "".join(f"\\u{units[i]:02x}{units[i + 1]:02x}" for i in range(0, len(units), 2))
+
+
+def _width(names: Sequence[str], least: int, most: int) -> int:
+    return min(max((cell_len(shown(name)) for name in names), default=least), most)
