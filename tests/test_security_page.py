@@ -1,0 +1,28 @@
+"""What SECURITY.md names is there."""
+
+import re
+
+from tests.support.programs import ROOT, run
+
+PAGE = (ROOT / "SECURITY.md").read_text("utf-8")
+
+
+def test_every_relative_link_leads_to_a_file() -> None:
+    links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", PAGE) if "://" not in link]
+    assert len(links) >= 5
+    assert [link for link in links if link and not (ROOT / link).is_file()] == []
+
+
+def test_every_command_and_option_that_it_names_exists() -> None:
+    commands = set(re.findall(r"`lift-manager\s+([a-z]+)", PAGE))
+    assert commands >= {"network", "audit", "keys", "lockout", "release"}
+    known = {word for name in commands for word in re.findall(r"--[a-z-]+", run(name, "--help").stdout)}
+    named = set(re.findall(r"--[a-z][a-z-]+", PAGE))
+    assert named >= {"--suricata", "--since-seal"}
+    assert named <= known
+    assert run("keys", "make", "--help").returncode == 0
+
+
+def test_a_reporting_address_is_not_made_up() -> None:
+    assert "Report a vulnerability" in PAGE
+    assert not re.search(r"[\w.]+@[\w.]+", PAGE)
