@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.model import Capabilities, CommandKind
+from drivers.driver import Permit
+from drivers.model import Capabilities, CommandKind, FloorName
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
 from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, barred, fire_unread, on_fire
 from register_maps.vocabulary import CALLS
 
@@ -27,6 +29,13 @@ class Admission:
         self._able = able
         self._people = people
         self._sight = sight
+
+    def unknown_floor(self, floor: FloorName) -> Refused | None:
+        """Refuse a floor that the lift does not have."""
+        if floor in self._options.floors:
+            return None
+        text = f"{self._options.name} has no floor {floor!r}; its floors are {', '.join(self._options.floors)}"
+        return Refused(Refusal.UNKNOWN_FLOOR, text)
 
     def refusal(self, *, offline: str, goes_on: bool) -> Refused | None:
         """Return why a request may not command the lift now. `offline` says why, should the lift be offline.
@@ -77,6 +86,15 @@ class Admission:
         """Return why nothing may be pressed or held now."""
         sight = self._sight()
         return _TOO_OLD if sight is None else self._people.why_no_press() or barred(sight.values, self._able)
+
+    def permit(self, number: int, session: Callable[[], Session | None]) -> Permit:
+        """Return the check that the link makes immediately before the bytes of a press leave, for the session of that number."""
+
+        def permit() -> str | None:
+            now = session()
+            return "the session has ended" if now is None or now.number != number else self.why_no_press()
+
+        return permit
 
     def why_no_robot_mode(self) -> str | None:
         """Return why robot mode may not be renewed for a car under way; a lockout stops presses, and does not drop it."""

@@ -6,8 +6,25 @@ import logging
 
 from drivers.model import Outcome
 from lift_manager.core.bus import Bus
-from lift_manager.domain.events import Advised, Alarm, CommandEnded, Event, SessionEnded, SessionOpened
-from lift_manager.domain.service import ITS_OWN_WORD, Advice, EndReason, abandoned_text, maybe_occupied_text
+from lift_manager.domain.events import (
+    Advised,
+    Alarm,
+    CommandEnded,
+    Event,
+    HandedOver,
+    ReleasedByPerson,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+)
+from lift_manager.domain.service import (
+    ITS_OWN_WORD,
+    Advice,
+    EndReason,
+    ForceReleased,
+    abandoned_text,
+    maybe_occupied_text,
+)
 from lift_manager.domain.session import Session
 from lift_manager.domain.state import Holder
 
@@ -33,16 +50,33 @@ class Announcer:
             self._bus.publish(Advised(self._lift, holder, advice, "there is a fire"))
         self.alarm("fire: everything is let go, robots are refused until a person has checked the lift", holder)
 
-    def outcome(self, outcome: Outcome) -> None:
+    def outcome(self, outcome: Outcome, holder: Holder | None) -> None:
         """Tell what became of a command."""
         proof = f", seen by {outcome.proof}" if outcome.proof != "none" else ""
         _log.info("%s: %s %s%s %s", self._lift, outcome.command, outcome.result, proof, outcome.reason)
-        self._bus.publish(CommandEnded(self._lift, outcome))
+        self._bus.publish(CommandEnded(self._lift, outcome, holder))
 
     def opened(self, session: Session) -> None:
         """Tell who holds the lift."""
         _log.info("%s: %s holds the lift, to %s", self._lift, session.holder, session.floor)
         self._bus.publish(SessionOpened(self._lift, session.holder, session.floor))
+
+    def restored(self, session: Session, *, pressed: bool) -> None:
+        """Tell who holds the lift from before a restart."""
+        call = "its call is followed" if pressed else "its call was not pressed, and waits for its next request"
+        text = f"to {session.floor}, {call}; what is found off stays off until it asks again"
+        _log.info("%s: %s holds the lift from before a restart, %s", self._lift, session.holder, text)
+        self._bus.publish(SessionRestored(self._lift, session.holder, session.floor, text))
+
+    def handed_over(self, holder: Holder, to: Holder) -> None:
+        """Tell that a session goes on with another holder."""
+        _log.info("%s: %s hands the lift over to %s", self._lift, holder, to)
+        self._bus.publish(HandedOver(self._lift, holder, to))
+
+    def released(self, released: ForceReleased) -> None:
+        """Tell that a person took the lift from its holder."""
+        _log.warning("%s: %s (released by %s: %s)", self._lift, released.text(self._lift), released.by, released.reason)
+        self._bus.publish(ReleasedByPerson(self._lift, released))
 
     def ended(self, holder: Holder, reason: EndReason, text: str, advice: Advice) -> None:
         """Tell that the lift is free; a holder that wanted it so needs no advice."""

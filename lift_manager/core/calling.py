@@ -61,12 +61,22 @@ class CallButton:
             return None
         if self._on is not None and self._on.name != command.name:
             self.let_go()
+        self._take(command, aboard=aboard)
+        return self._press(command, permit)
+
+    def adopt(self, floor: FloorName, permit: Permit, *, aboard: bool) -> None:
+        """Keep the call to a floor, pressed before a restart, on if it is found on. A pulse has ended by itself."""
+        command = self.command(floor, aboard=aboard)
+        if command is not None and command.name in self._able.until:
+            self._take(command, aboard=aboard)
+            self._driver.adopt(command, permit)
+
+    def _take(self, command: Command, *, aboard: bool) -> None:
         self._on = command
         self._until = self._able.until.get(command.name, "")
         if aboard and self._until == "robot_in_place":
             # it is in place already
             self._until = "arrived"
-        return self._press(command, permit)
 
     def let_go(self) -> None:
         """Let go of the call, if one is on."""

@@ -16,10 +16,19 @@ class DoorHolds:
         self._able = driver.capabilities
         self._options = options
 
-    def hold(self, floor: FloorName, permit: Permit) -> None:
-        """Hold the doors that serve a floor, or renew that."""
+    def hold(self, floor: FloorName, permit: Permit, *, begin: bool = True) -> bool:
+        """Hold the doors that serve a floor, or renew that; only renew it where it may not `begin`. Returns whether any is held."""
+        holds = [_hold(side) for side in self._options.doors_at[floor]]
+        wanted = holds if begin else [hold for hold in holds if self._driver.given(hold)]
+        for hold in wanted:
+            self._driver.hold(hold, permit)
+        return bool(wanted)
+
+    def adopt(self, floor: FloorName, permit: Permit) -> None:
+        """Keep the holds of a floor's doors that are found on after a restart."""
         for side in self._options.doors_at[floor]:
-            self._driver.hold(_hold(side), permit)
+            if (hold := _hold(side)).name in self._able.commands:
+                self._driver.adopt(hold, permit)
 
     def held(self, floor: FloorName) -> bool:
         """Whether the hold of every door at a floor is on and verified, where the map has one."""

@@ -5,12 +5,17 @@ from __future__ import annotations
 from typing import Protocol
 
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.state import LiftState
+from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.state import Holder, LiftState
 
 
 class LiftFacade(Protocol):
     """All lifts of a site, as a face uses them; nothing here waits, so a hung controller delays nobody."""
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing is pressed on any lift: what is done cannot be written down. Empty while it can."""
+        ...
 
     def lift_names(self) -> tuple[str, ...]:
         """Every lift of the site, in the site's order, whether or not it can be reached."""
@@ -34,6 +39,14 @@ class LiftFacade(Protocol):
 
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         """Take a person's word that robots may command a lift again."""
+        ...
+
+    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
+        """Take a person's word that a session is over; everything is let go as at the end of any session."""
+        ...
+
+    def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
+        """Give the session of `holder` to another caller, at the holder's own word; the car and its door stay as they are."""
         ...
 
     def remembered(self, lift: str) -> Remembered | None:

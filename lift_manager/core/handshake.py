@@ -11,7 +11,7 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.domain import boarding as boardings
 from lift_manager.domain import call as calls
 from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
-from lift_manager.domain.boarding import Boarding, Rules, Stop, Who
+from lift_manager.domain.boarding import Boarding, KeptBoarding, Rules, Stop, Who
 from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.service import how_to_acknowledge
 from lift_manager.domain.session import Session
@@ -45,9 +45,19 @@ class Acknowledgement:
         return self._call is not None and self._call.phase is CallPhase.WANTED
 
     @property
+    def owed(self) -> bool:
+        """Whether it was wanted, and the lift has not taken it."""
+        return self._call is not None and self._call.phase is not CallPhase.CONFIRMED
+
+    @property
     def taken(self) -> bool:
         """Whether the lift has taken it; a lift that has no such command needs none."""
         return not self.known or (self._call is not None and self._call.phase is CallPhase.CONFIRMED)
+
+    def restore(self, floor: FloorName, now: float, *, taken: bool) -> None:
+        """Go on after a restart: it was taken, or it is given again with the next request for it."""
+        if self.known:
+            self._call = calls.restored(floor, pressed=taken, now=now)
 
     def want(self, floor: FloorName, now: float) -> None:
         """Want it given; after a failure only once its pause is over."""
@@ -187,8 +197,11 @@ class Handshake:
         if session is not None and floor == session.floor:
             self._boarding = boardings.open_to_enter(self._boarding, now)
 
-    def act(self, session_permit: Permit | None, now: float) -> None:
-        """Give what is wanted, as far as it is permitted. `session_permit` is None without a session."""
+    def act(self, session_permit: Permit | None, now: float, *, begin: bool = True) -> None:
+        """Give what is wanted, as far as it is permitted. `session_permit` is None without a session.
+
+        What is found off is put on only where it may `begin`.
+        """
         if self._left.wanted:
             if self._permit() is None:
                 self._left.give(self._press, self._permit, now)
@@ -199,7 +212,11 @@ class Handshake:
         self._in_place.give(self._press, session_permit, now)
         if self._in_place.taken:
             self._button.let_go_at("robot_in_place")
-            if self._in_place.known and self._in_place.is_level:
+            if (
+                self._in_place.known
+                and self._in_place.is_level
+                and (begin or self._driver.given(self._in_place.command))
+            ):
                 self._driver.hold(self._in_place.command, session_permit)
 
     def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> str | None:
@@ -255,6 +272,28 @@ class Handshake:
     def take_up(self, holder: Holder, *, aboard: bool) -> None:
         """Remember whose robot may be in the car from before this process began."""
         self._abandoned_by, self._boarding = holder, boardings.taken_up(aboard=aboard)
+
+    def kept(self) -> KeptBoarding:
+        """Return what a restart must know of the session's robot."""
+        boarding = self._boarding
+        return KeptBoarding(
+            who=boarding.who,
+            sent_on=boarding.sent_on,
+            may_leave_at=boarding.may_leave_at,
+            in_place_told=self._in_place.known and self._in_place.taken,
+            left_untold=boarding.who is Who.LEFT and self._left.owed,
+        )
+
+    def restore(self, kept: KeptBoarding, floor: FloorName, permit: Permit, now: float) -> None:
+        """Go on with the robot of a session from before a restart. What the lift was told is not said again."""
+        self._abandoned_by = None
+        self._boarding = Boarding(kept.who, may_leave_at=kept.may_leave_at, sent_on=kept.sent_on)
+        if kept.left_untold:
+            self._left.restore(floor, now, taken=False)
+        if kept.in_place_told:
+            self._in_place.restore(floor, now, taken=True)
+            if self._in_place.is_level and kept.who is Who.ABOARD:
+                self._driver.adopt(self._in_place.command, permit)
 
     def found_empty(self, now: float) -> None:
         """Take it that no robot of an earlier session is in the car; a lift that may still count one is told."""

@@ -12,22 +12,24 @@ from lift_manager.core.admission import Admission
 from lift_manager.core.announce import Announcer
 from lift_manager.core.bus import Bus
 from lift_manager.core.calling import CallButton
-from lift_manager.core.doors import DoorHolds
+from lift_manager.core.emergency import Emergency
 from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
 from lift_manager.core.robot_mode import RobotMode
-from lift_manager.core.session_call import SessionCall
-from lift_manager.domain import call as calls
+from lift_manager.core.serving import Serving
+from lift_manager.core.session_memory import SessionMemory
+from lift_manager.core.tenure import Tenure
 from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
-from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.events import Event
-from lift_manager.domain.service import Acknowledged, Advice, EndReason, Lockout, advise
+from lift_manager.domain.service import Acknowledged, Advice, EndReason, ForceReleased, Lockout, advise
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, barred, on_fire
-from lift_manager.domain.state import Restrictions
-from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode
+from lift_manager.domain.sight import Sight, moving
+from lift_manager.domain.state import Holder, Restrictions
+from register_maps.vocabulary import CALLS
+
+_STOPPING = Refused(Refusal.STOPPING, "the manager is stopping")
 
 
 class SessionKeeper:
@@ -60,18 +62,16 @@ class SessionKeeper:
         self._admission = Admission(options, self._able, people, lambda: sight(_now()))
         self._button = CallButton(driver, options, self._press)
         self._handshake = Handshake(driver, options, self._button, self._press, permit=self._why_no_word)
-        self._call = SessionCall(options.name, self._able, self._button)
+        self._serving = Serving(driver, options, self._button, self._handshake, self._say, used=self._used)
+        self._tenure = Tenure(options, self._say, arrive_within_s=self._able.arrive_within_s)
+        self._emergency = Emergency(options, people, self._say)
+        self._memory = SessionMemory(options, people)
+        self._begun = self._stopping = False
         self._permit: Permit = lambda: "there is no session"
         self._sessions_opened = 0
         self._used_by = 0
         """The newest session for which anything was pressed or held."""
-        self._doors = DoorHolds(driver, options)
         self._robot_mode = RobotMode(driver)
-        self._fire_release_at: float | None = None
-        """The robot has been told of the fire; then everything is let go."""
-        self._awaits = ""
-        """What the lift has not granted yet."""
-        self._stopping = False
         if (occupied := people.remembered.occupied) is not None:
             self._handshake.take_up(occupied.holder, aboard=occupied.aboard)
 
@@ -83,7 +83,7 @@ class SessionKeeper:
     @property
     def arrived(self) -> bool:
         """Whether the session's call is fulfilled."""
-        return self._call.arrived
+        return self._serving.call.arrived
 
     @property
     def aboard(self) -> bool | None:
@@ -98,13 +98,41 @@ class SessionKeeper:
     @property
     def door_held(self) -> bool:
         """Whether our hold of every door at the session's floor is on and verified, where the map has one."""
-        return self.session is not None and self._doors.held(self.session.floor)
+        return self.session is not None and self._serving.doors.held(self.session.floor)
 
     @property
     def restrictions(self) -> Restrictions:
         """What keeps robots off, and what the session waits for."""
         resting = self.session is not None and self.people.resting(_now())
-        return self.people.restrictions(self.people.resting_text if resting else self._awaits)
+        return self.people.restrictions(self.people.resting_text if resting else self._serving.awaits)
+
+    def begin(self) -> None:
+        """Take up the session of before this start, if there is one. To be called before the lift is read for the first time.
+
+        Nothing is pressed by it: what is found on is kept on, and what is found off waits until the holder asks again, for
+        somebody may have let go of it meanwhile, and a holder that still needs it is heard within seconds.
+        """
+        kept = None if self._begun or self._stopping else self._memory.kept
+        self._begun = True
+        if kept is None:
+            return
+        now, number = _now(), self._sessions_opened + 1
+        taken_up = self._memory.take_up(kept, number, now)
+        if not isinstance(taken_up, Session):
+            self._note(now)
+            in_car = self._handshake.occupied_by(None)
+            self._say.doubt(
+                kept.holder, *taken_up, abandoned=in_car is not None and in_car[1], in_car=in_car is not None
+            )
+            self._say.ended(kept.holder, *taken_up, self._advice())
+            return
+        self.session = taken_up
+        self._sessions_opened = self._used_by = number
+        self._permit = self._admission.permit(number, lambda: self.session)
+        self._serving.restore(taken_up, kept, self._permit, now)
+        self._robot_mode.adopt(self._admission.why_no_press)
+        self._say.restored(taken_up, pressed=kept.pressed)
+        self._note(now)
 
     def request(self, ask: Ask, *, is_release: bool, offline: str) -> Accepted | Refused:
         """Decide on a request and act on it. `offline` says why, should the lift be offline."""
@@ -123,7 +151,8 @@ class SessionKeeper:
         self._say.alarm(text, self.session.holder if self.session is not None else None)
 
     def stop(self) -> None:
-        """Refuse everything from now on, and end the session."""
+        """Refuse everything from now on, and let the session rest until the next start."""
+        self._note(_now())
         self._stopping = True
         self._end_session(EndReason.STOPPING, "the manager is stopping", _now())
         self._robot_mode.drop()
@@ -139,13 +168,44 @@ class SessionKeeper:
             self._changed()
         return answer
 
+    def force_release(self, by: str, reason: str) -> ForceReleased | Refused:
+        """End the session at a person's word. Whatever may be in the car stays there, and so does what is known of it."""
+        now = _now()
+        if isinstance(held := self._held_by(None, now), Refused):
+            return held
+        self._end_session(EndReason.FORCED, f"released by {by}: {reason}", now)
+        in_car = self._handshake.occupied_by(None) is not None
+        released = ForceReleased(by, self.people.clock(), reason, held.holder, in_car)
+        self._say.released(released)
+        self.act(now)
+        self._changed()
+        return released
+
+    def hand_over(self, holder: Holder, to: Holder) -> Accepted | Refused:
+        """Give the session to another caller at its holder's word, with what is known of the robot; nothing else changes."""
+        now = _now()
+        if isinstance(held := self._held_by(holder, now), Refused):
+            return held
+        self.session = sessions.handed_over(held, to, now)
+        if to != holder:
+            self._say.handed_over(holder, to)
+        self.act(now)
+        self._changed()
+        return Accepted()
+
+    def _held_by(self, holder: Holder | None, now: float) -> Session | Refused:
+        if self._stopping:
+            return _STOPPING
+        return self._tenure.held_by(self.session, holder, now, in_car=self._handshake.occupied_by(None))
+
     def acknowledge(self, by: str, *, offline: str) -> Acknowledged | Refused:
         """Take it that a person has checked the lift. `offline` says why, should it be offline."""
-        too_early = self._admission.too_early(offline=offline, letting_go=self._fire_release_at is not None)
+        too_early = self._admission.too_early(offline=offline, letting_go=self._emergency.release_at is not None)
         if too_early is not None:
             return too_early
-        left = self.session is None and self._handshake.occupied_by(None) is not None
-        answer = self.people.acknowledge(by, occupied=left)
+        held = self.session.holder if self.session is not None else None
+        left = held is None and self._handshake.occupied_by(None) is not None
+        answer = self.people.acknowledge(by, occupied=left, held=held)
         if left and isinstance(answer, Acknowledged):
             self._handshake.found_empty(_now())
             self.act(_now())
@@ -153,14 +213,15 @@ class SessionKeeper:
         return answer
 
     def _decide(self, ask: Ask, now: float, *, is_release: bool, offline: str) -> Session | Accepted | Refused:
-        options, session = self._options, self.session
         if self._stopping:
-            return Refused(Refusal.STOPPING, "the manager is stopping")
-        if ask.floor not in options.floors:
-            return Refused(
-                Refusal.UNKNOWN_FLOOR,
-                f"{options.name} has no floor {ask.floor!r}; its floors are {', '.join(options.floors)}",
-            )
+            return _STOPPING
+        if (unknown := self._admission.unknown_floor(ask.floor)) is not None:
+            return unknown
+        if self.session is not None and self.session.holder == ask.holder:
+            self.session = replace(self.session, heard_at=now)
+        elif self.session is not None and ask.hold_door and not is_release:
+            self._contest(self.session, ask, now, offline=offline)
+        session = self.session
         mine = session is None or session.holder == ask.holder
         if mine and is_release:
             self._release(ask, now)
@@ -171,31 +232,29 @@ class SessionKeeper:
             return refused
         return sessions.admit(session, ask, number=self._sessions_opened + 1, now=now)
 
+    def _contest(self, session: Session, ask: Ask, now: float, *, offline: str) -> None:
+        """Let another caller's wish for the lift end a session, where it does.
+
+        A wish that would be refused whoever holds the lift ends none, and neither does one that needs no open door: an idle
+        client posts such requests once a second, for floors that the car may have left (`lift.RECENT_FLOOR_S`).
+        """
+        if self._admission.refusal(offline=offline, goes_on=False) is not None:
+            return
+        occupied = self._handshake.occupied_by(session) is not None
+        if (over := self._tenure.contested(session, ask, now, occupied=occupied)) is not None:
+            self._end_session(*over, now)
+
     def _take(self, session: Session, now: float) -> None:
         before = self.session
         self.session = session
         if before is None:
             self._sessions_opened = session.number
-            self._permit = self._make_permit(session.number)
+            self._permit = self._admission.permit(session.number, lambda: self.session)
             self._say.opened(session)
-        moves_on = self._call.elsewhere(session.floor)
-        if moves_on and self._handshake.ready:
-            self._button.let_go()
-        holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
-        if moves_on or not (session.hold_spent and holds_door):
-            self._call.want(session.floor, now)
+        self._serving.wants(session, now)
+        self._note(now)
         self.act(now)
         self._changed()
-
-    def _make_permit(self, number: int) -> Permit:
-        """Return the check that the link makes immediately before the bytes of a press leave."""
-
-        def permit() -> str | None:
-            if self.session is None or self.session.number != number:
-                return "the session has ended"
-            return self._admission.why_no_press()
-
-        return permit
 
     def _why_no_word(self) -> str | None:
         """Return why the lift may not be told that a robot left; that the session is over is no reason."""
@@ -207,13 +266,14 @@ class SessionKeeper:
         if last is not None:
             # letting go needs no fresh reading: a poll may take longer than a reading counts
             self._obey_mode(last, now)
-        if self._fire_release_at is not None:
-            if now >= self._fire_release_at:
-                self._end_in_fire(now)
+        if self._emergency.release_at is not None:
+            if now >= self._emergency.release_at:
+                self._robot_mode.drop()
+                self._handshake.let_go()
+                self._emergency.release_at = None
+                self._end_session(EndReason.FIRE, "there is a fire", now)
             return
-        session = self.session
-        if session is not None and now >= sessions.lease_ends_at(session, self._options.lease_s):
-            self._end_session(EndReason.LEASE, f"the lease of {self._options.lease_s:g} s ran out", now)
+        self._expire(sight, now)
         if self._robot_mode.kept:
             # a lift that is still in robot mode is none for people
             self.people.session_ended(now)
@@ -221,11 +281,23 @@ class SessionKeeper:
             self._rest(sight, now)
         elif sight is not None:
             if self._robot_mode.known:
-                self._used_by = self.session.number
-            self._robot_mode.hold(self._admission.why_no_press)
-            self._handshake.act(self._permit, now)
-            self._serve(sight, now)
+                self._used()
+            may_begin = not self.session.restored
+            self._robot_mode.hold(self._admission.why_no_press, begin=may_begin)
+            self._handshake.act(self._permit, now, begin=may_begin)
+            served = self._serving.advance(self.session, sight, self._permit, now)
+            if isinstance(served, Session):
+                self.session = served
+            else:
+                self._end_session(*served, now)
+        self._note(now)
+
+    def _note(self, now: float, *, pressed: bool = False) -> None:
+        """Write down what a restart must know. An orderly end writes down nothing more: the session rests until then."""
         self.people.note_occupied(self._handshake.occupied_by(self.session))
+        if self._begun and not self._stopping:
+            pressed = pressed or self._serving.call.pressed
+            self._memory.note(self.session, self._handshake.kept(), pressed=pressed, now=now)
 
     def _rest(self, sight: Sight | None, now: float) -> None:
         """Finish what the last session left to do. A session that waits for people to have their turn loses no time by it."""
@@ -235,28 +307,19 @@ class SessionKeeper:
         self._settle(now)
         if self.session is not None:
             self.session = replace(self.session, lease_from=now)
-        self._call.wait(now)
+        self._serving.call.wait(now)
 
     def _obey_mode(self, sight: Sight, now: float) -> None:
-        mode, session = sight.values.mode, self.session
-        if on_fire(sight.values) and not self.people.fire_latched:
-            self.people.latch_fire()
-            self._fire_release_at = now
-            if session is not None and mode is Mode.FIRE:
-                self._fire_release_at += self._options.fire_release_delay_s
-            self._say.fire(session.holder if session is not None else None, self._advice())
-        if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:
-            if self._fire_release_at is None:
-                self._handshake.let_go()
-                self._end_session(EndReason.MODE, f"the mode is {mode}", now)
-            elif mode is not Mode.FIRE:
-                self._fire_release_at = now
+        holder = self.session.holder if self.session is not None else None
+        if (why := self._emergency.seen(sight, holder, self._advice, now)) is not None:
+            self._handshake.let_go()
+            self._end_session(EndReason.MODE, why, now)
 
-    def _end_in_fire(self, now: float) -> None:
-        self._fire_release_at = None
-        self._robot_mode.drop()
-        self._handshake.let_go()
-        self._end_session(EndReason.FIRE, "there is a fire", now)
+    def _expire(self, sight: Sight | None, now: float) -> None:
+        if (session := self.session) is not None:
+            rides = (sight is None or moving(sight)) and self._handshake.occupied_by(session) is not None
+            if (over := self._tenure.expired(session, now, rides=rides)) is not None:
+                self._end_session(*over, now)
 
     def _advice(self) -> Advice:
         """Return what the session's robot does best."""
@@ -264,95 +327,33 @@ class SessionKeeper:
         may_be_aboard = self._handshake.occupied_by(self.session) is not None
         return advise(sight.values.doors if sight is not None else None, may_be_aboard=may_be_aboard)
 
-    def _serve(self, sight: Sight, now: float) -> None:
-        """Advance the session that holds the lift."""
-        session, call = self.session, self._call.now
-        if session is None or call is None:
-            return
-        self._awaits = ""
-        call = self._call.seen(call, sight, now)
-        self._handshake.seen(sight, session, now)
-        command = self._handshake.next_command(call.floor)
-        missing = calls.missing(sight, self._able, command) if call.phase is CallPhase.WANTED else None
-        if missing:
-            self._doors.let_go()
-            self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
-            return
-        if call.phase is CallPhase.WANTED and not self._handshake.ready:
-            self._await_word(session, sight, now)
-        elif calls.may_press(call, sight, self._able, now):
-            self._doors.let_go()
-            self._call.press(call, self._permit, aboard=self._handshake.aboard is True, now=now)
-        elif call.phase is CallPhase.ARRIVED:
-            self._button.let_go_at("arrived")
-            self._stay(session, sight, now)
-        else:
-            self._doors.let_go()
-            if call.phase is CallPhase.FAILED and self._button.until:
-                self._button.let_go()
-
-    def _await_word(self, session: Session, sight: Sight, now: float) -> None:
-        """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
-        if self._handshake.aboard and sight.floor is not None and sight.standing:
-            self._hold_open(session, sight, sight.floor, now)
-        else:
-            self._doors.let_go()
-
-    def _await_grant(self, session: Session, call: Call, what: str, now: float) -> None:
-        """Let the lease stand still while the lift has not granted what is needed, such as robot mode, but not for ever."""
-        self.session = replace(session, lease_from=now)
-        self._awaits = f"{what}, which the lift has not granted yet"
-        if now - call.since > self._able.granted_within_s:
-            text = f"{what} was not granted within {self._able.granted_within_s:g} s"
-            self._end_session(EndReason.NOT_GRANTED, text, now)
-
     def _press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
-        if self.session is not None and command.kind is not CommandKind.ROBOT_LEFT:
-            self._used_by = self.session.number
+        if command.kind is not CommandKind.ROBOT_LEFT:
+            self._used()
+        # what is pressed was pressed if a restart comes between: its row, and with it the press, waits for this
+        self._note(_now(), pressed=command.kind in CALLS)
         future = self._driver.press(command, permit)
         future.add_done_callback(self._ended)
         return future
+
+    def _used(self, session: Session | None = None) -> None:
+        """Something is pressed or held for the session, which is then like this."""
+        if session is not None:
+            self.session = session
+            self._note(_now())
+        if self.session is not None:
+            self._used_by = self.session.number
 
     def _ended(self, future: asyncio.Future[Outcome]) -> None:
         if future.cancelled():
             return
         outcome, now = future.result(), _now()
-        self._say.outcome(outcome)
-        self._call.ended(future, outcome, now)
+        self._say.outcome(outcome, self.session.holder if self.session is not None else None)
+        self._serving.call.ended(future, outcome, now)
         if (text := self._handshake.ended(future, outcome, now)) is not None:
             self._say.alarm(text)
         self.act(now)
         self._changed()
-
-    def _stay(self, session: Session, sight: Sight, now: float) -> None:
-        """Hold the door at the session's floor, or end a session that wanted no more than to get there.
-
-        A robot aboard keeps its session: it has still to get out.
-        """
-        if not session.hold_door and self._handshake.aboard is not True:
-            self._end_session(EndReason.ARRIVED, "arrived", now)
-            return
-        if self._handshake.door_is_open(sight, session.floor):
-            session = sessions.stood_open(session, now)
-        self.session = session
-        if session.hold_door:
-            self._hold_open(session, sight, session.floor, now)
-
-    def _hold_open(self, session: Session, sight: Sight, floor: FloorName, now: float) -> None:
-        """Hold the doors that serve a floor, and the call that keeps them open, for as long as the site allows."""
-        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
-        if ends_at is not None and now >= ends_at and not session.hold_spent:
-            session = replace(session, hold_spent=True, holding_since=None)
-            self._say.hold_spent(session.holder, self._options.max_session_hold_s)
-        if session.hold_spent or barred(sight.values, self._able) is not None:
-            self._doors.let_go()
-            self._button.let_go_of_door()
-        else:
-            self._used_by = session.number
-            self._button.keep_on(self._permit)
-            self._doors.hold(floor, self._permit)
-            session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
-        self.session = session
 
     def _settle(self, now: float) -> None:
         """Drop robot mode after a session, once the car stands still."""
@@ -367,7 +368,7 @@ class SessionKeeper:
         """End the session at its holder's word."""
         if self.session is None:
             self._handshake.end_again(ask, now)
-            self.people.note_occupied(self._handshake.occupied_by(None))
+            self._note(now)
         self._end_session(EndReason.RELEASED, "released", now, release=ask)
 
     def _end_session(self, reason: EndReason, text: str, now: float, *, release: Ask | None = None) -> None:
@@ -375,13 +376,11 @@ class SessionKeeper:
         if session is None:
             return
         holder, advice = session.holder, self._advice()
-        self.session = self._fire_release_at = None
-        self._call.forget()
-        self._awaits = ""
-        self._doors.let_go()
+        self.session = self._emergency.release_at = None
+        self._serving.end()
         abandoned = self._handshake.end(session, release, now, arrived=reason is EndReason.ARRIVED)
         in_car = self._handshake.occupied_by(None)
-        self.people.note_occupied(in_car)
+        self._note(now)
         self._say.doubt(holder, reason, text, abandoned=abandoned, in_car=in_car is not None)
         used = session.number == self._used_by
         if used:

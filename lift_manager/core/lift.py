@@ -10,17 +10,19 @@ from drivers.driver import LiftDriver
 from drivers.errors import DriverError
 from drivers.model import FloorName, LiftReading
 from lift_manager.core.bus import Bus
+from lift_manager.core.journal import ShortJournal
 from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
+from lift_manager.core.recording import LiftLog
 from lift_manager.core.ticker import Ticker
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
-from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.sight import Sight, see
-from lift_manager.domain.state import LiftState
+from lift_manager.domain.state import Holder, LiftState
 
 _log = logging.getLogger(__name__)
 
@@ -40,12 +42,15 @@ class LiftTask:
         ticker: Ticker | None = None,
         *,
         memory: Memory | None = None,
+        log: LiftLog | None = None,
         clock: Clock | None = None,
     ) -> None:
         """Make a task that is not running yet; `ticker` and `memory` are shared by the lifts of a site.
 
-        Without a memory of the site, what people said is forgotten with the task.
+        `log` is what the driver writes to as well. Without a memory of the site, session and people's words are forgotten with
+        the task.
         """
+        memory = memory or ShortMemory()
         self.options = options
         self.polls = 0
         """Polls that have ended, well or not: it rises for as long as our own loop advances."""
@@ -57,7 +62,8 @@ class LiftTask:
         self._read_at = -math.inf
         """Monotonic seconds; nothing we know is older than this."""
         self._fault = "no answer yet"
-        self._people = PeopleFirst(options, bus, memory or ShortMemory(), clock or wall_clock())
+        self._log = log or LiftLog(options.name, ShortJournal(), memory)
+        self._people = PeopleFirst(options, bus, memory, clock or wall_clock())
         self._keeper = SessionKeeper(
             driver,
             options,
@@ -77,7 +83,8 @@ class LiftTask:
         await self._looked.wait()
 
     async def run(self) -> None:
-        """Poll the lift until cancelled. Its bad weather stays its own."""
+        """Take up the session of before this start, and poll the lift until cancelled. Its bad weather stays its own."""
+        self._keeper.begin()
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._poll())
             tasks.create_task(self._watch_age())
@@ -113,12 +120,21 @@ class LiftTask:
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide on a request at once. Acceptance is not arrival."""
+        self._keeper.begin()
         state = self.state()
         is_release = not ask.hold_door and self._is_release(ask, state)
-        answer = self._keeper.request(ask, is_release=is_release, offline=_offline(state))
+        self._log.asked(ask)
+        answer = self._decided(ask, state, is_release=is_release)
+        self._log.answered(ask, answer)
         if self._keeper.session is not None:
             self._left.clear()
         return answer
+
+    def _decided(self, ask: Ask, state: LiftState, *, is_release: bool) -> Accepted | Refused:
+        if (trouble := self._log.trouble) and not is_release and self._keeper.session is None:
+            # one that has begun keeps its session: its robot may be in the car
+            return Refused(Refusal.NOT_RECORDED, f"{self.options.name} takes no robots now: {trouble}")
+        return self._keeper.request(ask, is_release=is_release, offline=_offline(state))
 
     def acknowledge(self, by: str) -> Acknowledged | Refused:
         """Take it that a person has checked the lift after a fire, or found no robot in its car."""
@@ -127,6 +143,14 @@ class LiftTask:
     def lock_out(self, by: str, reason: str) -> Lockout | Refused:
         """Let everything go and keep robots off until a person says otherwise, over restarts too."""
         return self._keeper.lock_out(by, reason)
+
+    def force_release(self, by: str, reason: str) -> ForceReleased | Refused:
+        """Take the lift from its holder at a person's word."""
+        return self._keeper.force_release(by, reason)
+
+    def hand_over(self, holder: Holder, to: Holder) -> Accepted | Refused:
+        """Give the session of `holder` to another caller."""
+        return self._keeper.hand_over(holder, to)
 
     def end_lockout(self, by: str) -> LockoutEnded | Refused:
         """Let robots on the lift again."""
@@ -191,6 +215,8 @@ class LiftTask:
         if self._fault:
             _log.info("%s: reading %s", self.options.name, self._driver.source)
             self._fault = ""
+            self._log.link(self._driver.source, "")
+        self._log.mode(sight.values.mode)
         self._keeper.act(_now())
         self._publish()
 
@@ -209,6 +235,7 @@ class LiftTask:
         if not self._fault:
             _log.warning("%s: %s", self.options.name, error)
         self._fault = str(error)
+        self._log.link(self._driver.source, self._fault)
         self._keeper.act(_now())
         self._publish()
 

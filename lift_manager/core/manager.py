@@ -7,22 +7,31 @@ from collections.abc import Coroutine, Iterable, Iterator
 from contextlib import contextmanager
 
 from lift_manager.core.bus import Bus, Subscription
+from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.events import Alarm, Event, StateChanged
-from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.state import LiftState
+from lift_manager.domain.journal import Row
+from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.state import Holder, LiftState
 
 
 class LiftManager:
     """Many lifts. Answers come from memory; nothing here waits for a controller."""
 
-    def __init__(self, lifts: Iterable[LiftTask], bus: Bus[Event], memory: Memory | None = None) -> None:
-        """Put lifts together; `memory` is what they were made with, if it has anything to write."""
+    def __init__(
+        self,
+        lifts: Iterable[LiftTask],
+        bus: Bus[Event],
+        memory: Memory | None = None,
+        journal: Journal | None = None,
+    ) -> None:
+        """Put lifts together; `memory` and `journal` are what they were made with, if these have anything to write."""
         self._lifts = {lift.options.name: lift for lift in lifts}
         self._bus = bus
         self._memory = memory or ShortMemory()
+        self._journal = journal or ShortJournal()
 
     async def run(self) -> None:
         """Poll every lift until cancelled."""
@@ -33,6 +42,19 @@ class LiftManager:
     async def remember(self) -> None:
         """Write down what people said until cancelled: for as long as anybody may say anything."""
         await self._memory.run(self._not_written)
+
+    async def record(self) -> None:
+        """Write the journal until cancelled: for as long as anything may be done."""
+        await self._journal.run(self._not_recorded)
+
+    def note(self, row: Row) -> None:
+        """Write down something that concerns no lift, or no session."""
+        self._journal.note(row)
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing is pressed on any lift: what is done cannot be written down. Empty while it can."""
+        return self._journal.trouble or self._memory.trouble
 
     def drives(self) -> list[Coroutine[None, None, None]]:
         """Return what carries out each lift's presses and releases, to be run for as long as anything may be held."""
@@ -54,8 +76,9 @@ class LiftManager:
                 tasks.create_task(lift.stop())
 
     async def settled(self) -> None:
-        """Return once what people said is written down; bound it with a timeout."""
+        """Return once everything is written down; bound it with a timeout."""
         await self._memory.settled()
+        await self._journal.settled()
 
     def lift_names(self) -> tuple[str, ...]:
         """Return the lifts in the order of the site file."""
@@ -81,6 +104,16 @@ class LiftManager:
         task = self._lifts.get(lift)
         return self._unknown(lift) if task is None else task.lock_out(by, reason)
 
+    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
+        """Take a lift from its holder at a person's word."""
+        task = self._lifts.get(lift)
+        return self._unknown(lift) if task is None else task.force_release(by, reason)
+
+    def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
+        """Give the session of `holder` to another caller, at the holder's own word."""
+        task = self._lifts.get(lift)
+        return self._unknown(lift) if task is None else task.hand_over(holder, to)
+
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         """Let robots on a lift again."""
         task = self._lifts.get(lift)
@@ -101,6 +134,10 @@ class LiftManager:
 
     def _unknown(self, lift: str) -> Refused:
         return Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are {', '.join(self._lifts)}")
+
+    def _not_recorded(self, text: str) -> None:
+        for lift in self._lifts:
+            self._bus.publish(Alarm(lift, text or "journal: rows are written again; robots are taken as before"))
 
     def _not_written(self, lift: str, text: str) -> None:
         self._bus.publish(Alarm(lift, text))

@@ -1,8 +1,9 @@
-"""What the manager needs from outside to remember people's words over a restart, and to know the time of day."""
+"""What the manager needs from outside to remember sessions and people's words over a restart, and to know the time of day."""
 
 from __future__ import annotations
 
 import asyncio
+from asyncio import Future
 from collections.abc import Callable
 from datetime import UTC, datetime, tzinfo
 from typing import Protocol
@@ -10,7 +11,7 @@ from typing import Protocol
 from lift_manager.domain.service import Remembered
 
 Clock = Callable[[], datetime]
-"""The time of day in the building, with its zone. Ages, leases and holds never use it."""
+"""The time of day in the building, with its zone. Ages, leases and holds use it only across a restart."""
 
 Trouble = Callable[[str, str], None]
 """Hears that what a lift must remember cannot be written: the lift, and why in words."""
@@ -23,6 +24,18 @@ def wall_clock(zone: tzinfo | None = None) -> Clock:
 
 class Memory(Protocol):
     """What outlives the manager, by lift. Nothing but `run` and `settled` waits, so releases never wait for a disk."""
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing can be written now, in words with what to do; empty while it can."""
+        ...
+
+    def written(self, lift: str) -> Future[None] | None:
+        """Return what is done once everything kept of a lift so far is written; None where it is already.
+
+        It never fails, and stays open for as long as nothing can be written: bound it with a timeout.
+        """
+        ...
 
     def recall(self, lift: str) -> Remembered:
         """Return what is remembered of a lift; the empty value for one that nothing was ever kept of."""
@@ -46,6 +59,12 @@ class ShortMemory:
 
     def __init__(self) -> None:
         self._lifts: dict[str, Remembered] = {}
+        self.trouble = ""
+        """May be set, as if a disk took nothing more."""
+
+    def written(self, lift: str) -> Future[None] | None:
+        """Have nothing to wait for."""
+        return None
 
     def recall(self, lift: str) -> Remembered:
         """Return what was kept last."""

@@ -24,7 +24,12 @@ class LiftOptions:
     first_poll_s: float = 0.0
     """Delay of the first poll, so that the lifts of a site do not poll in one burst."""
     lease_s: float = 300.0
-    """On humble, requests stop once the lift is where they want it (open-rmf 1.4): the lease outlives RMF's 300 s localise step."""
+    """For callers that can renew it (`domain.session.NO_LEASE`). Chosen: it outlives RMF's 300 s localise step."""
+    max_session_s: float = 3600.0
+    """How long a session lasts at most, renewed or not: robot mode is on for as long, and people are without their lift. Chosen:
+    above the longest ride that the other limits allow, two stops of `max_session_hold_s` and the trips between them."""
+    takeover_after_s: float | None = None
+    """A holder silent for so long loses an empty car to the next caller; never where the site does not say."""
     max_session_hold_s: float = 900.0
     infer_occupancy: bool = False
     """A caller that has no word for it boards and leaves by what it asks: for faces without one, such as RMF."""

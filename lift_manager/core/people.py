@@ -22,7 +22,9 @@ from lift_manager.domain.service import (
     Remembered,
     how_to_acknowledge,
     how_to_end_lockout,
+    how_to_release,
 )
+from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder, Restrictions
 
 _log = logging.getLogger(__name__)
@@ -36,7 +38,8 @@ class PeopleFirst:
         self._options = options
         self._bus = bus
         self._memory = memory
-        self._clock = clock
+        self.clock = clock
+        """The time of day in the building."""
         self._rests_until = -math.inf
         self.remembered = memory.recall(options.name)
         if self.remembered.keeps_robots_out:
@@ -91,7 +94,7 @@ class PeopleFirst:
 
     def outside_hours(self) -> Refused | None:
         """Refuse to begin with a robot at this time of day."""
-        hours, now = self._options.robot_hours, self._clock()
+        hours, now = self._options.robot_hours, self.clock()
         if hours is None or hours.now_open(now):
             return None
         text = (
@@ -115,7 +118,7 @@ class PeopleFirst:
 
     def latch_fire(self) -> None:
         """Keep robots out until a person has checked the lift."""
-        self._keep(replace(self.remembered, fire_since=self._clock()))
+        self._keep(replace(self.remembered, fire_since=self.clock()))
 
     def note_occupied(self, by: tuple[Holder, bool] | None) -> None:
         """Remember whose robot may be in the car, and whether it is known to be; called often, written on change."""
@@ -124,8 +127,13 @@ class PeopleFirst:
             if known is not None:
                 self._keep(replace(self.remembered, occupied=None))
         elif known is None or (known.holder, known.aboard) != by:
-            since = known.since if known is not None and known.holder == by[0] else self._clock()
+            since = known.since if known is not None and known.holder == by[0] else self.clock()
             self._keep(replace(self.remembered, occupied=Occupied(*by, since)))
+
+    def note_session(self, session: KeptSession | None) -> None:
+        """Remember who holds the lift."""
+        if session != self.remembered.session:
+            self._keep(replace(self.remembered, session=session))
 
     def lock_out(self, by: str, reason: str) -> Lockout | Refused:
         """Keep robots off until a person says otherwise; a second word does not cover up the first."""
@@ -133,7 +141,7 @@ class PeopleFirst:
         if self.lockout:
             text = f"{name} is locked out {self.lockout}; end that one first: {how_to_end_lockout(name)}"
             return Refused(Refusal.LOCKED_OUT, text)
-        lockout = Lockout(by, reason, self._clock())
+        lockout = Lockout(by, reason, self.clock())
         self._keep(replace(self.remembered, lockout=lockout))
         _log.warning("%s: locked out by %s: %s", name, by, reason)
         self._bus.publish(LockedOut(name, lockout))
@@ -144,21 +152,26 @@ class PeopleFirst:
         name, lockout = self._options.name, self.remembered.lockout
         if lockout is None:
             return Refused(Refusal.NOT_LOCKED_OUT, f"{name} is not locked out")
-        ended = LockoutEnded(by, self._clock(), lockout)
+        ended = LockoutEnded(by, self.clock(), lockout)
         _log.warning("%s: the lockout %s is ended by %s", name, self.lockout, by)
         self._keep(replace(self.remembered, lockout=None))
         self._bus.publish(LockoutOver(name, ended))
         return ended
 
-    def acknowledge(self, by: str, *, occupied: bool) -> Acknowledged | Refused:
-        """Take it that a person has checked the lift. `occupied` says whether a robot left in the car is one thing to check."""
+    def acknowledge(self, by: str, *, occupied: bool, held: Holder | None = None) -> Acknowledged | Refused:
+        """Take it that a person has checked the lift. `occupied` says whether a robot left in the car is one thing to check.
+
+        A robot whose session goes on is not left: `held` says whose that is.
+        """
         name = self._options.name
         causes = {Cause.FIRE: self.fire_latched, Cause.OCCUPIED: occupied}
         what = tuple(cause for cause, given in causes.items() if given)
         if not what:
             text = f"{name} has nothing to acknowledge: there was no fire, and no robot was left in the car"
+            if held is not None:
+                text += f"; {held} holds it, and a person ends that session with {how_to_release(name)}"
             return Refused(Refusal.NOTHING_TO_ACKNOWLEDGE, text)
-        said = Acknowledged(by, self._clock(), what)
+        said = Acknowledged(by, self.clock(), what)
         kept = None if occupied else self.remembered.occupied
         self._keep(replace(self.remembered, fire_since=None, occupied=kept, acknowledged=said))
         _log.warning("%s: %s acknowledged by %s", name, " and ".join(what), by)
@@ -179,4 +192,4 @@ class PeopleFirst:
         self._memory.keep(self._options.name, remembered)
 
     def _shown(self, at: datetime) -> str:
-        return f"{at.astimezone(self._clock().tzinfo):%Y-%m-%d %H:%M}"
+        return f"{at.astimezone(self.clock().tzinfo):%Y-%m-%d %H:%M}"

@@ -28,9 +28,15 @@ class RobotMode:
         """Whether it may be on although its session is over."""
         return self._keep_until is not None
 
-    def hold(self, permit: Permit) -> None:
-        """Ask for it, or renew it."""
-        self._driver.hold(_ROBOT_MODE, permit)
+    def hold(self, permit: Permit, *, begin: bool = True) -> None:
+        """Ask for it, or renew it; only renew it where it may not `begin`."""
+        if begin or self._driver.given(_ROBOT_MODE):
+            self._driver.hold(_ROBOT_MODE, permit)
+
+    def adopt(self, permit: Permit) -> None:
+        """Keep it on if it is found on after a restart."""
+        if self.known:
+            self._driver.adopt(_ROBOT_MODE, permit)
 
     def drop(self) -> None:
         """Let go of it at once."""
@@ -48,17 +54,17 @@ class RobotMode:
         """Drop it once the car stands still and nothing is left to report; a text is what a person should know.
 
         A car that never stands keeps it for a bounded time. While the lift cannot be read, `sight` is None, what it said
-        last decides, and the hold is not renewed.
+        last decides, and the hold is not renewed; one that was never read may be under way.
         """
         granted = last is not None and (
             "robot_mode_on" not in self._able.signals or last.values.flags.get("robot_mode_on", False)
         )
         under_way = last is not None and moving(last) and granted
         until = self._keep_until
-        if until is not None and now < until and (under_way or reporting):
+        if until is not None and now < until and (last is None or under_way or reporting):
             # what is on is kept on; what has fallen is not pressed for nobody
-            if sight is not None and self._driver.given(_ROBOT_MODE):
-                self.hold(permit)
+            if sight is not None:
+                self.hold(permit, begin=False)
             return None
         self.drop()
         if until is None or not under_way:

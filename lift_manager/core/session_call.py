@@ -39,6 +39,15 @@ class SessionCall:
         """Want the car at a floor; a repeat presses nothing while the call is pending or fulfilled."""
         self.now = calls.want(self.now, floor, now)
 
+    def restore(self, floor: FloorName, *, pressed: bool, now: float) -> None:
+        """Go on after a restart: follow a call that was pressed, and leave another one to the next request."""
+        self.now = calls.restored(floor, pressed=pressed, now=now)
+
+    @property
+    def pressed(self) -> bool:
+        """Whether it was given to the lift, or may have been, and has not failed."""
+        return self.now is not None and self.now.phase not in (CallPhase.WANTED, CallPhase.FAILED)
+
     def wait(self, now: float) -> None:
         """Let no time count that it has to wait for others."""
         if self.now is not None:

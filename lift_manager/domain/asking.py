@@ -52,6 +52,10 @@ class Refusal(StrEnum):
     """A fire cannot be acknowledged while the lift still tells of it."""
     NOTHING_TO_ACKNOWLEDGE = "nothing_to_acknowledge"
     NOT_LOCKED_OUT = "not_locked_out"
+    NOT_HELD = "not_held"
+    """Nobody holds the lift, so there is no session to end or to hand over."""
+    NOT_RECORDED = "not_recorded"
+    """What would be done cannot be written down, so nothing is pressed."""
 
 
 @dataclass(frozen=True, slots=True)

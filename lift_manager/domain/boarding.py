@@ -41,6 +41,19 @@ class Boarding:
 
 
 @dataclass(frozen=True, slots=True)
+class KeptBoarding:
+    """What of a session's robot outlives the manager; how long its door had stood open does not."""
+
+    who: Who = Who.EMPTY
+    sent_on: bool = False
+    may_leave_at: FloorName | None = None
+    in_place_told: bool = False
+    """The lift has taken the word that the robot is in place."""
+    left_untold: bool = False
+    """The robot left, and the lift has not taken that word."""
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """The session's stop, at the moment of a request."""
 

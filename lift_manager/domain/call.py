@@ -61,6 +61,16 @@ def want(call: Call | None, floor: FloorName, now: float) -> Call:
     return call
 
 
+def restored(floor: FloorName, *, pressed: bool, now: float) -> Call:
+    """Return the call of a session from before a restart. Nothing is pressed by it before the next request.
+
+    One that was pressed is followed as if it had been confirmed by now: it arrives, or is lost.
+    """
+    if pressed:
+        return Call(floor, CallPhase.CONFIRMED, now)
+    return Call(floor, CallPhase.FAILED, now, reason="not pressed before the restart")
+
+
 def waited(call: Call, now: float) -> Call:
     """Let a call that is not pressed yet begin now: what it waited for is not counted against it."""
     return replace(call, since=now) if call.phase is CallPhase.WANTED else call

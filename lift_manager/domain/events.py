@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.model import Outcome
-from lift_manager.domain.service import Acknowledged, Advice, EndReason, Lockout, LockoutEnded
+from lift_manager.domain.service import Acknowledged, Advice, EndReason, ForceReleased, Lockout, LockoutEnded
 from lift_manager.domain.state import Holder, LiftState
 
 
@@ -24,6 +24,26 @@ class SessionOpened:
     lift: str
     holder: Holder
     floor: str
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRestored:
+    """A caller holds the lift from before a restart of the manager."""
+
+    lift: str
+    holder: Holder
+    floor: str
+    text: str
+    """What it was restored with."""
+
+
+@dataclass(frozen=True, slots=True)
+class HandedOver:
+    """The session goes on with another holder."""
+
+    lift: str
+    holder: Holder
+    to: Holder
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +94,21 @@ class PersonAcknowledged:
 
 
 @dataclass(frozen=True, slots=True)
+class ReleasedByPerson:
+    """A person took the lift from its holder."""
+
+    lift: str
+    released: ForceReleased
+
+
+@dataclass(frozen=True, slots=True)
 class CommandEnded:
     """A command has its outcome."""
 
     lift: str
     outcome: Outcome
+    holder: Holder | None = None
+    """For whom it was given; None after their session."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +124,14 @@ class Alarm:
 Event = (
     StateChanged
     | SessionOpened
+    | SessionRestored
+    | HandedOver
     | SessionEnded
     | Advised
     | LockedOut
     | LockoutOver
     | PersonAcknowledged
+    | ReleasedByPerson
     | CommandEnded
     | Alarm
 )

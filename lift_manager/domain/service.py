@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum, unique
 
+from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from register_maps.words import Door, Side
 
@@ -26,6 +27,17 @@ class EndReason(StrEnum):
     FIRE = "fire"
     LOCKOUT = "lockout"
     STOPPING = "stopping"
+    """The manager ends. The session is taken up again when it starts, if its time is not over by then."""
+    FORCED = "forced"
+    """A person ended it."""
+    TAKEN_OVER = "taken_over"
+    """Its holder was silent for as long as the site allows, and another asked."""
+    MAX_SESSION = "max_session"
+    """It lasted for as long as the site allows."""
+    UNCLAIMED = "unclaimed"
+    """It is from before a restart, and another caller was heard first."""
+    NOT_RESTORED = "not_restored"
+    """It is from before a restart, and the site file no longer has what it needs."""
 
 
 ITS_OWN_WORD = frozenset({EndReason.RELEASED, EndReason.ARRIVED})
@@ -60,6 +72,19 @@ def how_to_acknowledge(lift: str) -> str:
 def how_to_end_lockout(lift: str) -> str:
     """Return the command line with which a person ends a lockout."""
     return f"`lift-manager lockout {shlex.quote(lift)} --by NAME --end`"
+
+
+def how_to_release(lift: str) -> str:
+    """Return the command line with which a person takes a lift from its holder."""
+    return f"`lift-manager release {shlex.quote(lift)} --by NAME --reason TEXT`"
+
+
+def silent_text(lift: str, holder: Holder, asker: Holder, silent_s: float) -> str:
+    """Return the alarm of a holder that is not heard of while another waits for the lift."""
+    return (
+        f"silent_holder: {holder} holds the lift and has not been heard for {silent_s:.0f} s, and {asker} asks for it; if"
+        f" {holder} needs it no more, a person ends its session: {how_to_release(lift)}"
+    )
 
 
 def abandoned_text(holder: Holder, reason: str) -> str:
@@ -106,6 +131,29 @@ class Occupied:
     since: datetime
 
 
+@dataclass(frozen=True, slots=True)
+class ForceReleased:
+    """A person's word that a session is over."""
+
+    by: str
+    at: datetime
+    reason: str
+    holder: Holder
+    """Whose session it was."""
+    maybe_aboard: bool
+    """Its robot may be in the car: others are refused until a person has looked."""
+
+    def text(self, lift: str) -> str:
+        """Return what the person is told."""
+        done = f"the session of {self.holder} on {lift} is over; everything is let go, and the car is not moved"
+        if not self.maybe_aboard:
+            return done
+        return (
+            f"{done}. A robot of {self.holder} may be in the car: others are refused until {self.holder} asks again or a"
+            f" person has looked: {how_to_acknowledge(lift)}"
+        )
+
+
 @unique
 class Cause(StrEnum):
     """What a person acknowledges."""
@@ -134,6 +182,8 @@ class Remembered:
     occupied: Occupied | None = None
     acknowledged: Acknowledged | None = None
     """The newest one."""
+    session: KeptSession | None = None
+    """Who holds the lift."""
 
     @property
     def keeps_robots_out(self) -> bool:

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 
 from drivers.model import FloorName
 from lift_manager.domain.asking import Ask, Refusal, Refused
+from lift_manager.domain.boarding import KeptBoarding
 from lift_manager.domain.state import Holder
+
+NO_LEASE: Mapping[str, str] = {
+    "rmf": "on humble, RMF asks no more once the lift is where it is wanted, so silence says nothing (open-rmf 1.6.12)",
+}
+"""Faces whose callers cannot renew a lease, and why. Their sessions end by a word, or after `max_session_s`."""
+
+SILENT_S = 30.0
+"""A holder that was not heard for so long, while another asks, is worth a person's look (DESIGN section 7)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,21 +40,24 @@ class Session:
     """Since when the door has been held for this session without a break."""
     hold_spent: bool = False
     """The hold reached its limit and was let go; it is not taken up again at this floor."""
+    heard_at: float | None = None
+    """When its holder last asked for anything; None while it has not since a restart of the manager."""
+    restored: bool = False
+    """It is from before a restart, and its holder has not been obeyed since: what is found off is not put on."""
 
 
 def admit(session: Session | None, ask: Ask, *, number: int, now: float) -> Session | Refused:
     """Open, renew or refuse a session for a request that passed every other check."""
     if session is None:
-        return Session(number, ask.holder, ask.floor, ask.hold_door, opened_at=now, lease_from=now)
+        return Session(number, ask.holder, ask.floor, ask.hold_door, opened_at=now, lease_from=now, heard_at=now)
     if session.holder != ask.holder:
-        return Refused(Refusal.HELD, f"held by {session.holder} since {now - session.opened_at:.0f} s")
+        return held(session, now)
+    renewed = replace(session, hold_door=ask.hold_door, lease_from=now, heard_at=now, restored=False)
     if session.floor == ask.floor:
-        return replace(session, hold_door=ask.hold_door, lease_from=now)
+        return renewed
     return replace(
-        session,
+        renewed,
         floor=ask.floor,
-        hold_door=ask.hold_door,
-        lease_from=now,
         stood_open=False,
         holding_since=None,
         hold_spent=False,
@@ -54,11 +69,96 @@ def stood_open(session: Session, now: float) -> Session:
     return session if session.stood_open else replace(session, stood_open=True, lease_from=max(session.lease_from, now))
 
 
+def held(session: Session, now: float) -> Refused:
+    """Return the refusal of everybody but the holder."""
+    return Refused(Refusal.HELD, f"held by {session.holder} since {now - session.opened_at:.0f} s")
+
+
+def handed_over(session: Session, to: Holder, now: float) -> Session:
+    """Give a session to another caller. Its lease starts anew; how long it may last in all does not."""
+    return replace(session, holder=to, lease_from=now, heard_at=now, restored=False)
+
+
+def silent_for(session: Session, now: float) -> float | None:
+    """Return for how long the holder has not been heard; None where it has not been heard since a restart."""
+    return None if session.heard_at is None else now - session.heard_at
+
+
 def lease_ends_at(session: Session, lease_s: float) -> float:
-    """Return the time at which the lift goes back to people unless the holder asks again."""
-    return session.lease_from + lease_s
+    """Return the time at which the lift goes back to people unless the holder asks again; infinite for faces without a lease."""
+    return math.inf if session.holder.face in NO_LEASE else session.lease_from + lease_s
+
+
+def ends_at(session: Session, max_session_s: float) -> float:
+    """Return the time from which the session ends as soon as that harms nobody, however often it is renewed or handed over."""
+    return session.opened_at + max_session_s
 
 
 def hold_ends_at(session: Session, max_session_hold_s: float) -> float | None:
     """Return the time at which the door is let go whatever the holder wants; None while it is not held."""
     return None if session.holding_since is None else session.holding_since + max_session_hold_s
+
+
+@dataclass(frozen=True, slots=True)
+class KeptSession:
+    """A session as it outlives the manager. Times are wall-clock times, taken all at once at `kept_at`."""
+
+    holder: Holder
+    floor: FloorName
+    hold_door: bool
+    opened_at: datetime
+    lease_from: datetime
+    holding_since: datetime | None
+    kept_at: datetime
+    stood_open: bool
+    hold_spent: bool
+    pressed: bool
+    """Its call was given to the lift, or may have been."""
+    boarding: KeptBoarding
+
+
+def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetime, now: float) -> KeptSession:
+    """Return what a restart must know. `at` is the wall clock at the monotonic time `now`."""
+
+    def wall(when: float) -> datetime:
+        return at + timedelta(seconds=when - now)
+
+    return KeptSession(
+        holder=session.holder,
+        floor=session.floor,
+        hold_door=session.hold_door,
+        opened_at=wall(session.opened_at),
+        lease_from=wall(session.lease_from),
+        holding_since=None if session.holding_since is None else wall(session.holding_since),
+        kept_at=at,
+        stood_open=session.stood_open,
+        hold_spent=session.hold_spent,
+        pressed=pressed,
+        boarding=boarding,
+    )
+
+
+def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Session:
+    """Return the session after a restart, at the wall clock `at` and the monotonic time `now`.
+
+    What had passed by `kept_at` is known, whatever the clocks do. What has passed since is the difference of two readings of
+    the wall clock: a clock that went back counts as no time at all, so that a lease starts anew at most; one that jumped
+    forward ends a lease early, and never makes it longer.
+    """
+    gone_s = max(0.0, (at - kept.kept_at).total_seconds())
+
+    def monotonic(when: datetime) -> float:
+        return now - gone_s - max(0.0, (kept.kept_at - when).total_seconds())
+
+    return Session(
+        number=number,
+        holder=kept.holder,
+        floor=kept.floor,
+        hold_door=kept.hold_door,
+        opened_at=monotonic(kept.opened_at),
+        lease_from=monotonic(kept.lease_from),
+        stood_open=kept.stood_open,
+        holding_since=None if kept.holding_since is None else monotonic(kept.holding_since),
+        hold_spent=kept.hold_spent,
+        restored=True,
+    )

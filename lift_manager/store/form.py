@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from datetime import MAXYEAR, MINYEAR, datetime
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict
 
+from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
+from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 
-VERSION: Literal[1] = 1
+VERSION: Literal[2] = 2
+"""Version 1 knows no sessions."""
 
 
 def _in_any_zone(at: datetime) -> datetime:
@@ -52,13 +57,74 @@ class AcknowledgedForm(_Part):
     what: tuple[Cause, ...]
 
 
-class LiftForm(_Part):
-    """What is remembered of one lift."""
+class SessionForm(_Part):
+    """A session."""
+
+    face: str
+    name: str
+    floor: str
+    hold_door: bool
+    opened_at: Moment
+    lease_from: Moment
+    holding_since: Moment | None
+    kept_at: Moment
+    stood_open: bool
+    hold_spent: bool
+    pressed: bool
+    who: Who
+    sent_on: bool
+    may_leave_at: str | None
+    in_place_told: bool
+    left_untold: bool
+
+    @classmethod
+    def of(cls, kept: KeptSession) -> SessionForm:
+        """Return the form of a session."""
+        return cls(
+            face=kept.holder.face,
+            name=kept.holder.name,
+            **{name: getattr(kept, name) for name in _OF_SESSION},
+            **{name: getattr(kept.boarding, name) for name in _OF_BOARDING},
+        )
+
+    def read(self) -> KeptSession:
+        """Return the session."""
+        return KeptSession(
+            holder=Holder(self.face, self.name),
+            boarding=KeptBoarding(**{name: getattr(self, name) for name in _OF_BOARDING}),
+            **{name: getattr(self, name) for name in _OF_SESSION},
+        )
+
+
+_OF_BOARDING = tuple(field.name for field in fields(KeptBoarding))
+_OF_SESSION = tuple(field.name for field in fields(KeptSession) if field.name not in ("holder", "boarding"))
+
+
+class LiftFormV1(_Part):
+    """What is remembered of one lift, sessions apart."""
 
     fire_since: Moment | None
     lockout: LockoutForm | None
     occupied: OccupiedForm | None
     acknowledged: AcknowledgedForm | None
+
+    def read(self) -> Remembered:
+        """Return what is remembered."""
+        lockout, occupied, said = self.lockout, self.occupied, self.acknowledged
+        return Remembered(
+            fire_since=self.fire_since,
+            lockout=Lockout(lockout.by, lockout.reason, lockout.since) if lockout else None,
+            occupied=Occupied(Holder(occupied.face, occupied.name), occupied.aboard, occupied.since)
+            if occupied
+            else None,
+            acknowledged=Acknowledged(said.by, said.at, said.what) if said else None,
+        )
+
+
+class LiftForm(LiftFormV1):
+    """What is remembered of one lift."""
+
+    session: SessionForm | None
 
     @classmethod
     def of(cls, kept: Remembered) -> LiftForm:
@@ -73,19 +139,12 @@ class LiftForm(_Part):
             if occupied
             else None,
             acknowledged=AcknowledgedForm(by=said.by, at=said.at, what=said.what) if said else None,
+            session=SessionForm.of(kept.session) if kept.session else None,
         )
 
     def read(self) -> Remembered:
         """Return what is remembered."""
-        lockout, occupied, said = self.lockout, self.occupied, self.acknowledged
-        return Remembered(
-            fire_since=self.fire_since,
-            lockout=Lockout(lockout.by, lockout.reason, lockout.since) if lockout else None,
-            occupied=Occupied(Holder(occupied.face, occupied.name), occupied.aboard, occupied.since)
-            if occupied
-            else None,
-            acknowledged=Acknowledged(said.by, said.at, said.what) if said else None,
-        )
+        return replace(super().read(), session=self.session.read() if self.session else None)
 
 
 class Head(BaseModel):
@@ -102,6 +161,19 @@ class StateForm(_Part):
     """The whole file."""
 
     format: Literal["lift-manager state"] = "lift-manager state"
-    version: Literal[1] = VERSION
+    version: Literal[2] = VERSION
     site: str
     lifts: dict[str, LiftForm]
+
+
+class StateFormV1(_Part):
+    """The whole file of version 1."""
+
+    format: Literal["lift-manager state"]
+    version: Literal[1]
+    site: str
+    lifts: dict[str, LiftFormV1]
+
+
+FORMS: Mapping[int, type[StateForm | StateFormV1]] = {1: StateFormV1, VERSION: StateForm}
+"""The form of each version that is read."""

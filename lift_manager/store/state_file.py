@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+from asyncio import Future
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
@@ -16,7 +17,7 @@ from pydantic import ValidationError
 from lift_manager.core.memory import Trouble
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
-from lift_manager.store.form import VERSION, Head, LiftForm, StateForm
+from lift_manager.store.form import FORMS, VERSION, Head, LiftForm, StateForm, StateFormV1
 from lift_manager.store.place import claim, replace_file
 from lift_manager.store.thread import in_thread
 
@@ -48,6 +49,31 @@ class StateFile:
         self._unwritten = set(lifts)
         self._reported: set[str] = set()
         """Lifts whose trouble has been told."""
+        self._why = ""
+        """Why nothing is written."""
+        self._words = 0
+        """How often anything was kept."""
+        self._word_of: dict[str, int] = {}
+        """Which of these was the newest of each lift."""
+        self._written_words = 0
+        """Up to which of these everything is on the disk."""
+        self._waiting: list[tuple[int, Future[None]]] = []
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing can be written now, in words with what to do; empty while it can."""
+        if not self._why:
+            return ""
+        return f"the sessions and people's words cannot be written to {self.path} ({self._why}); {_MEND}"
+
+    def written(self, lift: str) -> Future[None] | None:
+        """Return what is done once everything kept of a lift so far is on the disk; None where it is already."""
+        word = self._word_of.get(lift, 0)
+        if word <= self._written_words:
+            return None
+        future: Future[None] = asyncio.get_running_loop().create_future()
+        self._waiting.append((word, future))
+        return future
 
     def recall(self, lift: str) -> Remembered:
         """Return what was kept last."""
@@ -56,6 +82,8 @@ class StateFile:
     def keep(self, lift: str, remembered: Remembered) -> None:
         """Remember this, and write it soon."""
         self._kept[lift] = remembered
+        self._words += 1
+        self._word_of[lift] = self._words
         self._unwritten.add(lift)
         self._settled.clear()
         self._changed.set()
@@ -63,11 +91,12 @@ class StateFile:
     async def run(self, trouble: Trouble) -> None:
         """Write what is to be kept until cancelled, one write after the other."""
         pause_s = RETRY_S[0]
-        _log.info("what people said about the lifts is kept in %s", self.path)
+        _log.info("sessions, and what people said about the lifts, are kept in %s", self.path)
         while True:
             await self._changed.wait()
             self._changed.clear()
             taken, self._unwritten = self._unwritten, set()
+            words = self._words
             slow = asyncio.get_running_loop().call_later(
                 SLOW_S, self._report, taken, "the disk does not answer", trouble
             )
@@ -82,7 +111,7 @@ class StateFile:
                 pause_s = min(2 * pause_s, RETRY_S[1])
                 self._changed.set()
             else:
-                self._written()
+                self._written(words)
                 pause_s = RETRY_S[0]
             finally:
                 slow.cancel()
@@ -95,18 +124,24 @@ class StateFile:
         lifts = {lift: LiftForm.of(kept) for lift, kept in self._kept.items() if kept != Remembered()}
         return StateForm(site=self._site, lifts=lifts).model_dump_json(indent=2).encode() + b"\n"
 
-    def _written(self) -> None:
+    def _written(self, words: int) -> None:
         if self._reported:
             _log.warning("%s is written again", self.path)
             self._reported.clear()
+        self._why, self._written_words = "", words
+        for word, future in self._waiting:
+            if word <= words and not future.done():
+                future.set_result(None)
+        self._waiting = [(word, future) for word, future in self._waiting if word > words and not future.done()]
         if not self._unwritten:
             self._settled.set()
 
     def _report(self, lifts: Collection[str], why: str, trouble: Trouble) -> None:
+        self._why = why
         for lift in sorted(set(lifts) - self._reported):
             text = (
-                f"state: what people said about {lift} cannot be written to {self.path} ({why}); it is in force, but a"
-                " restart would forget it; see to it that this folder can be written, it is tried again by itself"
+                f"state: who holds {lift}, and what people said about it, cannot be written to {self.path} ({why}); it is in"
+                f" force, but a restart would forget it; {_MEND}"
             )
             _log.error("%s", text)
             trouble(lift, text)
@@ -159,31 +194,33 @@ def _keeping_out(path: Path, lifts: Collection[str]) -> Iterator[tuple[Path, str
     """Yield the states of other sites in the folder that keep robots off a lift of such a name, with site and lift."""
     for other in sorted(path.parent.glob("*.json")):
         try:
-            form = StateForm.model_validate_json(other.read_bytes())
-        except (OSError, ValidationError):
+            text = other.read_bytes()
+            form = FORMS[Head.model_validate_json(text).version].model_validate_json(text)
+        except (OSError, ValidationError, KeyError):
             continue  # whose ever it is, it is no state that could be ours
         for lift in sorted(form.lifts.keys() & set(lifts)):
             if form.lifts[lift].read().keeps_robots_out:
                 yield other, form.site, lift
 
 
-def _read(path: Path, text: bytes, site: str) -> StateForm:
+def _read(path: Path, text: bytes, site: str) -> StateForm | StateFormV1:
     try:
         head = Head.model_validate_json(text)
     except ValidationError as error:
         raise _unusable(path, f"is no state of a lift manager, or is damaged ({_first(error)})", _CURE) from error
-    if head.version != VERSION:
-        advice = f"start the version that wrote it; this one reads version {VERSION}"
+    if head.version not in FORMS:
+        advice = f"start the version that wrote it; this one reads versions up to {VERSION}"
         raise _unusable(path, f"is version {head.version} of that file", advice)
     if head.site != site:
         advice = f"name another folder with `state:` in the site file of {site!r}, or move that file away"
         raise _unusable(path, f"belongs to the site {head.site!r}", advice)
     try:
-        return StateForm.model_validate_json(text)
+        return FORMS[head.version].model_validate_json(text)
     except ValidationError as error:
         raise _unusable(path, f"is damaged ({_first(error)})", _CURE) from error
 
 
+_MEND = "see to it that this folder can be written, it is tried again by itself"
 _CURE = (
     "put back a copy of it; if there is none, let a person check every lift for a fire, a lockout and a robot in its car, and"
     " then move the file away"

@@ -11,9 +11,11 @@ from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from lift_manager.core.bus import Bus
+from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Clock, Memory
+from lift_manager.core.memory import Clock, Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.recording import LiftLog, RecordingBus
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.hours import RobotHours
@@ -151,6 +153,7 @@ async def spine(
     fire_release_delay_s: float = 0.0,
     robot_hours: RobotHours | None = None,
     memory: Memory | None = None,
+    journal: Journal | None = None,
     clock: Clock | None = None,
     codec: Codec | None = None,
     like: Parameters | None = None,
@@ -183,8 +186,11 @@ async def spine(
         max_registers_per_read=source.link.max_registers_per_read,
         max_bits_per_read=source.link.max_bits_per_read,
     )
-    driver = ModbusLift(codec, link, lift_settings, lines)
-    bus: Bus[Event] = Bus()
+    memory = memory or ShortMemory()
+    journal = journal or ShortJournal()
+    log = LiftLog("lift", journal, memory)
+    driver = ModbusLift(codec, link, lift_settings, lines, log=log)
+    bus = RecordingBus(journal)
     options = LiftOptions(
         name="lift",
         floors=tuple(named),
@@ -198,7 +204,7 @@ async def spine(
         fire_release_delay_s=fire_release_delay_s,
         robot_hours=robot_hours,
     )
-    task = LiftTask(driver, options, bus, memory=memory, clock=clock)
+    task = LiftTask(driver, options, bus, memory=memory, log=log, clock=clock)
     running = [asyncio.ensure_future(work) for work in (*(one.run() for one in links), task.drive(), task.run())]
     made = Spine(device, task, bus, driver, link, face, devices)
     await elapse(1.5)

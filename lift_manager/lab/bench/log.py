@@ -10,8 +10,8 @@ from lift_manager.core.bus import Bus
 from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Alarm, CommandEnded, Event
-from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.state import LiftState
+from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.state import Holder, LiftState
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,11 @@ class NotingFacade:
         self._facade = facade
         self._log = log
 
+    @property
+    def trouble(self) -> str:
+        """Why nothing is pressed on any lift."""
+        return self._facade.trouble
+
     def lift_names(self) -> tuple[str, ...]:
         """Every lift of the site."""
         return self._facade.lift_names()
@@ -89,6 +94,18 @@ class NotingFacade:
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         """Take a person's word that robots may command it again."""
         answer = self._facade.end_lockout(lift, by)
+        self._note(lift, answer)
+        return answer
+
+    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
+        """Take a person's word that a session is over."""
+        answer = self._facade.force_release(lift, by, reason)
+        self._note(lift, answer)
+        return answer
+
+    def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
+        """Give the session to another caller, at its holder's word."""
+        answer = self._facade.hand_over(lift, holder, to)
         self._note(lift, answer)
         return answer
 

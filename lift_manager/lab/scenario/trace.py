@@ -224,6 +224,10 @@ def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
     match event:
         case events.SessionOpened(holder=holder, floor=floor):
             return "session", {"open": True, "holder": holder, "floor": floor}
+        case events.SessionRestored(holder=holder, floor=floor, text=text):
+            return "session", {"open": True, "holder": holder, "floor": floor, "text": text}
+        case events.HandedOver(holder=holder, to=to):
+            return "session", {"open": True, "holder": to, "text": f"handed over by {holder}"}
         case events.SessionEnded(holder=holder, reason=reason, text=text, advice=advice):
             return "session", {"open": False, "holder": holder, "reason": reason, "text": text, "advice": advice}
         case events.Advised(holder=holder, advice=advice, text=text):
@@ -233,7 +237,13 @@ def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
             return "outcome", {**fields, "result": outcome.result, "proof": outcome.proof, "reason": outcome.reason}
         case events.Alarm(text=text, holder=holder):
             return "alarm", {"text": text, "holder": holder}
-        case events.StateChanged() | events.LockedOut() | events.LockoutOver() | events.PersonAcknowledged():
+        case (
+            events.StateChanged()
+            | events.LockedOut()
+            | events.LockoutOver()
+            | events.PersonAcknowledged()
+            | events.ReleasedByPerson()
+        ):
             return None  # the states, and the answers to people, are entries of their own
         case _:
             assert_never(event)

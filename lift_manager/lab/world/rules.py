@@ -12,7 +12,16 @@ from dataclasses import dataclass, field
 from drivers.model import FloorName
 from lift_manager.commissioning.detection import Lie
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event, LockedOut, LockoutOver, PersonAcknowledged, SessionEnded, SessionOpened
+from lift_manager.domain.events import (
+    Event,
+    HandedOver,
+    LockedOut,
+    LockoutOver,
+    PersonAcknowledged,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+)
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.judged import Judged
 from lift_manager.lab.world.oracle import RELEASES_WITHIN_S, Oracle
@@ -58,6 +67,8 @@ class _Book:
     """When the lift was last in a mode without robots."""
     live_at: float = -math.inf
     restarted_at: float = -math.inf
+    asked_since: bool = True
+    """Whether anybody has asked for the lift since the last restart, and was accepted."""
     stopping: bool = False
     floor: FloorName | None = None
     """Of the last request that was accepted."""
@@ -113,6 +124,10 @@ class Rules:
         if at < book.rests_until and commands - _WORDS - kept:
             text = f"{names}, {book.rests_until - at:.1f} s before people have had their turn"
             self._oracle.find(at, lift, "pressed in people's turn", text, Lie.OUTPUT)
+        if not book.asked_since and (by_itself := commands - {"robot_left"} - book.about.repeated):
+            # that a robot left is a person's word as well
+            text = f"{', '.join(sorted(by_itself))}, and nobody has asked for the lift since"
+            self._oracle.find(at, lift, "pressed by a restart", text, Lie.OUTPUT)
         self._again(at, lift, book, commands)
 
     def published(self, at: float, lift: str, state: LiftState) -> None:
@@ -139,11 +154,8 @@ class Rules:
     def heard(self, at: float, event: Event) -> None:
         """Keep the book of sessions and of people's words."""
         match event:
-            case SessionOpened(lift=lift, holder=holder):
-                book = self._books[lift]
-                if book.session not in (None, holder):
-                    self._oracle.find(at, lift, "two holders", f"{holder} gets the lift, and {book.session} holds it")
-                book.session, book.pressed_something = holder, False
+            case SessionOpened() | SessionRestored() | HandedOver():
+                self._held(at, event)
             case SessionEnded(lift=lift):
                 book = self._books[lift]
                 book.session, book.floor = None, None
@@ -170,6 +182,7 @@ class Rules:
             book.floor = ask.floor
             book.calls.clear()
         lets_go = not ask.hold_door and book.truth is not None and book.truth.at in (ask.floor, None)
+        book.asked_since |= not lets_go
         if lets_go or ask.robot is not None:
             return
         if ask.hold_door:  # without, a floor that the car has just left may be let go of as well
@@ -182,7 +195,8 @@ class Rules:
             book.stopping = True
         if struck.fault == RESTART:
             for book in self._books.values():
-                book.session, book.floor, book.restarted_at = None, None, at
+                # the session may go on, and is told then
+                book.session, book.floor, book.restarted_at, book.asked_since = None, None, at, False
                 book.rests_until = -math.inf
                 book.calls.clear()
                 book.doubts.clear()
@@ -194,6 +208,16 @@ class Rules:
             self._oracle.find(at, lift, "let in despite a lockout", str(asker))
         if holder not in (None, asker) and book.session == holder:
             self._oracle.find(at, lift, "two holders", f"{asker} is obeyed, and {holder} holds the lift")
+
+    def _held(self, at: float, event: SessionOpened | SessionRestored | HandedOver) -> None:
+        book = self._books[event.lift]
+        if book.session not in (None, event.holder):
+            text = f"{event.holder} gets the lift, or gives it away, and {book.session} holds it"
+            self._oracle.find(at, event.lift, "two holders", text)
+        if isinstance(event, HandedOver):
+            book.session = event.to
+        else:
+            book.session, book.pressed_something = event.holder, isinstance(event, SessionRestored)
 
     def _acknowledged(self, at: float, lift: str, book: _Book) -> None:
         shown = book.state is not None and book.state.quality is Quality.LIVE and book.state.mode is Mode.FIRE

@@ -18,8 +18,8 @@ from register_maps.words import Door, Mode, Side
 from tests.lift_manager.domain.test_call import ABLE
 from tests.support.virtual_time import elapse, run_virtual
 
-ROBOT = Holder("rmf", "fleet/robot1")
-OTHER = Holder("rmf", "fleet/robot2")
+ROBOT = Holder("api", "fleet/robot1")
+OTHER = Holder("api", "fleet/robot2")
 FRONT = Side.FRONT
 
 PERMITTING = replace(
@@ -52,6 +52,10 @@ PLAIN = replace(
 """One call for the empty and the occupied car, a door hold, and permissions."""
 
 
+AT_L2 = LiftValues(floor="L2", mode=Mode.NORMAL, doors={FRONT: Door.CLOSED})
+"""The car stands there with its door shut."""
+
+
 class Silent(DriverError):
     """The scripted lift does not answer."""
 
@@ -78,6 +82,9 @@ class ScriptedDriver:
     """When each hold was last renewed."""
     permits: dict[str, Permit] = field(default_factory=dict)
     """The permit each command was last given with."""
+    left_on: frozenset[str] = frozenset()
+    """What was on when the process began: kept on where it is adopted."""
+    adopted: set[str] = field(default_factory=set)
     _flying: dict[str, asyncio.Future[Outcome]] = field(default_factory=dict)
 
     async def read(self) -> LiftReading:
@@ -109,6 +116,13 @@ class ScriptedDriver:
             self.on.add(command.name)
         self.permits[command.name] = permit
         self.renewed[command.name] = asyncio.get_running_loop().time()
+
+    def adopt(self, command: Command, permit: Permit) -> None:
+        assert command.name in self.capabilities.commands, command
+        self.adopted.add(command.name)
+        self.permits[command.name] = permit
+        if command.name in self.left_on:
+            self.on.add(command.name)
 
     def let_go(self, command: Command) -> None:
         if command.name in self.on:
@@ -259,32 +273,47 @@ def on_bench(
     doors_at: dict[str, tuple[Side, ...]] | None = None,
     between_sessions_s: float = 0.0,
     fire_release_delay_s: float = 0.0,
+    max_session_s: float = 3600.0,
+    takeover_after_s: float | None = None,
     memory: Memory | None = None,
     clock: Clock | None = None,
+    found: LiftValues = AT_L2,
+    left_on: frozenset[str] = frozenset(),
+    floors: tuple[str, ...] = ("L1", "L2", "L3"),
+    control: bool = True,
+    at_once: Callable[["Bench"], object] | None = None,
 ) -> None:
-    """Run a check on a fresh bench, on virtual time. The car stands at L2 with its door shut."""
+    """Run a check on a fresh bench, on virtual time. Unless told otherwise, the car stands at L2 with its door shut.
+
+    `left_on` are the outputs that a manager before this one left on; `at_once` happens before the first reading.
+    """
 
     async def main() -> None:
-        driver = ScriptedDriver(able, LiftValues(floor="L2", mode=Mode.NORMAL, doors={FRONT: Door.CLOSED}))
+        driver = ScriptedDriver(able, found, left_on=left_on)
         bus: Bus[Event] = Bus()
         options = LiftOptions(
             name="lift",
-            floors=("L1", "L2", "L3"),
-            doors_at=doors_at or dict.fromkeys(("L1", "L2", "L3"), (FRONT,)),
-            control=True,
+            floors=floors,
+            doors_at=doors_at or dict.fromkeys(floors, (FRONT,)),
+            control=control,
             poll_s=0.1,
             lease_s=lease_s,
             max_session_hold_s=max_session_hold_s,
             infer_occupancy=infer,
             between_sessions_s=between_sessions_s,
             fire_release_delay_s=fire_release_delay_s,
+            max_session_s=max_session_s,
+            takeover_after_s=takeover_after_s,
         )
         task = LiftTask(driver, options, bus, memory=memory, clock=clock)
         with bus.listen(10_000) as heard:
             running = [asyncio.ensure_future(work) for work in (task.drive(), task.run())]
+            made = Bench(driver, task, heard)
+            if at_once is not None:
+                at_once(made)
             await elapse(0.5)
             try:
-                await check(Bench(driver, task, heard))
+                await check(made)
             finally:
                 for work in running:
                     work.cancel()

@@ -373,7 +373,7 @@ def test_whoever_must_check_a_lift_after_a_fire_is_told_of_the_robot_that_may_be
         await made.mode(Mode.FIRE)
         await made.mode(Mode.NORMAL)
         assert (
-            "a person must check it, and look for a robot of rmf:fleet/robot1 in its car" in made.refuse("L1").message
+            "a person must check it, and look for a robot of api:fleet/robot1 in its car" in made.refuse("L1").message
         )
 
     on_bench(check, PLAIN)

@@ -294,7 +294,7 @@ def test_an_abandoned_robot_keeps_others_out_and_its_own_caller_takes_up_the_rid
         await abandoned(made)
         refused = made.refuse("L1", holder=OTHER)
         assert refused.code is Refusal.OCCUPANCY_UNKNOWN
-        assert "rmf:fleet/robot1 may still be aboard" in refused.message
+        assert "api:fleet/robot1 may still be aboard" in refused.message
         made.accept("L3")
         await elapse(1)
         assert made.presses == ["call L1", "robot_in_place", "go L3", "go L3"]

@@ -185,9 +185,10 @@ def test_a_robot_that_may_be_inside_gets_out_at_any_hour_also_after_a_restart() 
             await door_held(made)
         noon = MONDAY.replace(hour=12)
         async with spine(memory=memory, robot_hours=NIGHTS, clock=lambda: noon) as made:
-            assert made.refuse("L1", holder=OTHER).code is Refusal.OUTSIDE_HOURS
+            assert made.refuse("L1", holder=OTHER).code is Refusal.HELD
             made.accept("L1")
             made.accept("L1", hold=False)
+            assert made.refuse("L1", holder=OTHER).code is Refusal.OUTSIDE_HOURS
             assert made.refuse("L1").code is Refusal.OUTSIDE_HOURS
 
     run_virtual(main)

@@ -3,7 +3,15 @@
 from dataclasses import replace
 
 from lift_manager.domain.asking import Accepted, Ask
-from lift_manager.domain.events import LockedOut, LockoutOver, PersonAcknowledged, SessionEnded, SessionOpened
+from lift_manager.domain.events import (
+    HandedOver,
+    LockedOut,
+    LockoutOver,
+    PersonAcknowledged,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+)
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.world.oracle import Oracle
@@ -60,6 +68,7 @@ def test_a_press_after_a_fire_is_found_over_a_restart_too() -> None:
     oracle, rules = book()
     rules.published(1.0, "lift", on_fire())
     rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(8.0, ask(), Accepted())
     rules.pressed(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["pressed after a fire"]
 
@@ -177,3 +186,36 @@ def test_a_lift_that_nobody_holds_may_stand_open_by_itself() -> None:
     rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
     rules.published(9.0, "lift", state(holder=None))
     assert found(oracle) == []
+
+
+def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> None:
+    oracle, rules = book()
+    rules.asked(1.0, ask(), Accepted())
+    rules.heard(1.0, opened())
+    rules.pressed(1.1, "lift", frozenset({"go_to"}))
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.heard(3.1, SessionRestored("lift", ROBOT, "L1", ""))
+    assert found(oracle) == []
+    rules.pressed(4.0, "lift", frozenset({"robot_mode"}))
+    assert found(oracle) == ["pressed by a restart"]
+    rules.asked(5.0, ask(), Accepted())
+    rules.pressed(6.0, "lift", frozenset({"hold_door.front"}))
+    assert found(oracle) == ["pressed by a restart"]
+
+
+def test_the_same_holder_may_go_on_after_a_restart_and_nobody_else() -> None:
+    oracle, rules = book()
+    rules.heard(1.0, opened())
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.heard(3.1, SessionRestored("lift", ROBOT, "L1", ""))
+    rules.heard(4.0, HandedOver("lift", ROBOT, OTHER))
+    assert found(oracle) == []
+    rules.heard(5.0, opened())
+    assert found(oracle) == ["two holders"]
+
+
+def test_a_lift_that_somebody_gives_away_who_does_not_hold_it_is_found() -> None:
+    oracle, rules = book()
+    rules.heard(1.0, opened())
+    rules.heard(2.0, HandedOver("lift", OTHER, ROBOT))
+    assert found(oracle) == ["two holders"]

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from lift_manager.core.memory import Memory, ShortMemory
+from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
+from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from lift_manager.store.state_file import opened
 
@@ -19,6 +21,19 @@ EVERYTHING = Remembered(
     lockout=Lockout("Jürgen O'Neill", 'door "front" is being replaced', AT.astimezone(SINGAPORE)),
     occupied=Occupied(Holder("rmf", "fleet/robot1"), True, AT),
     acknowledged=Acknowledged("王", AT, (Cause.FIRE, Cause.OCCUPIED)),
+    session=KeptSession(
+        holder=Holder("rmf", "fleet/robot1"),
+        floor="Étage 3",
+        hold_door=True,
+        opened_at=AT,
+        lease_from=AT + timedelta(seconds=1),
+        holding_since=AT + timedelta(seconds=2),
+        kept_at=(AT + timedelta(seconds=3)).astimezone(SINGAPORE),
+        stood_open=True,
+        hold_spent=False,
+        pressed=True,
+        boarding=KeptBoarding(Who.ABOARD, sent_on=True, may_leave_at="G", in_place_told=True, left_untold=False),
+    ),
 )
 VALUES = [
     Remembered(),
@@ -27,6 +42,7 @@ VALUES = [
     Remembered(lockout=EVERYTHING.lockout),
     Remembered(occupied=Occupied(Holder("workshop", "workshop"), False, AT)),
     Remembered(acknowledged=EVERYTHING.acknowledged),
+    Remembered(session=EVERYTHING.session),
 ]
 LIFTS = ("east", "Güter / 2")
 
@@ -87,3 +103,17 @@ def test_each_lift_has_its_own(again: Callable[[], Memory]) -> None:
 
 def test_nothing_to_write_is_settled_at_once(again: Callable[[], Memory]) -> None:
     asyncio.run(written(again()))
+
+
+def test_a_press_waits_for_nothing_once_everything_is_written(again: Callable[[], Memory]) -> None:
+    async def main() -> None:
+        memory = again()
+        assert memory.written("east") is None
+        memory.keep("east", EVERYTHING)
+        waiting = memory.written("east")
+        await written(memory)
+        assert waiting is None or waiting.done()
+        assert memory.written("east") is None
+        assert memory.trouble == ""
+
+    asyncio.run(main())

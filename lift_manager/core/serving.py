@@ -1,0 +1,146 @@
+"""What is pressed and held for the session that holds a lift, reading by reading. Nothing here waits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.driver import LiftDriver, Permit
+from drivers.model import FloorName
+from lift_manager.core.announce import Announcer
+from lift_manager.core.calling import CallButton
+from lift_manager.core.doors import DoorHolds
+from lift_manager.core.handshake import Handshake
+from lift_manager.core.options import LiftOptions
+from lift_manager.core.session_call import SessionCall
+from lift_manager.domain import call as calls
+from lift_manager.domain import session as sessions
+from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.service import EndReason
+from lift_manager.domain.session import KeptSession, Session
+from lift_manager.domain.sight import Sight, barred
+
+End = tuple[EndReason, str]
+"""Why a session is over, as a code and in words."""
+
+
+class Serving:
+    """The call and the holds of a session. Each step returns the session as it goes on, or why it is over."""
+
+    def __init__(
+        self,
+        driver: LiftDriver,
+        options: LiftOptions,
+        button: CallButton,
+        handshake: Handshake,
+        say: Announcer,
+        *,
+        used: Callable[[Session], None],
+    ) -> None:
+        """`used` hears of the session as it is, just before something is held for it."""
+        self.call = SessionCall(options.name, driver.capabilities, button)
+        self.doors = DoorHolds(driver, options)
+        self.awaits = ""
+        """What the lift, or the holder, has still to give."""
+        self._able = driver.capabilities
+        self._options = options
+        self._button = button
+        self._handshake = handshake
+        self._say = say
+        self._used = used
+
+    def restore(self, session: Session, kept: KeptSession, permit: Permit, now: float) -> None:
+        """Keep on what is found on after a restart, and press nothing."""
+        self.call.restore(session.floor, pressed=kept.pressed, now=now)
+        self._handshake.restore(kept.boarding, session.floor, permit, now)
+        if kept.pressed:
+            self._button.adopt(session.floor, permit, aboard=self._handshake.aboard is True)
+        if session.holding_since is not None:
+            self.doors.adopt(session.floor, permit)
+
+    def wants(self, session: Session, now: float) -> None:
+        """Take a request that was accepted: a new call, or the same one again."""
+        moves_on = self.call.elsewhere(session.floor)
+        if moves_on and self._handshake.ready:
+            self._button.let_go()
+        holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
+        if moves_on or not (session.hold_spent and holds_door):
+            self.call.want(session.floor, now)
+
+    def end(self) -> None:
+        """Let go of the doors, and follow nothing any more."""
+        self.call.forget()
+        self.awaits = ""
+        self.doors.let_go()
+
+    def advance(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session | End:
+        """Press, hold and let go for a session, as far as a fresh reading allows. `permit` is that of its presses."""
+        call = self.call.now
+        if call is None:
+            return session
+        call = self.call.seen(call, sight, now)
+        lost = session.restored and call.phase is CallPhase.FAILED
+        self.awaits = f"{session.holder} to ask again after a restart of the manager" if lost else ""
+        self._handshake.seen(sight, session, now)
+        command = self._handshake.next_command(call.floor)
+        missing = calls.missing(sight, self._able, command) if call.phase is CallPhase.WANTED else None
+        if missing:
+            self.doors.let_go()
+            return self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
+        if call.phase is CallPhase.WANTED and not self._handshake.ready:
+            return self._await_word(session, sight, permit, now)
+        if calls.may_press(call, sight, self._able, now):
+            self.doors.let_go()
+            self.call.press(call, permit, aboard=self._handshake.aboard is True, now=now)
+        elif call.phase is CallPhase.ARRIVED:
+            self._button.let_go_at("arrived")
+            return self._stay(session, sight, permit, now)
+        else:
+            self.doors.let_go()
+            if call.phase is CallPhase.FAILED and self._button.until:
+                self._button.let_go()
+        return session
+
+    def _await_word(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session:
+        """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
+        if self._handshake.aboard and sight.floor is not None and sight.standing:
+            return self._hold_open(session, sight, sight.floor, permit, now)
+        self.doors.let_go()
+        return session
+
+    def _await_grant(self, session: Session, call: Call, what: str, now: float) -> Session | End:
+        """Let the lease stand still while the lift has not granted what is needed, such as robot mode, but not for ever."""
+        self.awaits = f"{what}, which the lift has not granted yet"
+        if now - call.since > self._able.granted_within_s:
+            return EndReason.NOT_GRANTED, f"{what} was not granted within {self._able.granted_within_s:g} s"
+        return replace(session, lease_from=now)
+
+    def _stay(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session | End:
+        """Hold the door at the session's floor, or end a session that wanted no more than to get there.
+
+        A robot aboard keeps its session: it has still to get out.
+        """
+        if not session.hold_door and self._handshake.aboard is not True:
+            return EndReason.ARRIVED, "arrived"
+        if self._handshake.door_is_open(sight, session.floor):
+            session = sessions.stood_open(session, now)
+        return self._hold_open(session, sight, session.floor, permit, now) if session.hold_door else session
+
+    def _hold_open(self, session: Session, sight: Sight, floor: FloorName, permit: Permit, now: float) -> Session:
+        """Hold the doors that serve a floor, and the call that keeps them open, for as long as the site allows.
+
+        After a restart what is found off stays off until the holder is heard.
+        """
+        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
+        if ends_at is not None and now >= ends_at and not session.hold_spent:
+            session = replace(session, hold_spent=True, holding_since=None)
+            self._say.hold_spent(session.holder, self._options.max_session_hold_s)
+        if session.hold_spent or barred(sight.values, self._able) is not None:
+            self.doors.let_go()
+            self._button.let_go_of_door()
+            return session
+        session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
+        self._used(session)
+        self._button.keep_on(permit)
+        self.doors.hold(floor, permit, begin=not session.restored)
+        return session

@@ -1,0 +1,63 @@
+"""How a session outlives the manager: written down as it changes, and taken up again at the next start."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from lift_manager.core.options import LiftOptions
+from lift_manager.core.people import PeopleFirst
+from lift_manager.domain import session as sessions
+from lift_manager.domain.boarding import KeptBoarding
+from lift_manager.domain.service import EndReason
+from lift_manager.domain.session import KeptSession, Session
+
+RENEWED_EVERY_S = 10.0
+"""A lease that is merely renewed is written at most so often, and four times in its length: a caller may renew it several times a
+second, and a memory card wears out. Chosen: after a restart a lease ends at most that much early."""
+
+
+class SessionMemory:
+    """What is on the disk about the session of one lift."""
+
+    def __init__(self, options: LiftOptions, people: PeopleFirst) -> None:
+        self._options = options
+        self._people = people
+        self._every_s = min(RENEWED_EVERY_S, options.lease_s / 4)
+        self._noted: tuple[Session, KeptBoarding, bool] | None = None
+        """What was written, its lease left out."""
+        self._lease_from = -math.inf
+
+    @property
+    def kept(self) -> KeptSession | None:
+        """The session as it was written down last."""
+        return self._people.remembered.session
+
+    def take_up(self, kept: KeptSession, number: int, now: float) -> Session | tuple[EndReason, str]:
+        """Return the session of before a restart, or why it is over."""
+        options, people = self._options, self._people
+        session = sessions.restored(kept, number=number, at=people.clock(), now=now)
+        if not options.control:
+            return EndReason.NOT_RESTORED, "the site file no longer says `access: control`"
+        if session.floor not in options.floors:
+            return EndReason.NOT_RESTORED, f"the site file no longer has its floor {session.floor}"
+        if people.lockout:
+            return EndReason.LOCKOUT, f"the lift is locked out {people.lockout}"
+        if people.fire_latched:
+            return EndReason.FIRE, "there was a fire"
+        if now >= sessions.lease_ends_at(session, options.lease_s):
+            return EndReason.LEASE, f"the lease of {options.lease_s:g} s ran out while the manager was not running"
+        return session
+
+    def note(self, session: Session | None, boarding: KeptBoarding, *, pressed: bool, now: float) -> None:
+        """Write down what a restart must know, if it has changed; called often."""
+        if session is None:
+            self._noted = None
+            self._people.note_session(None)
+            return
+        noted = (replace(session, lease_from=0.0, heard_at=None), boarding, pressed)
+        if noted == self._noted and session.lease_from - self._lease_from < self._every_s:
+            return
+        self._noted, self._lease_from = noted, session.lease_from
+        at = self._people.clock()
+        self._people.note_session(sessions.kept(session, boarding, pressed=pressed, at=at, now=now))

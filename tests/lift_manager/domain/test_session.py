@@ -1,0 +1,100 @@
+"""Sessions over time and over restarts: whatever the clocks do, none lasts longer than it may."""
+
+from datetime import UTC, datetime, timedelta
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lift_manager.domain.asking import Ask, Refusal, Refused
+from lift_manager.domain.boarding import KeptBoarding, Who
+from lift_manager.domain.session import (
+    NO_LEASE,
+    Session,
+    admit,
+    ends_at,
+    handed_over,
+    kept,
+    lease_ends_at,
+    restored,
+    silent_for,
+)
+from lift_manager.domain.state import Holder
+
+AT = datetime(2026, 3, 2, 12, tzinfo=UTC)
+ONE, OTHER, RMF = Holder("api", "r1"), Holder("api", "r2"), Holder("rmf", "fleet/r1")
+LEASE_S = 300.0
+seconds = st.floats(0, 1e6).map(lambda value: round(value, 3))
+
+
+def opened(holder: Holder = ONE, at: float = 100.0) -> Session:
+    session = admit(None, Ask("lift", holder, "L1", hold_door=True), number=1, now=at)
+    assert isinstance(session, Session)
+    return session
+
+
+def after_a_restart(session: Session, *, kept_at: float, wall_s: float, now: float) -> Session:
+    """Keep it, and take it up on another monotonic clock `wall_s` later by the clock on the wall."""
+    written = kept(session, KeptBoarding(), pressed=True, at=AT, now=kept_at)
+    return restored(written, number=7, at=AT + timedelta(seconds=wall_s), now=now)
+
+
+def test_what_is_kept_says_everything_but_the_monotonic_clock() -> None:
+    boarding = KeptBoarding(Who.ABOARD, sent_on=True, may_leave_at="L3", in_place_told=True)
+    written = kept(opened(), boarding, pressed=True, at=AT, now=160.0)
+    assert (written.holder, written.floor, written.hold_door, written.pressed) == (ONE, "L1", True, True)
+    assert written.opened_at == written.lease_from == AT - timedelta(seconds=60)
+    assert (written.kept_at, written.boarding) == (AT, boarding)
+
+
+def test_a_restart_counts_the_time_that_it_took() -> None:
+    session = after_a_restart(opened(), kept_at=160.0, wall_s=40.0, now=5.0)
+    assert (session.number, session.restored, session.heard_at) == (7, True, None)
+    assert 5.0 - session.opened_at == 100.0
+    assert lease_ends_at(session, LEASE_S) == 5.0 + LEASE_S - 100.0
+
+
+@given(age_s=seconds, back_s=seconds, now=seconds)
+def test_a_wall_clock_that_went_back_counts_as_no_time(age_s: float, back_s: float, now: float) -> None:
+    session = after_a_restart(opened(at=0.0), kept_at=age_s, wall_s=-back_s, now=now)
+    assert abs(now - session.opened_at - age_s) < 1e-3
+
+
+@given(age_s=seconds, gone_s=seconds, jump_s=st.floats(-1e6, 1e6), now=seconds)
+def test_no_clock_makes_a_lease_longer_than_one_lease(age_s: float, gone_s: float, jump_s: float, now: float) -> None:
+    session = after_a_restart(opened(at=0.0), kept_at=age_s, wall_s=gone_s + jump_s, now=now)
+    rest_s = lease_ends_at(session, LEASE_S) - now
+    assert rest_s <= LEASE_S + 1e-3
+    if jump_s >= 0:
+        assert rest_s <= LEASE_S - gone_s - age_s + 1e-3
+
+
+def test_a_time_in_the_future_counts_as_none_gone() -> None:
+    written = kept(opened(at=500.0), KeptBoarding(), pressed=False, at=AT, now=100.0)
+    assert restored(written, number=1, at=AT, now=50.0).opened_at == 50.0
+
+
+def test_a_request_of_the_holder_makes_a_restored_session_an_ordinary_one() -> None:
+    session = after_a_restart(opened(), kept_at=100.0, wall_s=0.0, now=5.0)
+    again = admit(session, Ask("lift", ONE, "L1", hold_door=True), number=8, now=6.0)
+    assert isinstance(again, Session)
+    assert (again.number, again.restored, silent_for(again, 9.0)) == (7, False, 3.0)
+    assert silent_for(session, 9.0) is None
+
+
+def test_another_caller_is_told_who_holds_it_and_since_when() -> None:
+    refused = admit(opened(at=100.0), Ask("lift", OTHER, "L1", hold_door=True), number=2, now=142.0)
+    assert refused == Refused(Refusal.HELD, "held by api:r1 since 42 s")
+
+
+def test_a_hand_over_renews_the_lease_and_not_the_limit() -> None:
+    session = handed_over(opened(at=0.0), OTHER, 50.0)
+    assert session.holder == OTHER
+    assert lease_ends_at(session, LEASE_S) == 50.0 + LEASE_S
+    assert ends_at(session, 3600.0) == 3600.0
+
+
+def test_a_face_that_cannot_renew_has_a_limit_and_no_lease() -> None:
+    assert "rmf" in NO_LEASE
+    session = opened(RMF)
+    assert lease_ends_at(session, LEASE_S) == float("inf")
+    assert ends_at(session, 3600.0) == 3700.0
