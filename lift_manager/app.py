@@ -8,7 +8,10 @@ import signal
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from socket import socket
+from ssl import SSLContext
 from zoneinfo import ZoneInfo
 
 from drivers.modbus.capabilities import LiftSettings
@@ -18,24 +21,30 @@ from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.plan import polled
 from drivers.modbus.settings import LinkSettings
+from drivers.modbus.tls import LinkTls
 from drivers.modbus.wire import PymodbusWire, Wire
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
-from lift_manager.core.bus import Bus
+from lift_manager.config.tls import path_of, tls_cautions
+from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.progress import patience_s
+from lift_manager.core.recording import LiftLog, RecordingBus
 from lift_manager.core.ticker import Ticker
-from lift_manager.domain.events import Event
 from lift_manager.domain.hours import RobotHours
+from lift_manager.domain.journal import Row
+from lift_manager.domain.journal_rows import manager_ended, manager_started
 from lift_manager.domain.state import Quality
+from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
-from lift_manager.web.app import make_app
+from lift_manager.web.app import make_app, running_version
 from lift_manager.web.server import serve
+from lift_manager.web.tls import ServerTls, server_context
 from register_maps.codec import compile_map
 from register_maps.schema import LinkDefaults
 from register_maps.words import Side
@@ -49,6 +58,9 @@ a fraction of it, and nobody waits longer for one that is not."""
 RELEASE_WITHIN_S = 3.5
 """How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out."""
 
+REMIND_EVERY_S = 86400.0
+"""Chosen: whoever reads the log finds it, and does not find much else."""
+
 REMEMBER_WITHIN_S = 0.5
 """How long the end may wait beyond that for the disk, while the web server closes: writing began with the release."""
 
@@ -61,31 +73,45 @@ class Building:
     links: tuple[Link, ...]
 
 
-def over_tcp(controller: Controller) -> Wire:
-    """Make the wire to a controller on the network."""
-    return PymodbusWire(controller.host, controller.port)
+def over_network(folder: Path) -> Callable[[Controller], Wire]:
+    """Make wires as a site file says, with TLS and without; `folder` is that of the file."""
+
+    @cache  # one for all connections of a link: it remembers what it has read
+    def tls_of(controller: Controller) -> LinkTls | None:
+        if (said := controller.tls) is None:
+            return None
+        ca, certificate, key = (path_of(folder, file) for file in (said.ca, said.certificate, said.key))
+        return LinkTls(ca=ca, certificate=certificate, key=key, server_name=said.server_name)
+
+    return lambda controller: PymodbusWire(controller.host, controller.port, tls=tls_of(controller))
 
 
 def build(
     loaded: LoadedSite,
-    make_wire: Callable[[Controller], Wire] = over_tcp,
+    make_wire: Callable[[Controller], Wire] | None = None,
     *,
     memory: Memory | None = None,
+    journal: Journal | None = None,
     clock: Clock | None = None,
 ) -> Building:
-    """Make one link per controller and hand it to the lifts on it; without a memory, a restart forgets what people said."""
-    memory = memory or ShortMemory()
+    """Make one link per controller, over the network unless told otherwise, and hand it to the lifts on it.
+
+    Without a memory a restart forgets sessions and what people said; without a journal, what was done.
+    """
+    memory, journal = memory or ShortMemory(), journal or ShortJournal()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
-    bus: Bus[Event] = Bus()
+    make_wire = make_wire or over_network(loaded.path.parent)
+    bus = RecordingBus(journal)
     ticker = Ticker()
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
     lifts = []
     for index, name in enumerate(loaded.site.lifts):
-        driver = _driver(name, loaded, links)
+        log = LiftLog(name, journal, memory)
+        driver = _driver(name, loaded, links, log)
         first_poll_s = loaded.poll_s(name) * index / len(loaded.site.lifts)
         options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
-        lifts.append(LiftTask(driver, options, bus, ticker, memory=memory, clock=clock))
-    return Building(LiftManager(lifts, bus, memory), tuple(links.values()))
+        lifts.append(LiftTask(driver, options, bus, ticker, memory=memory, log=log, clock=clock))
+    return Building(LiftManager(lifts, bus, memory, journal), tuple(links.values()))
 
 
 def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_poll_s: float) -> LiftOptions:
@@ -100,6 +126,8 @@ def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_p
         first_poll_s=first_poll_s,
         lease_s=spec.lease_s,
         max_session_hold_s=spec.max_session_hold_s,
+        max_session_s=spec.max_session_s,
+        takeover_after_s=spec.takeover_after_s,
         infer_occupancy=spec.infer_occupancy,
         board_min_s=spec.board_min_s,
         robot_hours=None if spec.robot_hours is None else RobotHours(spec.robot_hours),
@@ -115,12 +143,18 @@ async def run(
     stop: asyncio.Event,
     ready: Callable[[], None],
     memory: Memory | None = None,
+    journal: Journal | None = None,
+    keys: KeyFile | None = None,
 ) -> bool:
-    """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go."""
+    """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go.
+
+    Raises ControllerTaken, or ListenError for certificates that cannot be used, before anything is begun.
+    """
+    tls = _https(loaded)
     with ExitStack() as locks:
         for controller in loaded.controllers.values():
             locks.enter_context(controller_lock(canonical_host(controller.host), controller.port))
-        building = build(loaded, memory=memory)
+        building = build(loaded, memory=memory, journal=journal)
         systemd, manager = notifier(), building.manager
         crashes: list[Exception] = []
 
@@ -133,12 +167,16 @@ async def run(
                 stop.set()
 
         async with asyncio.TaskGroup() as tasks:
-            parts = [*(link.run() for link in building.links), *manager.drives(), manager.run(), manager.remember()]
+            manager.note(_started(loaded))
+            parts = [*(link.run() for link in building.links), *manager.drives(), manager.run()]
+            parts += [manager.remember(), manager.record(), remind(loaded)]
+            if keys is not None:
+                parts.append(keys.run(manager.note))
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            serving = tasks.create_task(guarded(serve(make_app(building.manager), sock)))
+            serving = tasks.create_task(guarded(serve(make_app(building.manager, keys), sock, tls=tls)))
             limits = patience(loaded, building.links) if systemd.is_heard else {}
             alive = watch(systemd, limits, manager.polls, lambda: _status(manager))
             running.append(tasks.create_task(guarded(alive)))
@@ -146,6 +184,7 @@ async def run(
             await stop.wait()
             systemd.send("STOPPING=1", "STATUS=letting go of everything")
             released = await _let_go(building.manager)
+            manager.note(manager_ended(released=released))
             serving.cancel()
             await _write_down(building.manager)
             for task in running:
@@ -175,6 +214,28 @@ def patience(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
             gap_s=max(setting.min_gap_s for setting in settings),
         )
     return found
+
+
+def _started(loaded: LoadedSite) -> Row:
+    lifts = loaded.site.lifts.items()
+    maps = {name: (lift.access, loaded.maps[name].map.name, loaded.maps[name].sha256) for name, lift in lifts}
+    return manager_started(running_version(), maps)
+
+
+async def remind(loaded: LoadedSite) -> None:
+    """Say once a day which certificates expire soon: a manager may run for longer than they last."""
+    while True:
+        await asyncio.sleep(REMIND_EVERY_S)
+        for line in tls_cautions(loaded.site, loaded.path.parent):
+            _log.warning("%s", line)
+
+
+def _https(loaded: LoadedSite) -> SSLContext | None:
+    said, folder = loaded.site.api.tls, loaded.path.parent
+    if said is None:
+        return None
+    client_ca = None if said.client_ca is None else path_of(folder, said.client_ca)
+    return server_context(ServerTls(path_of(folder, said.certificate), path_of(folder, said.key), client_ca))
 
 
 def _status(manager: LiftManager) -> str:
@@ -214,7 +275,7 @@ async def _write_down(manager: LiftManager) -> None:
             await manager.settled()
     except TimeoutError:
         _log.error(
-            "what people said about the lifts is not on the disk after %g s more; a start forgets it", REMEMBER_WITHIN_S
+            "sessions, people's words or rows of the journal are not on the disk after %g s more", REMEMBER_WITHIN_S
         )
 
 
@@ -227,11 +288,12 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
         reconnect_max_s=max(needs.reconnect_min_s, LinkSettings().reconnect_max_s),
         max_connections=needs.max_connections,
         tid_echo=needs.tid_echo,
+        tls=spec.tls is not None,
     )
     return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
-def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
+def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], log: LiftLog) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
     lines = {endpoint: Line(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
@@ -247,4 +309,4 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusL
         max_registers_per_read=min(need.max_registers_per_read for need in needs),
         max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(compile_map(source, offset=spec.offset), own.link, settings, endpoints=lines)
+    return ModbusLift(compile_map(source, offset=spec.offset), own.link, settings, endpoints=lines, log=log)

@@ -11,7 +11,8 @@ from pathlib import Path
 from lift_manager.config.check import check_site
 from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, links
 from lift_manager.config.maps import is_value_table, load_maps, tables
-from lift_manager.config.site import Controller, Lift, Site
+from lift_manager.config.site import Api, Controller, Lift, Site
+from lift_manager.config.tls import tls_cautions, tls_lines, tls_problems
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import Changes, LoadedMap, load
 from register_maps.schema import CALLS, LinkDefaults, RegisterMap
@@ -34,6 +35,8 @@ class LoadedSite:
     path: Path
     spare_maps: Mapping[str, LoadedMap] = field(default_factory=dict)
     """By controller, for those that no lift is on: what such a device needs of its link."""
+    unusable: tuple[Finding, ...] = ()
+    """Certificates and keys that cannot be used on this computer: whoever makes a plan of the site elsewhere needs none of them."""
 
     @cached_property
     def controllers(self) -> dict[str, Controller]:
@@ -54,9 +57,9 @@ class LoadedSite:
 
     def cautions(self) -> Iterator[str]:
         """What a person should know at every start, a line each."""
-        api = self.site.api
-        if not _loopback(api.host):
-            yield f"the API listens on {api.host}: whoever reaches it can command the lifts; keep that network closed"
+        if not _loopback(self.site.api.host):
+            yield _reachable(self.site.api)
+        yield from tls_cautions(self.site, self.path.parent)
         for controller in self.site.controllers.keys() - self.controllers.keys():
             yield f"{controller}: no lift is on this controller; it is left alone"
         warned = dict.fromkeys(warning for loaded in self.maps.values() for warning in loaded.warnings)
@@ -76,12 +79,14 @@ def load_site(path: Path) -> LoadedSite:
     site, found = try_validate(source, Site)
     maps = load_maps(source, path.parent)
     findings = [*found, *references(source), *maps.findings]
+    unusable: tuple[Finding, ...] = ()
     if site is not None:
         problems = check_site(site, maps.lifts, maps.unchanged, maps.spare)
         findings += [source.finding(problem.key, problem.message) for problem in problems]
+        unusable = tuple(source.finding(fault.key, fault.message) for fault in tls_problems(site, path.parent))
     if findings or site is None:
-        raise MapFileError(findings)
-    return LoadedSite(site, maps.lifts, path, maps.spare)
+        raise MapFileError([*findings, *unusable])
+    return LoadedSite(site, maps.lifts, path, maps.spare, unusable)
 
 
 def references(source: Source) -> Iterator[Finding]:
@@ -119,7 +124,10 @@ def check_file(path: Path) -> list[str]:
             f"{path}: {_map_line(loaded.map)}: no mistakes",
         ]
     loaded_site = load_site(path)
+    if loaded_site.unusable:
+        raise MapFileError(loaded_site.unusable)
     lines = [f"caution: {line}" for line in loaded_site.cautions()]
+    lines += tls_lines(loaded_site.site, path.parent)
     for name, lift in loaded_site.site.lifts.items():
         lines.append(f"{name}: {lift.access}, floors {', '.join(lift.floors)}, {_map_line(loaded_site.maps[name].map)}")
     return [*lines, f"{path}: no mistakes"]
@@ -140,6 +148,16 @@ def _about(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
     yield f"{name}: is commanded without a checkout record for map {source.name} ({source.provenance.trust})"
     if lift.accept_latching is not None and any(c.on_link_loss == "latches" for c in source.commands.values()):
         yield f"{name}: outputs stay on when this manager is lost; accepted: {lift.accept_latching}"
+
+
+def _reachable(api: Api) -> str:
+    if api.without_keys is not None:
+        return (
+            f"the API listens on {api.host}, and while this site has no keys whoever reaches it can command the lifts;"
+            f" accepted: {api.without_keys}"
+        )
+    clear = "" if api.tls is not None else ", and keys cross the network as they are, because `api` has no `tls`"
+    return f"the API listens on {api.host}: every request needs a key (`lift-manager keys make`){clear}"
 
 
 def _loopback(host: str) -> bool:

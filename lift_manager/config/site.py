@@ -21,6 +21,14 @@ Seconds = Annotated[float, Field(gt=0, le=86400)]
 Wait = Annotated[float, Field(gt=0, le=10)]
 """For an answer, a connection or a fresh reading: whoever waits longer than this has no news but history."""
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
+FileName = Annotated[
+    str,
+    StringConstraints(min_length=1, max_length=1024, pattern=r"^[^\x00-\x1f\x7f]+$"),
+    Field(description="the path of a file, relative to the site file"),
+]
+MODBUS_PORT = 502
+SECURE_PORT = 802
+"""Registered for mbap/TLS/TCP."""
 UnitId = Annotated[int, Field(strict=True, ge=0, le=255)]
 
 
@@ -107,19 +115,46 @@ else:
     SomeHours = Annotated[Text, AfterValidator(_hours)]
 
 
+class ApiTls(_Part):
+    """What the manager shows to its clients, and what they have to show. Files in PEM form."""
+
+    certificate: FileName
+    """The manager's, and after it those between it and its CA."""
+    key: FileName
+    client_ca: FileName | None = None
+    """Then only clients with a certificate of this CA are heard."""
+
+
 class Api(_Part):
     """Where the manager listens."""
 
     host: Text = "127.0.0.1"
     port: Port = 5003
     """5003 is where clients of the Open-RMF workshop look."""
+    tls: ApiTls | None = None
+    """HTTPS, and nothing else on that port; plain HTTP when not said."""
+    without_keys: Text | None = None
+    """Why it is acceptable that whoever reaches another address than loopback may ask anything while there are no keys."""
+
+
+class ControllerTls(_Part):
+    """What one controller has to show, and what is shown to it: Modbus/TCP Security. Files in PEM form."""
+
+    ca: FileName
+    """The CA of the controller's certificate, or that certificate itself."""
+    certificate: FileName
+    """Ours. A role that the controller knows us by is part of it."""
+    key: FileName
+    server_name: Text | None = None
+    """The name or address in the controller's certificate, where that is not its `host`."""
 
 
 class Controller(_Part):
     """One device at one address. What is left out comes from its map."""
 
     host: Text
-    port: Port = 502
+    tls: ControllerTls | None = None
+    said_port: Port | None = Field(default=None, alias="port")
     map: Text | None = None
     """A shipped map by name, or a path relative to the site file. Only a controller that serves endpoints alone needs none."""
     unit_id: UnitId | None = None
@@ -130,6 +165,13 @@ class Controller(_Part):
     max_registers_per_read: Annotated[int, Field(strict=True, ge=1, le=125)] | None = None
     max_bits_per_read: Annotated[int, Field(strict=True, ge=1, le=2000)] | None = None
     tid_echo: bool | None = None
+
+    @property
+    def port(self) -> int:
+        """Where it is connected to: 502, or 802 over TLS, when not said."""
+        if self.said_port is not None:
+            return self.said_port
+        return MODBUS_PORT if self.tls is None else SECURE_PORT
 
 
 class Endpoint(_Part):
@@ -168,6 +210,10 @@ class Lift(_Part):
     max_age_s: Wait | None = None
     lease_s: Seconds = 300.0
     max_session_hold_s: Seconds = 900.0
+    max_session_s: Seconds = 3600.0
+    """How long a session lasts at most, renewed or not; it ends when no robot is under way."""
+    takeover_after_s: Seconds | None = None
+    """A holder that is silent for so long loses an empty car to the next caller; never when not said."""
     robot_hours: Annotated[tuple[SomeHours, ...], AfterValidator(_not_none_at_all)] | None = None
     """When robots may begin, by the clock on the building's wall; always when not said."""
     between_sessions_s: Annotated[float, Field(ge=0, le=600)] = 5.0
@@ -176,6 +222,14 @@ class Lift(_Part):
     """From telling robots of a fire to letting everything go. Bounded: a robot at 0.5 m/s is out of a doorway in two seconds."""
     accept_latching: Text | None = None
     """Why it is acceptable that an output stays on when this manager is lost and nothing lets it go."""
+
+
+class Journal(_Part):
+    """How much is kept of what was done. The oldest rows go first."""
+
+    keep_days: Annotated[int, Field(strict=True, ge=1, le=36500)] = 400
+    """More than a year, so that what happened at the last inspection is still there."""
+    max_mb: Annotated[int, Field(strict=True, ge=10, le=1_000_000)] = 500
 
 
 class Site(_Part):
@@ -187,6 +241,7 @@ class Site(_Part):
     """The building's, by its IANA name; that of this machine when not said."""
     state: Text | None = None
     """The folder in which is kept what outlives the manager, relative to the site file."""
+    journal: Journal = Journal()
     api: Api = Api()
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[Text, Lift] = Field(min_length=1)

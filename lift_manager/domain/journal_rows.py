@@ -34,8 +34,8 @@ def row_of(event: Event) -> Row | None:
             return None
         case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson():
             return _person(event)
-        case CommandEnded(lift, outcome):
-            return _outcome(lift, outcome)
+        case CommandEnded(lift, outcome, holder):
+            return _outcome(lift, outcome, holder)
         case Alarm(lift, text, holder):
             return Row(RowKind.ALARM, text, lift, "" if holder is None else str(holder))
         case _:
@@ -147,7 +147,7 @@ def _person(event: LockedOut | LockoutOver | PersonAcknowledged | ReleasedByPers
             return Row(RowKind.PERSON, text, lift, said.by, {"said": "acknowledge", "what": list(said.what)})
 
 
-def _outcome(lift: str, outcome: Outcome) -> Row:
+def _outcome(lift: str, outcome: Outcome, holder: Holder | None) -> Row:
     text = f"{outcome.command} {outcome.result}" + (f": {outcome.reason}" if outcome.reason else "")
     data: dict[str, Json] = {
         "command": outcome.command.name,
@@ -156,7 +156,7 @@ def _outcome(lift: str, outcome: Outcome) -> Row:
         "proof": outcome.proof,
         "frames": list(outcome.frames),
     }
-    return Row(RowKind.OUTCOME, text, lift, "", data)
+    return Row(RowKind.OUTCOME, text, lift, "" if holder is None else str(holder), data)
 
 
 def _shown(at: datetime) -> str:

@@ -10,12 +10,15 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from lift_manager.domain.keys import holds_key
 from lift_manager.web.errors import BodyTooLongError, InputError
 
 LIMIT_BYTES = 64 * 1024
 """Chosen: a request is about 40 bytes."""
 ARRIVES_WITHIN_S = 1.0
 """The workshop's clients give up after 1 s, so nobody waits for a later body."""
+KEYS_LIMIT = 100
+"""Of one object. Chosen: a request has two."""
 LINGER_S = 1.0
 LINGER_BYTES = 4 * 1024 * 1024
 """Chosen: room for a client that sends some megabytes before it looks at the answer."""
@@ -50,13 +53,15 @@ def _too_long() -> BodyTooLongError:
 def decode_object(body: bytes) -> dict[str, object]:
     """The JSON object that the body holds, whatever content type was declared for it.
 
-    Raises InputError for anything else, ambiguity (the same key twice, NaN) included.
+    Raises InputError for anything else, ambiguity (the same key twice, NaN) and an API key included: what is said here is quoted
+    in answers and written down.
     """
     if not body.strip():
         raise InputError("the body is empty")
     try:
         # utf-8-sig: some Windows tools put a byte order mark in front
         value = json.loads(body.decode("utf-8-sig"), object_pairs_hook=_unique_keys, parse_constant=_no_constant)
+        has_key = holds_key(json.dumps(value, ensure_ascii=False))
     except UnicodeDecodeError as error:
         raise InputError(f"the body is not UTF-8 (byte {error.start})") from error
     except json.JSONDecodeError as error:
@@ -65,12 +70,19 @@ def decode_object(body: bytes) -> dict[str, object]:
         raise InputError("the body holds a number that is too long") from error
     except RecursionError as error:
         raise InputError("the body is nested too deeply") from error
+    if has_key:
+        raise InputError(
+            "the body holds what looks like an API key; revoke that one, and send the next in the header"
+            " `Authorization: Bearer ...` alone"
+        )
     if not isinstance(value, dict):
         raise InputError(f"the body must be a JSON object, not {shown(value)}")
     return value
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    if len(pairs) > KEYS_LIMIT:
+        raise InputError(f"an object in the body has {len(pairs)} keys; at most {KEYS_LIMIT} are read")
     found: dict[str, object] = {}
     for key, value in pairs:
         if key in found:
@@ -92,6 +104,8 @@ def shown(value: object) -> str:
             return "a list"
         case _:
             text = json.dumps(value, ensure_ascii=isinstance(value, str) and not value.isprintable())
+            if holds_key(text):
+                return "[an API key]"
             return text if len(text) <= 60 else f"{text[:60]}..."
 
 

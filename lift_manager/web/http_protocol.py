@@ -1,24 +1,105 @@
-"""uvicorn's HTTP protocol, answering in JSON even to what it cannot read."""
+"""uvicorn's HTTP protocol with limits of its own, answering in JSON even to what it cannot read."""
 
 from __future__ import annotations
 
+import asyncio
+from http import HTTPStatus
+
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from lift_manager.web.envelope import failed
+from lift_manager.web.faces import No, answer
 
 ADVICE = (
     "this could not be read as HTTP/1.1; write what is not ASCII in the address percent-encoded"
     " (curl: -G --data-urlencode 'lift_name=...') and let Content-Length be the length of the body"
 )
+HEAD_LIMIT_BYTES = 32 * 1024
+"""Of request line and headers. Chosen: four times what common proxies pass on; the parser itself knows no limit."""
+HEADERS_LIMIT = 100
+HEAD_WITHIN_S = 10.0
+"""Chosen: a head is one packet; who takes longer sends it drop by drop to keep the connection."""
+CONNECTIONS_LIMIT = 250
+"""Chosen: a site has tens of robots, and of the 1024 descriptors that a process has by default the controllers need theirs."""
+
+_BAD = No(400, "not_http", ADVICE)
+_TOO_LONG = No(
+    431,
+    "head_too_long",
+    f"address and headers are too long; at most {HEAD_LIMIT_BYTES} bytes and {HEADERS_LIMIT} headers are read",
+)
+
+
+class _HeadTooLong(Exception):
+    pass
 
 
 class JsonHttpProtocol(HttpToolsProtocol):
     """The workshop's clients parse every answer as JSON, and a plain line would end them."""
 
+    _no = _BAD
+    _head_bytes = 0
+    _in_head = True
+    _late: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin, unless there are enough connections."""
+        super().connection_made(transport)
+        if len(self.connections) > CONNECTIONS_LIMIT:
+            transport.abort()
+            return
+        self._begin_head()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End."""
+        self._end_head()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Read on; a head that does not end is cut off."""
+        super().data_received(data)
+        if self._in_head and not self.transport.is_closing():
+            self._head_bytes += len(data)
+            if self._head_bytes > HEAD_LIMIT_BYTES:
+                self._no = _TOO_LONG
+                self.send_400_response("")
+
+    def on_message_begin(self) -> None:
+        """Take the first byte of a request."""
+        super().on_message_begin()
+        self._begin_head()
+
+    def on_headers_complete(self) -> None:
+        """Hand the request on, unless its head is too long."""
+        self._end_head()
+        size = len(self.url) + sum(len(name) + len(value) for name, value in self.headers)
+        if size > HEAD_LIMIT_BYTES or len(self.headers) > HEADERS_LIMIT:
+            self._no = _TOO_LONG
+            raise _HeadTooLong
+        super().on_headers_complete()
+
     def send_400_response(self, msg: str) -> None:
-        """Answer with the envelope where uvicorn would answer with the line `msg`, and hang up."""
-        answer = failed(ADVICE, status=400)
-        headers = [*answer.raw_headers, (b"connection", b"close")]
-        lines = [b"HTTP/1.1 400 Bad Request", *(name + b": " + value for name, value in headers)]
-        self.transport.write(b"\r\n".join([*lines, b"", bytes(answer.body)]))
+        """Answer in JSON where uvicorn would answer with the line `msg`, and hang up."""
+        said = answer(self._path(), self._no)
+        headers = [*said.raw_headers, (b"connection", b"close")]
+        status = f"HTTP/1.1 {self._no.status} {HTTPStatus(self._no.status).phrase}".encode()
+        lines = [status, *(name + b": " + value for name, value in headers)]
+        self.transport.write(b"\r\n".join([*lines, b"", bytes(said.body)]))
+        self.transport.close()
+
+    def _path(self) -> str:
+        """Where the answer's form comes from: of what is no HTTP only /api is known with certainty."""
+        return "/api" if self.headers and self.url.startswith(b"/api/") else "/open-rmf"
+
+    def _begin_head(self) -> None:
+        self._end_head()
+        self._in_head, self._head_bytes = True, 0
+        self._late = self.loop.call_later(HEAD_WITHIN_S, self._hang_up)
+
+    def _end_head(self) -> None:
+        self._in_head = False
+        if self._late is not None:
+            self._late.cancel()
+            self._late = None
+
+    def _hang_up(self) -> None:
         self.transport.close()

@@ -1,4 +1,4 @@
-"""Part of /api/v1: what people say about a lift. There are no keys yet, so only this computer may."""
+"""Part of /api/v1: what people say about a lift. Where there are no keys, only this computer may."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from lift_manager.api.people import (
     AcknowledgedAnswer,
     AcknowledgeRequest,
     EndLockoutRequest,
+    ForceReleasedAnswer,
+    ForceReleaseRequest,
     LockoutAnswer,
     LockoutEndedAnswer,
     LockoutRequest,
@@ -20,6 +22,7 @@ from lift_manager.api.people import (
 from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.web import people_docs as docs
+from lift_manager.web.access import caller
 from lift_manager.web.body import LingeringResponse, decode_object, read_body
 from lift_manager.web.errors import BodyTooLongError, InputError
 from lift_manager.web.origin import from_another_site, from_this_computer
@@ -29,35 +32,49 @@ Body = TypeVar("Body", bound=BaseModel)
 
 
 def people_router(facade: LiftFacade) -> APIRouter:
-    """Acknowledge, lock out, end a lockout."""
+    """Acknowledge, lock out, end a lockout, end the session of whoever holds the lift."""
     # a lift's name may hold a slash
     router = APIRouter(prefix="/api/v1/lifts/{lift:path}", tags=[docs.TAG])
 
     async def acknowledge(lift: str, request: Request) -> Response:
         def act(body: AcknowledgeRequest) -> BaseModel | Refused:
-            said = facade.acknowledge(lift, body.by)
+            said = facade.acknowledge(lift, _signed(request, body.by))
             return said if isinstance(said, Refused) else AcknowledgedAnswer.of(lift, said)
 
         return await _answer(request, AcknowledgeRequest, act)
 
     async def lock_out(lift: str, request: Request) -> Response:
         def act(body: LockoutRequest) -> BaseModel | Refused:
-            said = facade.lock_out(lift, body.by, body.reason)
+            said = facade.lock_out(lift, _signed(request, body.by), body.reason)
             return said if isinstance(said, Refused) else LockoutAnswer.of(lift, said)
 
         return await _answer(request, LockoutRequest, act)
 
     async def end_lockout(lift: str, request: Request) -> Response:
         def act(body: EndLockoutRequest) -> BaseModel | Refused:
-            said = facade.end_lockout(lift, body.by)
+            said = facade.end_lockout(lift, _signed(request, body.by))
             return said if isinstance(said, Refused) else LockoutEndedAnswer.of(lift, said)
 
         return await _answer(request, EndLockoutRequest, act)
 
+    async def force_release(lift: str, request: Request) -> Response:
+        def act(body: ForceReleaseRequest) -> BaseModel | Refused:
+            said = facade.force_release(lift, _signed(request, body.by), body.reason)
+            return said if isinstance(said, Refused) else ForceReleasedAnswer.of(lift, said)
+
+        return await _answer(request, ForceReleaseRequest, act)
+
     router.add_api_route("/acknowledge", acknowledge, methods=["POST"], **docs.acknowledge())
     router.add_api_route("/lockout", lock_out, methods=["POST"], **docs.lock_out())
     router.add_api_route("/lockout/end", end_lockout, methods=["POST"], **docs.end_lockout())
+    router.add_api_route("/session/force-release", force_release, methods=["POST"], **docs.force_release())
     return router
+
+
+def _signed(request: Request, by: str) -> str:
+    """Return who said so: the name as it was given, and whose key vouches for it."""
+    key = caller(request)
+    return by if key is None else f"{by} (key {key.name})"
 
 
 async def _answer(request: Request, form: type[Body], act: Callable[[Body], BaseModel | Refused]) -> Response:
@@ -65,10 +82,11 @@ async def _answer(request: Request, form: type[Body], act: Callable[[Body], Base
         return problem(
             403, "another_site", "a web page of another site asked; only programs and this manager's own may"
         )
-    if not from_this_computer(request):
+    if caller(request) is None and not from_this_computer(request):
         text = (
-            "there are no keys to tell people by yet, so only a program on the manager's own computer may say this, to"
-            " 127.0.0.1 or the address that the manager listens on, and not through a proxy; use the command line there"
+            "this site has no keys to tell people by, so only a program on the manager's own computer may say this, to"
+            " 127.0.0.1 or the address that the manager listens on, and not through a proxy; use the command line there, or"
+            " make keys with `lift-manager keys make`"
         )
         return problem(403, "other_computer", text)
     try:

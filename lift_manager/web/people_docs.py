@@ -11,6 +11,8 @@ from lift_manager.api.people import (
     AcknowledgedAnswer,
     AcknowledgeRequest,
     EndLockoutRequest,
+    ForceReleasedAnswer,
+    ForceReleaseRequest,
     LockoutAnswer,
     LockoutEndedAnswer,
     LockoutRequest,
@@ -22,13 +24,14 @@ TAG = "people"
 TAG_DESCRIPTION = """
 What people say about a lift. Each word is kept over restarts, with the name of who gave it.
 
-There are no keys yet to tell people by, so these are taken from the manager's own computer alone; `lift-manager ack` and
-`lift-manager lockout` on its command line use them. Errors are problem+json (RFC 9457) with a stable `code`.
+With keys these need the role operator, and the name of the key is written down beside the name that was said. A site without
+keys takes them from the manager's own computer alone. `lift-manager ack`, `lockout` and `release` on the command line use
+them. Errors are problem+json (RFC 9457) with a stable `code`.
 """
 
 _ERRORS = {
-    403: "Another computer asked (`other_computer`), or another site's web page (`another_site`).",
-    404: "There is no such lift (`unknown_lift`).",
+    403: "Another computer asked a site without keys (`other_computer`), or another site's web page asked (`another_site`).",
+    404: "There is no such lift (`unknown_lift`), or its name holds a line break (`no_such_path`).",
     413: "The body is too long (`too_long`).",
     422: "The body is not what is expected (`malformed`); `field` names the key.",
 }
@@ -66,6 +69,17 @@ def end_lockout() -> dict[str, Any]:
         " Let only the person who made it do so, or who took the work over.",
         (EndLockoutRequest, LockoutEndedAnswer),
         "It is not locked out (`not_locked_out`).",
+    )
+
+
+def force_release() -> dict[str, Any]:
+    """What the route's registration wants to know, docs included."""
+    return _route(
+        "Take a lift from its holder",
+        "Ends the session of whoever holds the lift and lets everything go; the car is not moved. For a holder that does not answer"
+        " any more: a robot that stands in the doorway or rides in the car loses its held door.",
+        (ForceReleaseRequest, ForceReleasedAnswer),
+        "Nobody holds the lift (`not_held`), or the manager is about to end (`stopping`).",
     )
 
 

@@ -15,10 +15,17 @@ TITLES = {
     "nothing_to_acknowledge": "There is nothing to acknowledge",
     "locked_out": "The lift is locked out",
     "not_locked_out": "The lift is not locked out",
+    "not_held": "Nobody holds the lift",
     "another_site": "Another site's web page asked",
     "other_computer": "Another computer asked",
     "too_long": "The body is too long",
     "malformed": "The body is not what is expected",
+    "key_needed": "A key is needed",
+    "bad_key": "The key does not count here",
+    "not_allowed": "The key may not do this",
+    "key_in_address": "The address holds a key",
+    "not_http": "This could not be read as HTTP",
+    "head_too_long": "Address and headers are too long",
 }
 
 

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import socket
+import ssl
 from collections.abc import Generator
 
 import uvicorn
@@ -73,8 +74,8 @@ def _advice(error: OSError, host: str, port: int) -> str:
             return f"cannot listen on {host} port {port} ({error.strerror}); choose another with --host or --port"
 
 
-async def serve(app: ASGIApp, sock: socket.socket) -> None:
-    """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed.
+async def serve(app: ASGIApp, sock: socket.socket, *, tls: ssl.SSLContext | None = None) -> None:
+    """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed; HTTPS alone with `tls`.
 
     Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
     `with` around it.
@@ -83,7 +84,7 @@ async def serve(app: ASGIApp, sock: socket.socket) -> None:
         app,
         http=JsonHttpProtocol,
         log_config=None,
-        log_level="warning",
+        log_level="error",  # it warns of every line that is no HTTP, and so lets anybody fill the log
         access_log=False,
         server_header=False,
         proxy_headers=False,
@@ -93,6 +94,8 @@ async def serve(app: ASGIApp, sock: socket.socket) -> None:
     )
     # the annotation says int, but the number goes straight to asyncio.wait_for
     config.timeout_graceful_shutdown = CANCEL_AFTER_S  # type: ignore[assignment]
+    config.load()  # which sets what stands in `ssl`
+    config.ssl = tls
     server = _Server(config)
     try:
         await server.serve(sockets=[sock])
@@ -125,8 +128,9 @@ class _Server(uvicorn.Server):
         await self._until_idle()
         for connection in list(self.server_state.connections):
             transport = connection.transport
-            if transport.get_write_buffer_size():
-                transport.abort()  # closing would wait for a reader who does not read
+            # closing would wait for a reader who does not read, and over TLS for a goodbye, which `connection.shutdown` has said
+            if transport.get_write_buffer_size() or self.config.ssl is not None:
+                transport.abort()
             else:
                 transport.close()
         await super().shutdown(sockets)

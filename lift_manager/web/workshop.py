@@ -6,7 +6,6 @@ A number equal to 0 or 2 is taken for `door_state` (JSON has one kind of number,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from urllib.parse import parse_qsl
 
 from fastapi import APIRouter, Request
 from starlette.responses import Response
@@ -15,6 +14,7 @@ from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web import workshop_docs as docs
+from lift_manager.web.access import QUERY_LIMIT, caller, lift_names_in
 from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
 from lift_manager.web.envelope import failed, succeeded
 from lift_manager.web.errors import BodyTooLongError, InputError
@@ -22,7 +22,7 @@ from lift_manager.web.origin import from_another_site
 from register_maps.words import Motion
 
 WORKSHOP = Holder(face="workshop", name="workshop")
-"""The API has no caller identity, so all its callers are this one holder."""
+"""The API has no caller identity: all callers without a key are this one holder."""
 
 # The numbers of rmf_lift_msgs/msg/LiftState
 DOOR_STATE = {RobotDoor.CLOSED: 0, RobotDoor.MOVING: 1, RobotDoor.OPEN: 2}
@@ -32,8 +32,6 @@ MOTION_STATE = {Motion.STOPPED: 0, Motion.UP: 1, Motion.DOWN: 2, Motion.MOVING: 
 DOOR_CLOSED = 0
 DOOR_OPEN = 2
 
-QUERY_LIMIT = 4096
-"""Chosen: lift names are short, and a caller's text is quoted in answers."""
 NAME_LIMIT = 200
 
 
@@ -71,9 +69,7 @@ def _named_lift(facade: LiftFacade, request: Request) -> LiftState:
     query: bytes = request.scope["query_string"]
     if len(query) > QUERY_LIMIT:
         raise InputError(f"the query is too long; lift_name must be one of: {lifts}")
-    # `replace`: what is not UTF-8 is no lift's name either
-    pairs = parse_qsl(query.decode("utf-8", "replace"), keep_blank_values=True)
-    names = [value for key, value in pairs if key == "lift_name"]
+    names = lift_names_in(query)
     if not names:
         raise InputError(f"lift_name is missing; it must be one of: {lifts}")
     if len(names) > 1:
@@ -106,20 +102,25 @@ def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Respon
     state = _named_lift(facade, request)
     if from_another_site(request):
         raise InputError("a web page of another site asked; only programs and this manager's own pages may")
-    match facade.request(_ask(state, body)):
+    match facade.request(_ask(state, _holder(request), body)):
         case Accepted():
             return succeeded({})
         case Refused(message=message):
             return failed(message)
 
 
-def _ask(state: LiftState, body: bytes) -> Ask:
+def _holder(request: Request) -> Holder:
+    key = caller(request)
+    return WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
+
+
+def _ask(state: LiftState, holder: Holder, body: bytes) -> Ask:
     floors = ", ".join(state.floors)
     try:
         wish = decode_object(body)
     except InputError as error:
         raise InputError(f'{error}; expected {{"floor": one of {floors}, "door_state": 0 or 2}}') from error
-    return Ask(state.lift, WORKSHOP, _floor(wish, floors), _hold_door(wish))
+    return Ask(state.lift, holder, _floor(wish, floors), _hold_door(wish))
 
 
 def _floor(wish: Mapping[str, object], floors: str) -> str:

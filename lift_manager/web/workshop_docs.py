@@ -14,16 +14,34 @@ The small API that clients of `roscon_lift_adapter` use. Three rules hold for al
 **Look at `success`, not at the HTTP status.** Every answer is
 `{"data": {...}, "success": true or false, "msg": "..."}`. A failure is HTTP 200 too, with `success: false`, an empty
 `data` and a `msg` that says why and names what is allowed. Only what never got as far as a lift has another status,
-with the same envelope: 400 (not HTTP), 404 (no such path), 405 (wrong method), 500 (a bug in the manager).
+with the same envelope: 400 (not HTTP, or a key in the address), 401 (a key is needed), 403 (the key may not do this), 404
+(no such path), 405 (wrong method), 431 (address and headers too long), 500 (a bug in the manager).
 
 **Accepted is not done.** A request is answered as soon as it is accepted, from memory. Poll `lift_state` to see the
 car come: it stands ready for a robot when `current_floor` is the floor asked for *and* `door_state` is 2.
 
-**All callers are one.** The API does not ask who calls, so all its callers share one session named `workshop`. While
-somebody else holds the lift, a request is refused with the holder's name.
+**All callers without a key are one.** They share one session named `workshop`. A caller with a key has its own, named
+`workshop:<name of the key>`; as soon as the site has a key, every request needs one, in the header
+`Authorization: Bearer lm_...`. While somebody else holds the lift, a request is refused with the holder's name.
 """
 
 FAILED = {"data": {}, "success": False}
+
+
+def _envelope(data: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "required": ["data", "success", "msg"],
+        "properties": {
+            "data": {"type": "object", "properties": data, "description": "Empty when `success` is false."},
+            "success": {"type": "boolean", "description": "Whether it worked."},
+            "msg": {"type": "string", "description": "Why not; empty when `success` is true."},
+        },
+    }
+
+
+ENVELOPE = _envelope({})
+"""The schema of every answer."""
 
 Example = dict[str, Any]
 
@@ -159,15 +177,7 @@ def _route(*, summary: str, description: str, answer: dict[str, Any], **openapi:
 
 
 def _answer(data: dict[str, Any], examples: dict[str, Example]) -> dict[str, Any]:
-    schema = {
-        "type": "object",
-        "required": ["data", "success", "msg"],
-        "properties": {
-            "data": {"type": "object", "properties": data, "description": "Empty when `success` is false."},
-            "success": {"type": "boolean", "description": "Whether it worked."},
-            "msg": {"type": "string", "description": "Why not; empty when `success` is true."},
-        },
-    }
+    schema = _envelope(data)
     return {
         "description": "`success` says whether it worked; failures are 200 too.",
         "content": {"application/json": {"schema": schema, "examples": examples}},

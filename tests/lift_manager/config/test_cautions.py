@@ -36,6 +36,16 @@ def test_an_api_that_others_on_the_network_can_reach_is_cautioned_about(
     assert len(about(tmp_path, f"{GENERIC}api: {{host: {host}}}\n", "the API listens on")) == cautions
 
 
+def test_an_address_that_others_reach_needs_keys_or_a_reason_that_is_said_at_every_start(tmp_path: Path) -> None:
+    (needs,) = about(tmp_path, f"{GENERIC}api: {{host: 10.0.0.7}}\n", "the API listens on")
+    assert "every request needs a key (`lift-manager keys make`), and keys cross the network as they are" in needs
+    open_to_all = f"{GENERIC}api: {{host: 10.0.0.7, without_keys: a closed network}}\n"
+    (accepted,) = about(tmp_path, open_to_all, "the API listens on")
+    assert accepted.endswith("whoever reaches it can command the lifts; accepted: a closed network")
+    local = f"{GENERIC}api: {{without_keys: a closed network}}\n"
+    assert about(tmp_path, local, "the API listens on") == []
+
+
 def test_a_commanded_lift_with_everything_visible_on_a_map_taken_from_a_lift_needs_no_other_caution(
     tmp_path: Path,
 ) -> None:

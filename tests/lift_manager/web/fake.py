@@ -1,6 +1,7 @@
 """A manager for the tests of the web face, and ways to ask the application something."""
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -13,8 +14,9 @@ from starlette.types import ASGIApp
 
 from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
-from lift_manager.domain.service import Acknowledged, Cause, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.domain.keys import Keys
+from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
 from register_maps.words import Mode, Motion
@@ -52,6 +54,7 @@ class FakeManager:
     lifts: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE, "Güter": replace(IDLE, lift="Güter")})
     answer: Accepted | Refused = field(default_factory=Accepted)
     asked: list[Ask] = field(default_factory=list)
+    trouble: str = ""
     refused: Refused | None = None
     """What people are told."""
     said: list[tuple[str, ...]] = field(default_factory=list)
@@ -79,6 +82,14 @@ class FakeManager:
         self.said.append(("end_lockout", lift, by))
         return self._unknown(lift) or self.refused or LockoutEnded(by, AT, Lockout("A. Beck", "new ropes", AT))
 
+    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
+        self.said.append(("force_release", lift, by, reason))
+        released = ForceReleased(by, AT, reason, Holder("workshop", "robot-1"), maybe_aboard=True)
+        return self._unknown(lift) or self.refused or released
+
+    def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
+        return self._unknown(lift) or self.answer
+
     def remembered(self, lift: str) -> Remembered | None:
         return Remembered() if lift in self.lifts else None
 
@@ -90,8 +101,8 @@ def one_lift(state: LiftState) -> FakeManager:
     return FakeManager({state.lift: state})
 
 
-def ask(facade: LiftFacade, method: str, url: str, **more: Any) -> httpx.Response:
-    return ask_app(make_app(facade), method, url, **more)
+def ask(facade: LiftFacade, method: str, url: str, *, keys: Keys | None = None, **more: Any) -> httpx.Response:
+    return ask_app(make_app(facade, keys), method, url, **more)
 
 
 def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
@@ -103,11 +114,11 @@ def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
 
 
 @asynccontextmanager
-async def serving(app: ASGIApp) -> AsyncIterator[int]:
+async def serving(app: ASGIApp, tls: ssl.SSLContext | None = None) -> AsyncIterator[int]:
     """The application on a free port of 127.0.0.1."""
     sock = listen("127.0.0.1", 0)
     port: int = sock.getsockname()[1]
-    task = asyncio.create_task(serve(app, sock))
+    task = asyncio.create_task(serve(app, sock, tls=tls))
     try:
         yield port
     finally:

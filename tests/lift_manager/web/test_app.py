@@ -3,6 +3,7 @@ import logging
 
 import pytest
 
+from lift_manager.domain.access import ROUTES, Need, Route
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, ask_app
@@ -74,7 +75,7 @@ def test_a_bug_is_logged_once_with_its_traceback_and_answered_without(caplog: py
 
 
 def test_a_bug_elsewhere_is_answered_in_json() -> None:
-    app = make_app(FakeManager())
+    app = make_app(FakeManager(), routes=[*ROUTES, Route(("GET",), "/bug", Need.READ)])
 
     @app.get("/bug")
     async def bug() -> None:

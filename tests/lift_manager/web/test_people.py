@@ -17,7 +17,8 @@ from tests.lift_manager.web.fake import FakeManager, ask
 BASE = "http://127.0.0.1:5003/api/v1/lifts"
 BY = {"by": "M. Weber"}
 LOCKOUT = {"by": "M. Weber", "reason": "new ropes"}
-SAYINGS = [("acknowledge", BY), ("lockout", LOCKOUT), ("lockout/end", BY)]
+RELEASE = {"by": "M. Weber", "reason": "carried away"}
+SAYINGS = [("acknowledge", BY), ("lockout", LOCKOUT), ("lockout/end", BY), ("session/force-release", RELEASE)]
 
 every_saying = pytest.mark.parametrize(("what", "body"), SAYINGS)
 
@@ -60,6 +61,24 @@ def test_a_lockout_and_its_end_say_who_since_when_and_why() -> None:
     ended = say(facade, "lockout/end", json=BY).json()
     assert (ended["by"], ended["at"], ended["lockout"]["by"]) == ("M. Weber", "2026-03-01T20:15:00Z", "A. Beck")
     assert facade.said == [("lock_out", "lift", "M. Weber", "new ropes"), ("end_lockout", "lift", "M. Weber")]
+
+
+def test_a_session_that_a_person_ends_says_whose_it_was_and_what_is_left_to_do() -> None:
+    facade = FakeManager()
+    answer = say(facade, "session/force-release", json=RELEASE)
+    assert answer.status_code == 200
+    said = answer.json()
+    text = said.pop("text")
+    assert said == {
+        "lift": "lift",
+        "by": "M. Weber",
+        "reason": "carried away",
+        "at": "2026-03-01T20:15:00Z",
+        "holder": "workshop:robot-1",
+        "maybe_aboard": True,
+    }
+    assert "`lift-manager ack lift --by NAME`" in text
+    assert facade.said == [("force_release", "lift", "M. Weber", "carried away")]
 
 
 @every_saying
@@ -157,7 +176,7 @@ def test_what_comes_by_another_name_or_through_a_proxy_is_refused(
 ) -> None:
     facade = FakeManager()
     detail = refused(say(facade, what, json=body, headers=headers), 403, "other_computer")
-    assert "there are no keys" in detail
+    assert "this site has no keys" in detail
     assert facade.said == []
 
 
@@ -226,6 +245,6 @@ def test_the_documentation_names_every_field_and_every_refusal() -> None:
         route = schema["paths"][f"/api/v1/lifts/{{lift}}/{what}"]["post"]
         documented = route["requestBody"]["content"]["application/json"]["schema"]
         assert documented["required"] == list(body)
-        assert sorted(route["responses"]) == ["200", "403", "404", "409", "413", "422"]
+        assert sorted(route["responses"]) == ["200", "400", "401", "403", "404", "409", "413", "422", "431", "500"]
         assert route["summary"]
         assert route["description"]

@@ -1,0 +1,143 @@
+"""`lift-manager keys`: make, list and revoke the keys of a site."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lift_manager.cli.common import SiteFile, err, fail, loaded_site, out, say
+from lift_manager.config.load import LoadedSite
+from lift_manager.domain.access import Role
+from lift_manager.domain.keys import Key, holds_key
+from lift_manager.store.errors import KeysUnusable, StateUnusable
+from lift_manager.store.keys import KeyEntry, keys_path, make_key, read_keys, revoke_key
+from lift_manager.store.place import state_path
+
+app = typer.Typer(no_args_is_help=True, help="Make, list and revoke the keys of a site.")
+
+_NAME = re.compile(r"\w(?:[\w .-]{0,30}\w)?")
+_FACES = ("workshop", "api", "rmf", "page", "commissioning")
+"""A session is shown as `<face>:<name>`, and as the face alone where nobody can be told."""
+RUNNING = "a manager that runs for this site sees it within a second; one that is not running, at its start"
+
+Name = Annotated[str, typer.Option("--name", metavar="NAME", help="Whose key; also the name of its sessions.")]
+
+
+@app.command()
+def make(
+    site: SiteFile,
+    name: Name,
+    role: Annotated[
+        Role,
+        typer.Option(
+            "--role",
+            help="viewer reads; robot also commands the lifts named here; operator all, and speaks for people.",
+        ),
+    ],
+    lift: Annotated[
+        list[str] | None,
+        typer.Option("--lift", metavar="LIFT", help="A lift that this robot may command; can be repeated."),
+    ] = None,
+) -> None:
+    """Make a key and print it, this once: the key on stdout, all else on stderr."""
+    loaded = loaded_site(site)
+    key = Key("", _checked(name), role, _lifts(loaded, role, lift or []))
+    path = _path(loaded)
+    try:
+        first = not read_keys(path, loaded.site.name).live
+        made = make_key(path, loaded.site.name, key, by=_me(), at=datetime.now(UTC))
+    except KeysUnusable as error:
+        raise fail(str(error)) from error
+    _tell(f"{key.name}: a key with the role {role}, kept as a hash in {path}; {RUNNING}")
+    _tell("this is the only time that it is shown; send it in the header `Authorization: Bearer ...`")
+    if first:
+        _tell("it is the first key of this site: from now on every request needs one, on this computer too")
+    out.print(made.reveal(), markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command("list")
+def list_keys(site: SiteFile) -> None:
+    """List the keys of a site, live and revoked; never the keys themselves."""
+    loaded = loaded_site(site)
+    path = _path(loaded)
+    try:
+        keys = read_keys(path, loaded.site.name).keys
+    except KeysUnusable as error:
+        raise fail(str(error)) from error
+    if not keys:
+        say([f"there is no key in {path}; make one with `lift-manager keys make`"])
+    say(_line(entry) for entry in keys)
+
+
+@app.command()
+def revoke(
+    site: SiteFile, name: Annotated[str, typer.Argument(metavar="NAME", help="The name of a live key.")]
+) -> None:
+    """Revoke a key; it is refused within a second. A session that it holds ends with its lease, or by `lift-manager release`."""
+    loaded = loaded_site(site)
+    path = _path(loaded)
+    try:
+        left = revoke_key(path, loaded.site.name, name, by=_me(), at=datetime.now(UTC))
+    except KeysUnusable as error:
+        raise fail(str(error)) from error
+    say([f"{name}: revoked; {RUNNING}"])
+    if not left.live:
+        _tell("it was the last live key: where the site is open without keys, as on 127.0.0.1, it is open again")
+
+
+def _path(loaded: LoadedSite) -> Path:
+    try:
+        return keys_path(state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ))
+    except StateUnusable as error:
+        raise fail(str(error)) from error
+
+
+def _checked(name: str) -> str:
+    if not _NAME.fullmatch(name) or holds_key(name):
+        raise typer.BadParameter("use 1 to 32 letters, digits, spaces, points and hyphens", param_hint="--name")
+    if name.casefold() in _FACES:
+        raise typer.BadParameter(f"{name} is the name of a face of the manager; choose another", param_hint="--name")
+    return name
+
+
+def _lifts(loaded: LoadedSite, role: Role, lifts: list[str]) -> tuple[str, ...]:
+    known = ", ".join(loaded.site.lifts)
+    if role is not Role.ROBOT:
+        if lifts:
+            raise typer.BadParameter(f"a key with the role {role} is for every lift; leave it out", param_hint="--lift")
+        return ()
+    if not lifts:
+        raise typer.BadParameter(f"say which lifts this robot may command: {known}", param_hint="--lift")
+    for lift in lifts:
+        if lift not in loaded.site.lifts:
+            raise typer.BadParameter(f"this site has no lift {lift!r}; there is {known}", param_hint="--lift")
+    return tuple(dict.fromkeys(lifts))
+
+
+def _line(entry: KeyEntry) -> str:
+    lifts = f" for {', '.join(entry.lifts)}" if entry.lifts else ""
+    made = f"made {entry.made_at:%Y-%m-%d %H:%M} UTC by {entry.made_by}"
+    if entry.revoked_at is None:
+        return f"{entry.name}: {entry.role}{lifts}, id {entry.id}, {made}"
+    revoked = f"revoked {entry.revoked_at:%Y-%m-%d %H:%M} UTC by {entry.revoked_by}"
+    return f"{entry.name}: {entry.role}{lifts}, id {entry.id}, {made}, {revoked}"
+
+
+def _me() -> str:
+    """Return whoever sits there: with sudo, not root."""
+    if person := os.environ.get("SUDO_USER", ""):
+        return person
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return f"user {os.getuid()}"
+
+
+def _tell(text: str) -> None:
+    err.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,71 @@
+"""The client side of HTTPS: whom the command line believes, and what it shows of itself."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lift_manager.cli.common import fail
+
+Ca = Annotated[
+    Path | None,
+    typer.Option(
+        "--ca",
+        metavar="FILE",
+        help="The CA of the manager's certificate, where it is one of your own.",
+        show_default=False,
+    ),
+]
+Certificate = Annotated[
+    Path | None,
+    typer.Option(
+        "--certificate", metavar="FILE", help="Your certificate, where the manager asks for one.", show_default=False
+    ),
+]
+CertificateKey = Annotated[
+    Path | None,
+    typer.Option(
+        "--certificate-key",
+        metavar="FILE",
+        help="The private key of --certificate, where it is not in the same file.",
+        show_default=False,
+    ),
+]
+
+
+def verified(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
+    """Return a context that believes `ca`, or without it whom the system believes; one sentence and exit 1 for files that do not fit."""
+    if key is not None and certificate is None:
+        raise typer.BadParameter("a key needs its certificate; give --certificate too", param_hint="--certificate-key")
+    try:
+        context = ssl.create_default_context(cafile=ca)
+    except (OSError, ssl.SSLError) as error:
+        raise fail(f"--ca {ca} cannot be used: {_why(error)}") from None
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if certificate is None:
+        return context
+    try:
+        # a passphrase is asked for at the terminal: here somebody is there to type it
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        raise fail(f"--certificate {certificate} cannot be used: {_why(error)}") from None
+    return context
+
+
+def advice(manager: str) -> str:
+    """What may stand behind a manager that does not answer."""
+    text = "start it with `lift-manager serve SITE`, or say where it runs with --manager URL"
+    if manager.startswith("https:"):
+        return f"{text}; a CA of your own is named with --ca FILE, and your certificate, where it asks for one, with --certificate FILE"
+    return f"{text}, which begins with https:// where its site file says `tls`"
+
+
+def _why(error: OSError) -> str:
+    if isinstance(error, ssl.SSLError):
+        if error.reason == "KEY_VALUES_MISMATCH":
+            return "its key belongs to another certificate"
+        return "it is not in PEM form, or its key is not in it (--certificate-key FILE)"
+    return error.strerror or str(error)

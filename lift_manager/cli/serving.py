@@ -1,0 +1,120 @@
+"""`lift-manager serve`: open what outlives a manager, and run one."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from socket import socket
+from typing import Annotated
+
+import typer
+
+from drivers.errors import ControllerTaken
+from lift_manager import app as running
+from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused
+from lift_manager.cli.loop import log_to_stderr, run
+from lift_manager.config.load import LoadedSite
+from lift_manager.store.errors import StoreError
+from lift_manager.store.journal.writer import SqliteJournal, opened_journal
+from lift_manager.store.keys import KeyFile, keys_path
+from lift_manager.store.place import journal_path, state_path
+from lift_manager.store.state_file import StateFile, opened
+from lift_manager.web.errors import ListenError
+from lift_manager.web.origin import is_loopback
+from lift_manager.web.server import listen
+from register_maps.errors import MapFileError
+
+_log = logging.getLogger("lift_manager")
+
+
+@dataclass(frozen=True, slots=True)
+class Stores:
+    """What of a site is on the disk."""
+
+    memory: StateFile
+    journal: SqliteJournal
+    keys: KeyFile
+
+
+def serve(
+    site: SiteFile,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Listen here instead of the site file's port.")
+    ] = None,
+) -> None:
+    """Run the lift manager for a site."""
+    log_to_stderr()
+    loaded = loaded_site(site)
+    if loaded.unusable:
+        raise refused(MapFileError(loaded.unusable))
+    for line in loaded.cautions():
+        _log.warning("%s", line)
+    api = loaded.site.api
+    place = state_path_of(loaded)
+    try:
+        memory = opened(place, loaded.site.name, loaded.site.lifts.keys())
+        sock = listen(api.host, api.port if port is None else port)
+    except (StoreError, ListenError) as error:
+        raise fail(str(error)) from error
+    stores = Stores(memory, _journal(loaded, place), _keys(loaded, place, sock))
+    try:
+        released = run(_serve(loaded, sock, stores))
+    except* (ControllerTaken, ListenError) as group:
+        raise fail(str(group.exceptions[0])) from group
+    if not released:
+        raise typer.Exit(1)
+
+
+def state_path_of(loaded: LoadedSite) -> Path:
+    """Return the file beside which everything of a site is kept, or say why there is none and exit with 1."""
+    try:
+        return state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
+    except StoreError as error:
+        raise fail(str(error)) from error
+
+
+def _journal(loaded: LoadedSite, place: Path) -> SqliteJournal:
+    """Open the journal of a site, or say why that is none and exit with 1."""
+    said, path = loaded.site.journal, journal_path(place)
+    try:
+        return opened_journal(path, loaded.site.name, keep_days=said.keep_days, max_mb=said.max_mb)
+    except StoreError as error:
+        raise fail(str(error)) from error
+
+
+def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
+    """Read the keys of a site, or say why it is not served without them and exit with 1."""
+    site, host = loaded.site, sock.getsockname()[0]
+    open_without = is_loopback(host) or site.api.without_keys is not None
+    path = keys_path(place)
+    try:
+        keys = KeyFile(path, site.name, open_without=open_without)
+    except StoreError as error:
+        raise fail(str(error)) from error
+    if not keys.names and not open_without:
+        text = (
+            f"others can reach {host}, and there is no key to tell them by: make one with `lift-manager keys make {loaded.path}"
+            " --name NAME --role ROLE`, or listen on 127.0.0.1, or say in the site file why it is acceptable without,"
+            " with `api: {without_keys: ...}`"
+        )
+        raise fail(text)
+    live = f"every request needs one of {len(keys.names)} key(s)" if keys.names else "no request needs a key"
+    _log.info("keys: %s; they are kept in %s", live, path)
+    return keys
+
+
+async def _serve(loaded: LoadedSite, sock: socket, stores: Stores) -> bool:
+    stop = asyncio.Event()
+    running.stop_on_signals(stop)
+    host, port = sock.getsockname()[:2]
+    scheme = "http" if loaded.site.api.tls is None else "https"
+
+    def ready() -> None:
+        where = f"{scheme}://{host}:{port}/docs"
+        out.print(f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on {where}", highlight=False)
+
+    memory, journal, keys = stores.memory, stores.journal, stores.keys
+    return await running.run(loaded, sock, stop=stop, ready=ready, memory=memory, journal=journal, keys=keys)

@@ -1,0 +1,108 @@
+"""Who may ask for what: the roles of keys, what each route needs, and whether a key has it. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum, unique
+
+
+@unique
+class Role(StrEnum):
+    """What the bearer of a key is here for. Viewer, operator and commissioner each may all that the one before may."""
+
+    VIEWER = "viewer"
+    """Reads."""
+    ROBOT = "robot"
+    """Reads everything, commands the lifts that its key names, in sessions of its own."""
+    OPERATOR = "operator"
+    """Commands every lift, and gives a person's word: acknowledge, lock out, end a session that is not its own."""
+    COMMISSIONER = "commissioner"
+    """Puts lifts into service."""
+
+
+@unique
+class Need(StrEnum):
+    """What a route asks of its caller."""
+
+    NOTHING = "nothing"
+    """Open to everybody, with or without keys: it tells nothing about this site's lifts but their names."""
+    READ = "read"
+    COMMAND = "command"
+    OPERATE = "operate"
+    COMMISSION = "commission"
+
+
+ROLES = {
+    Need.READ: frozenset(Role),
+    Need.COMMAND: frozenset({Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER}),
+    Need.OPERATE: frozenset({Role.OPERATOR, Role.COMMISSIONER}),
+    Need.COMMISSION: frozenset({Role.COMMISSIONER}),
+}
+
+
+@unique
+class LiftIn(StrEnum):
+    """Where a request says which lift it is about."""
+
+    PATH = "path"
+    QUERY = "query"
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """One thing that can be asked over HTTP."""
+
+    methods: tuple[str, ...]
+    path: str
+    """As a pattern of the web framework: `{lift:path}` is a name that may hold a slash."""
+    need: Need
+    lift_in: LiftIn | None = None
+
+
+_GET = ("GET",)
+_POST = ("POST",)
+_FILE = ("GET", "HEAD")
+_WORKSHOP = "/open-rmf/demo-lift"
+_LIFT = "/api/v1/lifts/{lift:path}"
+
+ROUTES: tuple[Route, ...] = (
+    Route(_GET, "/", Need.NOTHING),
+    Route(_GET, "/docs", Need.NOTHING),
+    Route(_FILE, "/docs/{path:path}", Need.NOTHING),
+    Route(_GET, "/redoc", Need.NOTHING),
+    Route(_FILE, "/redoc/{path:path}", Need.NOTHING),
+    Route(_FILE, "/openapi.json", Need.NOTHING),
+    Route(_GET, "/healthz", Need.NOTHING),
+    Route(_GET, "/readyz", Need.NOTHING),
+    Route(_GET, f"{_WORKSHOP}/lift_names", Need.READ),
+    Route(_GET, f"{_WORKSHOP}/lift_state", Need.READ, LiftIn.QUERY),
+    Route(_POST, f"{_WORKSHOP}/lift_request", Need.COMMAND, LiftIn.QUERY),
+    Route(_POST, f"{_LIFT}/acknowledge", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/lockout", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/lockout/end", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/session/force-release", Need.OPERATE, LiftIn.PATH),
+)
+"""All that can be asked. What is not in here is answered as if it did not exist, whatever the application has."""
+
+
+def refusal(role: Role, own: Sequence[str], need: Need, asked: Sequence[str]) -> str:
+    """Return why a key may not do this, in words; empty where it may.
+
+    `own` are the lifts that the key names, `asked` those that the request names: a robot commands nothing else, and nothing
+    that names no lift.
+    """
+    if need is Need.NOTHING:
+        return ""
+    allowed = ROLES[need]
+    if role not in allowed:
+        return f"this needs a key with the role {_listed([other for other in Role if other in allowed])}; this key's is {role}"
+    if role is Role.ROBOT and need is not Need.READ and (not asked or set(asked) - set(own)):
+        return (
+            f"this key commands {_listed(own, 'and') or 'no lift'} and no other; another lift needs a key that names it"
+        )
+    return ""
+
+
+def _listed(words: Sequence[str], last: str = "or") -> str:
+    return f" {last} ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

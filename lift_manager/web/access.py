@@ -1,0 +1,131 @@
+"""Who asks, and whether they may: every request passes here before any route sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from urllib.parse import parse_qsl, unquote_plus
+
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import compile_path
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from lift_manager.domain.access import LiftIn, Need, Route, refusal
+from lift_manager.domain.keys import Key, Keys, Secret, holds_key
+from lift_manager.web.attempts import Attempts
+from lift_manager.web.body import LingeringResponse
+from lift_manager.web.faces import No, answer, not_found, wrong_method
+
+QUERY_LIMIT = 4096
+"""Chosen: lift names are short, and a caller's text is quoted in answers."""
+
+KEY_IN_ADDRESS = (
+    "the address holds what looks like a key; addresses are written down on the way here, so revoke that key, and send the next"
+    " one in the header `Authorization: Bearer ...` alone"
+)
+NO_KEY = "a key is needed: send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one"
+BAD_KEY = "this key does not count here: it may be mistyped, revoked, or of another site"
+_CHALLENGE = 'Bearer realm="lift-manager"'
+_CALLER = "lift_manager.caller"
+
+
+def caller(request: Request) -> Key | None:
+    """Return whose key a request came with; None where none was needed."""
+    found = request.scope.get(_CALLER)
+    return found if isinstance(found, Key) else None
+
+
+def lift_names_in(query: bytes) -> list[str]:
+    """Return every value of `lift_name`. The one reading of it: two would be a way past the check."""
+    # `replace`: what is not UTF-8 is no lift's name either
+    pairs = parse_qsl(query[:QUERY_LIMIT].decode("utf-8", "replace"), keep_blank_values=True)
+    return [value for key, value in pairs if key == "lift_name"]
+
+
+class Gate:
+    """Passes on what is in the table of routes, and may be asked by who asks it. All else ends here."""
+
+    def __init__(self, app: ASGIApp, routes: Sequence[Route], keys: Keys) -> None:
+        self._app = app
+        self._keys = keys
+        self._routes = [(compile_path(route.path), route) for route in routes]
+        self._attempts = Attempts()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+        elif scope["type"] == "http":
+            no = self._judge(scope)
+            if no is None:
+                await self._app(scope, receive, send)
+            else:
+                await answer(scope["path"], no, _kind(scope))(scope, receive, send)
+        else:
+            # there is no websocket here; should there be one, it needs a check of its own
+            await send({"type": "websocket.close", "code": 1008, "reason": ""})
+
+    def _judge(self, scope: Scope) -> No | None:
+        path: str = scope["path"]
+        if holds_key(path) or holds_key(unquote_plus(scope["query_string"].decode("latin-1"))):
+            return self._turned_away(scope, No(400, "key_in_address", KEY_IN_ADDRESS), "a key in its address")
+        route, lift, methods = self._find(path, scope["method"])
+        if route is not None and route.need is Need.NOTHING:
+            return None
+        if self._keys.needed:
+            key = self._caller(scope)
+            if isinstance(key, No):
+                return key
+            scope[_CALLER] = key
+            if route is not None and (why := refusal(key.role, key.lifts, route.need, _asked(route, lift, scope))):
+                return self._turned_away(scope, No(403, "not_allowed", why), f"the key {key.name} may not do this")
+        if route is None:
+            return wrong_method(path, methods) if methods else not_found(path)
+        return None
+
+    def _find(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
+        """Return the route, the lift in its path, and which methods the path takes where it is not this one."""
+        others: tuple[str, ...] = ()
+        for (pattern, _, _), route in self._routes:
+            if (match := pattern.match(path)) is None:
+                continue
+            if method in route.methods:
+                return route, match.groupdict().get("lift", ""), ()
+            others = (*others, *route.methods)
+        return None, "", others
+
+    def _caller(self, scope: Scope) -> Key | No:
+        sent = Headers(scope=scope).getlist("authorization")
+        if not sent:
+            no = No(401, "key_needed", NO_KEY, {"www-authenticate": _CHALLENGE})
+            return self._turned_away(scope, no, "it has no key")
+        scheme, _, token = sent[0].partition(" ")
+        if len(sent) == 1 and scheme.lower() == "bearer" and (key := self._keys.find(Secret(token.strip()))):
+            return key
+        challenge = f'{_CHALLENGE}, error="invalid_token"'
+        return self._turned_away(
+            scope, No(401, "bad_key", BAD_KEY, {"www-authenticate": challenge}), "its key does not count"
+        )
+
+    def _turned_away(self, scope: Scope, no: No, why: str) -> No:
+        client = scope.get("client")
+        self._attempts.refused(str(client[0]) if client else "an unknown address", why)
+        return no
+
+
+def _asked(route: Route, lift: str, scope: Scope) -> list[str]:
+    match route.lift_in:
+        case LiftIn.PATH:
+            return [lift]
+        case LiftIn.QUERY:
+            return lift_names_in(scope["query_string"])
+        case None:
+            return []
+
+
+def _kind(scope: Scope) -> type[Response]:
+    """A body may still be on its way, and closing over it would lose the answer."""
+    headers: Mapping[str, Any] = Headers(scope=scope)
+    has_body = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
+    return LingeringResponse if has_body else Response

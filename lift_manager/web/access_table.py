@@ -1,0 +1,58 @@
+"""The table of who may ask what, for people: ACCESS.md beside this file, written anew by `python -m lift_manager.web.access_table`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from lift_manager.domain.access import ROUTES, Need, Role, Route, refusal
+
+FILE = Path(__file__).with_name("ACCESS.md")
+
+COLUMNS = ("no key", "viewer", "robot, its lift", "robot, another lift", "operator", "commissioner")
+NO_KEYS = ("this computer", "another computer")
+_HEAD = """# Who may ask what
+
+Written by `python -m lift_manager.web.access_table` from `lift_manager/domain/access.py`; a test compares it, and asks the
+application every cell. What is not in the table does not exist.
+
+Where the site has a live key. "no" is 401 without a key and 403 with one.
+
+"""
+_BETWEEN = """
+Where it has none. On an address that other computers reach, this needs `api: {without_keys: "<why>"}` in the site file.
+
+"""
+
+
+def access_table() -> str:
+    """Return the text of ACCESS.md."""
+    return _HEAD + "".join(_table(COLUMNS, _with_keys)) + _BETWEEN + "".join(_table(NO_KEYS, _without_keys))
+
+
+def _table(columns: tuple[str, ...], cells: Callable[[Route], tuple[bool, ...]]) -> Iterator[str]:
+    yield f"| request | needs | {' | '.join(columns)} |\n"
+    yield f"|---|---|{'---|' * len(columns)}\n"
+    for route in ROUTES:
+        said = ("yes" if may else "no" for may in cells(route))
+        yield f"| `{' '.join(route.methods)} {route.path}` | {route.need} | {' | '.join(said)} |\n"
+
+
+def _with_keys(route: Route) -> tuple[bool, ...]:
+    own, other = ["its"], ["another"]
+    return (
+        route.need is Need.NOTHING,
+        not refusal(Role.VIEWER, (), route.need, own),
+        not refusal(Role.ROBOT, own, route.need, own),
+        not refusal(Role.ROBOT, own, route.need, other),
+        not refusal(Role.OPERATOR, (), route.need, own),
+        not refusal(Role.COMMISSIONER, (), route.need, own),
+    )
+
+
+def _without_keys(route: Route) -> tuple[bool, ...]:
+    return True, route.need not in {Need.OPERATE, Need.COMMISSION}
+
+
+if __name__ == "__main__":
+    FILE.write_text(access_table(), "utf-8")

@@ -1,0 +1,84 @@
+"""Whether the process lives, and whether it can do its work: for service managers and load balancers, without a key."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter
+from starlette.responses import JSONResponse, Response
+
+from lift_manager.core.facade import LiftFacade
+from lift_manager.domain.state import Quality
+
+TAG = "health"
+
+TAG_DESCRIPTION = """
+For whoever watches the process. Neither needs a key, and neither tells more of the site than how many lifts it has.
+"""
+
+_ALIVE = {"status": "ok"}
+_EXAMPLE = {"ready": True, "journal": "written", "lifts": 3, "live": 3}
+
+
+def health_router(facade: LiftFacade) -> APIRouter:
+    """Two routes that answer from memory."""
+    router = APIRouter(tags=[TAG])
+
+    async def healthz() -> Response:
+        return _answer(_ALIVE, 200)
+
+    async def readyz() -> Response:
+        names = facade.lift_names()
+        states = (facade.state(name) for name in names)
+        live = sum(state is not None and state.quality is Quality.LIVE for state in states)
+        ready = not facade.trouble
+        journal = "written" if ready else "not written: nothing is pressed; the manager's log says why"
+        return _answer({"ready": ready, "journal": journal, "lifts": len(names), "live": live}, 200 if ready else 503)
+
+    router.add_api_route(
+        "/healthz",
+        healthz,
+        methods=["GET"],
+        summary="The process answers",
+        description="The process and its loop. What is wrong with a lift, or with the disk, is no reason to start it anew.",
+        response_class=Response,
+        responses={200: _documented("It does.", _ALIVE)},
+    )
+    router.add_api_route(
+        "/readyz",
+        readyz,
+        methods=["GET"],
+        summary="Robots are served",
+        description=(
+            "Robots are served while what is done can be written down. A lift that is offline is counted, and does not matter:"
+            " the others go on."
+        ),
+        response_class=Response,
+        responses={
+            200: _documented("They are.", _EXAMPLE),
+            503: _documented(
+                "The journal or the state cannot be written: nothing is pressed, while letting go and states go on.",
+                {**_EXAMPLE, "ready": False, "journal": "not written: nothing is pressed; the manager's log says why"},
+            ),
+        },
+    )
+    return router
+
+
+def _answer(body: dict[str, Any], status: int) -> Response:
+    return JSONResponse(body, status, {"cache-control": "no-store"})
+
+
+def _documented(description: str, example: dict[str, Any]) -> dict[str, Any]:
+    properties = {name: {"type": _TYPES[type(value)]} for name, value in example.items()}
+    schema = {
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+        "additionalProperties": False,
+        "example": example,
+    }
+    return {"description": description, "content": {"application/json": {"schema": schema}}}
+
+
+_TYPES = {bool: "boolean", int: "integer", str: "string"}

@@ -1,0 +1,89 @@
+"""What the OpenAPI document says of keys: the scheme, which role each operation needs, and how it is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from fastapi import FastAPI
+from starlette.routing import compile_path
+
+from lift_manager.api.problem import MEDIA_TYPE, Problem
+from lift_manager.domain.access import ROLES, Need, Role, Route
+from lift_manager.web.faces import is_api
+from lift_manager.web.workshop_docs import ENVELOPE
+
+SCHEME = "key"
+_SCHEME = {
+    "type": "http",
+    "scheme": "bearer",
+    "description": (
+        "A key that `lift-manager keys make` has printed. As soon as a site has one, every request needs one. A site without keys"
+        " takes requests from its own computer, and from others only where its site file says so."
+    ),
+}
+
+_REFUSALS = {
+    400: "This is no HTTP, or the address holds a key, where it does not belong (`key_in_address`).",
+    401: "A key is needed (`key_needed`), or the one sent is mistyped, revoked or of another site (`bad_key`).",
+    403: "The key has not the role, or does not name the lift (`not_allowed`).",
+    431: "Address and headers are too long.",
+    500: "A bug in the manager.",
+}
+
+_OF_KEYS = {401, 403}
+
+Document = dict[str, Any]
+
+
+def describe_access(app: FastAPI, routes: Sequence[Route]) -> None:
+    """Let the document of an application tell what its routes need; one that is not in `routes` is left out of it."""
+    made: Callable[[], Document] = app.openapi
+    of = {(method, compile_path(route.path)[1]): route for route in routes for method in route.methods}
+
+    def openapi() -> Document:
+        if app.openapi_schema is None:
+            document = made()
+            document.setdefault("components", {})["securitySchemes"] = {SCHEME: _SCHEME}
+            paths = document["paths"]
+            for path, operations in list(paths.items()):
+                for method in list(operations):
+                    route = of.get((method.upper(), path))
+                    if route is None:
+                        del operations[method]
+                    else:
+                        _describe(path, operations[method], route.need)
+                if not operations:
+                    del paths[path]
+            app.openapi_schema = document
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI's own manual goes
+
+
+def _describe(path: str, operation: Document, need: Need) -> None:
+    # {}: a site without keys asks for none
+    operation["security"] = [] if need is Need.NOTHING else [{SCHEME: []}, {}]
+    operation["description"] = f"{operation.get('description', '').rstrip()}\n\n{_who(need)}\n"
+    content = (
+        {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}
+        if is_api(path)
+        else {"application/json": {"schema": ENVELOPE}}
+    )
+    responses: Document = operation["responses"]
+    for status, text in _REFUSALS.items():
+        if need is Need.NOTHING and status in _OF_KEYS:
+            continue
+        said = responses.setdefault(str(status), {"description": "", "content": content})
+        said["description"] = f"{said['description']} {text}".strip()
+        if status == 401:
+            said["headers"] = {"WWW-Authenticate": {"schema": {"type": "string"}}}
+    operation["responses"] = dict(sorted(responses.items()))
+
+
+def _who(need: Need) -> str:
+    if need is Need.NOTHING:
+        return "Needs no key."
+    roles = ", ".join(role for role in Role if role in ROLES[need])
+    limit = " (a robot: for the lifts that its key names)" if need is Need.COMMAND else ""
+    return f"Where keys are used, the roles that may: {roles}{limit}."

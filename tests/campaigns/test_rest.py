@@ -1,0 +1,20 @@
+"""The campaign on the REST interface, on a small scale: every operation, as every caller."""
+
+import pytest
+
+from lift_manager.domain.access import Role
+from tests.campaigns.rest import campaign
+
+
+@pytest.mark.timeout(240)  # a few seconds on an idle computer; two managers are started, and nothing here is about time
+def test_requests_made_from_the_document_find_nothing_undocumented_and_nothing_beyond_a_role() -> None:
+    found = campaign(seconds=0, first_seed=1, examples=4)
+    assert found.findings == []
+    asked = {(caller, label) for caller, label, _ in found.asked}
+    operations = {label for _, label in asked}
+    assert len(operations) >= 7
+    assert asked == {(caller, label) for caller in ("open", "no key", *Role) for label in operations}
+    statuses = {(caller, status) for caller, _, status in found.asked}
+    closed = {status for caller, label, status in found.asked if caller == "no key" and "/lift" in label}
+    assert closed <= {400, 401}
+    assert {("viewer", 403), ("robot", 403), ("robot", 200), ("operator", 200), ("open", 200)} <= statuses

@@ -1,0 +1,29 @@
+"""Keys for the tests of the web face."""
+
+from collections.abc import Mapping
+
+from lift_manager.domain.access import Role
+from lift_manager.domain.keys import Key, KeyRing, digest_of, token
+
+NAMED, OTHER = "lift", "Güter"
+"""The lifts of the fake manager: the first is that of the robot's key."""
+
+_NUMBERS = {role: f"{number:08x}" for number, role in enumerate(Role)}
+_SECRETS = {role: digest_of(f"a secret of {role}") for role in Role}
+
+
+def ring(*roles: Role, open_without: bool = True) -> KeyRing:
+    """A live key for each of these roles, named after it."""
+    entries = [
+        (Key(_NUMBERS[role], f"the {role}", role, (NAMED,) if role is Role.ROBOT else ()), digest_of(_SECRETS[role]))
+        for role in roles
+    ]
+    return KeyRing(entries, open_without=open_without)
+
+
+def key(role: Role) -> str:
+    return token(_NUMBERS[role], _SECRETS[role]).reveal()
+
+
+def bearing(role: Role) -> Mapping[str, str]:
+    return {"Authorization": f"Bearer {key(role)}"}

@@ -1,0 +1,191 @@
+"""What a caller can make the manager take in: addresses, headers, bodies and connections all end somewhere."""
+
+import asyncio
+import json
+from collections.abc import Coroutine
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+import uvicorn
+from uvicorn.server import ServerState
+
+from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.web.app import make_app
+from lift_manager.web.body import KEYS_LIMIT, LIMIT_BYTES
+from lift_manager.web.http_protocol import (
+    CONNECTIONS_LIMIT,
+    HEAD_LIMIT_BYTES,
+    HEAD_WITHIN_S,
+    HEADERS_LIMIT,
+    JsonHttpProtocol,
+)
+from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, connected, serving
+
+NAMES = f"GET {BASE}/lift_names HTTP/1.1\r\nHost: lifts\r\n".encode()
+LONG = b"x" * HEAD_LIMIT_BYTES
+
+
+def run(main: Coroutine[Any, Any, Any]) -> Any:
+    with asyncio.Runner() as runner:
+        return runner.run(main)
+
+
+async def all_of(port: int, sent: bytes) -> bytes:
+    async with connected(port) as (reader, writer), asyncio.timeout(5):
+        writer.write(sent)
+        await writer.drain()
+        return await reader.read()
+
+
+@pytest.mark.parametrize(
+    ("sent", "media_type"),
+    [
+        (b"GET /" + LONG, b"application/json"),
+        (b"GET /" + LONG + b" HTTP/1.1\r\nHost: lifts\r\n\r\n", b"application/json"),
+        (NAMES + b"X-Long: " + LONG, b"application/json"),
+        (NAMES + b"X-Long: " + LONG + b"\r\n\r\n", b"application/json"),
+        (NAMES + b"X-Many: x\r\n" * HEADERS_LIMIT + b"\r\n", b"application/json"),
+        (b"GET /api/v1/x HTTP/1.1\r\nX-Long: " + LONG + b"\r\n\r\n", b"application/problem+json"),
+        (LONG + LONG, b"application/json"),
+    ],
+    ids=["address without end", "address", "header without end", "header", "headers", "under /api", "no HTTP"],
+)
+def test_a_head_that_is_too_long_is_answered_and_hung_up_on(sent: bytes, media_type: bytes) -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port:
+            return await all_of(port, sent)
+
+    header, _, body = run(main()).partition(b"\r\n\r\n")
+    expected = 400 if sent == LONG + LONG else 431
+    assert header.startswith(f"HTTP/1.1 {expected} ".encode())
+    assert b"content-type: " + media_type in header
+    assert b"connection: close" in header
+    assert str(HEAD_LIMIT_BYTES) in json.loads(body).get("msg", json.loads(body).get("detail")) or expected == 400
+
+
+def test_a_head_below_the_limit_is_read_in_however_many_pieces() -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port, connected(port) as (reader, writer):
+            head = NAMES + b"X-Long: " + LONG[:-200] + b"\r\n"
+            for start in range(0, len(head), 5000):
+                writer.write(head[start : start + 5000])
+                await writer.drain()
+                await asyncio.sleep(0)
+            writer.write(b"Connection: close\r\n\r\n")
+            async with asyncio.timeout(5):
+                return await reader.read()
+
+    assert run(main()).startswith(b"HTTP/1.1 200 ")
+
+
+def test_a_connection_counts_each_of_its_requests_for_itself() -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port:
+            one = NAMES + b"X-Long: " + b"x" * (HEAD_LIMIT_BYTES // 2) + b"\r\n"
+            return await all_of(port, (one + b"\r\n") * 4 + one + b"Connection: close\r\n\r\n")
+
+    assert run(main()).count(b"HTTP/1.1 200 ") == 5
+
+
+def test_more_connections_than_there_is_room_for_are_hung_up_on_and_the_others_go_on() -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeManager())) as port, AsyncExitStack() as stack:
+            kept = [await stack.enter_async_context(connected(port)) for _ in range(CONNECTIONS_LIMIT)]
+            for reader, writer in (kept[0], kept[-1]):
+                writer.write(NAMES + b"\r\n")
+                assert await reader.readexactly(12) == b"HTTP/1.1 200"
+            one_more, _ = await stack.enter_async_context(connected(port))
+            with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+                await one_more.readexactly(1)
+            reader, writer = kept[1]
+            writer.write(NAMES + b"\r\n")
+            assert await reader.readexactly(12) == b"HTTP/1.1 200"
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {f"key {number}": 0 for number in range(KEYS_LIMIT + 1)},
+        {"floor": {f"key {number}": 0 for number in range(KEYS_LIMIT + 1)}, "door_state": 0},
+    ],
+)
+def test_an_object_of_too_many_keys_is_refused(body: dict[str, object]) -> None:
+    facade = FakeManager()
+    answer = ask(facade, "POST", REQUEST, json=body)
+    assert f"an object in the body has {KEYS_LIMIT + 1} keys" in answer.json()["msg"]
+    assert facade.asked == []
+
+
+@pytest.mark.parametrize("what", ["acknowledge", "lockout", "lockout/end", "session/force-release"])
+def test_every_route_with_a_body_has_the_same_limit(what: str) -> None:
+    url = f"http://127.0.0.1:5003/api/v1/lifts/lift/{what}"
+    assert ask(FakeManager(), "POST", url, content=b" " * (LIMIT_BYTES + 1)).status_code == 413
+    assert ask(FakeManager(), "POST", url, content=b" " * LIMIT_BYTES).status_code == 422
+
+
+def test_a_body_that_nobody_wants_is_not_waited_for() -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port, connected(port) as (reader, writer), asyncio.timeout(5):
+            writer.write(NAMES + b"Content-Length: 100000000\r\n\r\n" + b" " * 1_000_000)
+            return await reader.readexactly(12)
+
+    assert run(main()) == b"HTTP/1.1 200"
+
+
+def test_a_good_request_is_within_all_limits() -> None:
+    assert len(CALL) < LIMIT_BYTES
+    assert ask(FakeManager(), "POST", REQUEST, content=CALL).json()["success"] is True
+
+
+class Line(asyncio.Transport):
+    """The server's end of a connection, without a network."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.closed = False
+
+    def is_closing(self) -> bool:
+        return self.closed
+
+    def close(self) -> None:
+        self.closed = True
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        raise AssertionError(bytes(data))
+
+
+async def begun() -> tuple[JsonHttpProtocol, Line]:
+    config = uvicorn.Config(make_app(FakeManager()), log_config=None)
+    config.load()
+    protocol, line = JsonHttpProtocol(config, ServerState(), {}), Line()
+    protocol.connection_made(line)
+    return protocol, line
+
+
+@pytest.mark.parametrize("pause_s", [0.1, 1.0])
+def test_a_head_that_comes_drop_by_drop_is_hung_up_on_after_ten_seconds(pause_s: float) -> None:
+    async def main() -> float:
+        protocol, line = await begun()
+        waited_s = 0.0
+        protocol.data_received(NAMES)
+        while not line.closed:
+            protocol.data_received(b"x")
+            await elapse(pause_s)
+            waited_s += pause_s
+        return waited_s
+
+    assert run_virtual(main) == pytest.approx(HEAD_WITHIN_S, abs=2 * pause_s)
+
+
+def test_a_connection_on_which_nobody_says_anything_is_hung_up_on() -> None:
+    async def main() -> None:
+        _, line = await begun()
+        await elapse(HEAD_WITHIN_S - 0.1)
+        assert not line.closed
+        await elapse(0.2)
+        assert line.closed
+
+    run_virtual(main)

@@ -1,0 +1,207 @@
+"""HTTPS on a real socket: who is heard, what is shown, renewal without a restart, and a quick end."""
+
+import asyncio
+import os
+import ssl
+import subprocess
+import time
+from collections.abc import Callable, Coroutine
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+import uvloop
+from cryptography import x509
+
+from lift_manager.web.app import make_app
+from lift_manager.web.errors import ListenError
+from lift_manager.web.tls import ServerTls, server_context
+from tests.lift_manager.web.fake import STATE, FakeManager, serving
+from tests.support.certificates import Authority, Shown
+
+Run = Callable[[Coroutine[Any, Any, None]], None]
+
+
+@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+def run(request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture) -> Run:
+    def runner(main: Coroutine[Any, Any, None]) -> None:
+        with asyncio.Runner(loop_factory=request.param) as loop:
+            loop.run(main)
+        assert [record.getMessage() for record in caplog.records if record.exc_info] == []
+
+    return runner
+
+
+@pytest.fixture
+def authority(tmp_path: Path) -> Authority:
+    return Authority(tmp_path)
+
+
+@pytest.fixture
+def files(authority: Authority) -> ServerTls:
+    shown = authority.issue("manager", "127.0.0.1", "lift-pc")
+    return ServerTls(shown.certificate, shown.key)
+
+
+async def curl(port: int, *options: str | Path) -> tuple[int, str, str]:
+    """Exit code, status and what it complains about."""
+    command = ["curl", "--silent", "--show-error", "--max-time", "5", "--noproxy", "*", "--output", os.devnull]
+    command += ["--write-out", "%{http_code} %{ssl_verify_result}", *map(str, options)]
+    process = await asyncio.create_subprocess_exec(
+        *command, f"https://127.0.0.1:{port}{STATE}?lift_name=lift", stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    out, err = await process.communicate()
+    return process.returncode or 0, out.decode(), err.decode()
+
+
+def shown_by(client: Shown) -> list[str | Path]:
+    return ["--cert", client.certificate, "--key", client.key]
+
+
+@pytest.mark.external("curl")
+def test_curl_reads_a_lift_over_https_and_believes_the_ca_alone(
+    run: Run, tmp_path: Path, authority: Authority, files: ServerTls
+) -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeManager()), server_context(files)) as port:
+            assert await curl(port, "--cacert", authority.file) == (0, "200 0", "")
+            code, _, complaint = await curl(port, "--cacert", Authority(tmp_path / "other", "other").file)
+            assert (code, "certificate" in complaint) == (60, True)
+            code, _, _ = await curl(port, "--cacert", authority.file, "--tls-max", "1.1")
+            assert code == 35
+
+    run(main())
+
+
+@pytest.mark.external("curl")
+@pytest.mark.parametrize("newest", ["1.2", "1.3"])
+def test_with_a_client_ca_only_its_clients_are_heard(
+    run: Run, tmp_path: Path, authority: Authority, files: ServerTls, newest: str
+) -> None:
+    manager = FakeManager()
+    members = Authority(tmp_path / "members", "members")
+    stranger = authority.issue("stranger", "stranger")
+
+    async def main() -> None:
+        tls = server_context(replace(files, client_ca=members.file))
+        async with serving(make_app(manager), tls) as port:
+            options: list[str | Path] = ["--cacert", authority.file, "--tls-max", newest]
+            assert (await curl(port, *options, *shown_by(members.issue("robot", "robot"))))[:2] == (0, "200 0")
+            nobodies: list[list[str | Path]] = [[], shown_by(stranger)]
+            for nobody in nobodies:
+                code, status, _ = await curl(port, *options, *nobody)
+                assert code != 0
+                assert status.startswith("000")
+
+    run(main())
+
+
+def test_renewed_files_are_shown_to_the_next_client(
+    run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeManager()), server_context(files)) as port:
+            before = await names_shown(port, authority)
+            renewed = authority.issue("later", "127.0.0.1", "renewed")
+            # as it happens in the middle of a renewal: a certificate whose key is not there yet
+            files.certificate.write_bytes(renewed.certificate.read_bytes())
+            between = await names_shown(port, authority)
+            files.key.write_bytes(renewed.key.read_bytes())
+            after = await names_shown(port, authority)
+        assert ("lift-pc" in before, "lift-pc" in between, "renewed" in after) == (True, True, True)
+
+    with caplog.at_level("INFO", "lift_manager"):
+        run(main())
+    told = [record.getMessage() for record in caplog.records if record.name == "lift_manager.web.tls"]
+    assert len(told) == 2
+    assert "cannot be used yet" in told[0]
+    assert "was renewed" in told[1]
+    assert not any("PRIVATE" in line for line in told)
+
+
+def test_a_renewed_client_ca_counts_for_the_next_client(
+    run: Run, tmp_path: Path, authority: Authority, files: ServerTls
+) -> None:
+    old, new = Authority(tmp_path / "old", "old"), Authority(tmp_path / "new", "new")
+    believed = tmp_path / "clients.pem"
+    believed.write_bytes(old.file.read_bytes())
+
+    async def main() -> None:
+        tls = server_context(replace(files, client_ca=believed))
+        async with serving(make_app(FakeManager()), tls) as port:
+            was, will_be = old.issue("robot", "robot"), new.issue("robot", "robot")
+            before = [await is_heard(port, authority, each) for each in (was, will_be)]
+            believed.write_bytes(new.file.read_bytes())
+            after = [await is_heard(port, authority, each) for each in (was, will_be)]
+        assert (before, after) == ([True, False], [False, True])
+
+    run(main())
+
+
+async def is_heard(port: int, authority: Authority, client: Shown) -> bool:
+    context = client_side(authority)
+    context.load_cert_chain(client.certificate, client.key)
+    try:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
+        answer = await reader.read(12)
+        writer.transport.abort()
+    except OSError:
+        return False
+    return answer == b"HTTP/1.1 200"
+
+
+async def names_shown(port: int, authority: Authority) -> list[str]:
+    _, writer = await asyncio.open_connection("127.0.0.1", port, ssl=client_side(authority))
+    der = writer.get_extra_info("ssl_object").getpeercert(binary_form=True)
+    writer.transport.abort()
+    names = x509.load_der_x509_certificate(der).extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    return names.value.get_values_for_type(x509.DNSName)
+
+
+def client_side(authority: Authority) -> ssl.SSLContext:
+    return ssl.create_default_context(cafile=str(authority.file))
+
+
+def test_the_server_is_out_within_a_second_though_a_client_keeps_its_connection_and_says_nothing(
+    run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeManager()), server_context(files)) as port:
+            reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=client_side(authority))
+            writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
+            assert await reader.read(12) == b"HTTP/1.1 200"
+            # one that has not shaken hands
+            _, mute = await asyncio.open_connection("127.0.0.1", port)
+            cast(asyncio.Transport, writer.transport).pause_reading()
+            began = time.monotonic()
+        assert time.monotonic() - began < 1.0
+        mute.transport.abort()
+        writer.transport.abort()
+
+    run(main())
+    assert caplog.messages == []
+
+
+def test_a_client_without_tls_and_one_that_hangs_up_early_make_no_noise(
+    run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeManager()), server_context(files)) as port:
+            reader, plain = await asyncio.open_connection("127.0.0.1", port)
+            plain.write(b"GET / HTTP/1.1\r\n\r\n")
+            assert await reader.read() == b""
+            plain.close()
+            _, early = await asyncio.open_connection("127.0.0.1", port)
+            early.transport.abort()
+            assert "lift-pc" in await names_shown(port, authority)
+
+    run(main())
+    assert [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")] == []
+
+
+def test_files_that_do_not_fit_are_refused_before_anybody_is_served(authority: Authority, files: ServerTls) -> None:
+    other = authority.issue("other", "other")
+    with pytest.raises(ListenError, match=r"api\.tls: .* cannot be used with .*other\.key"):
+        server_context(replace(files, key=other.key))
