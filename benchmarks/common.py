@@ -7,6 +7,7 @@ import contextlib
 import multiprocessing
 import os
 import resource
+import ssl
 import struct
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
@@ -16,6 +17,7 @@ import uvloop
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
+from drivers.modbus.tls import LinkTls
 from drivers.modbus.wire import PymodbusWire
 from lift_manager.app import Building, build
 from lift_manager.config.load import LoadedSite
@@ -52,9 +54,9 @@ def building(ports: list[int], poll_s: float) -> Building:
     return build(LoadedSite(site, dict.fromkeys(site.lifts, loaded), loaded.path))
 
 
-def make_link(port: int) -> Link:
+def make_link(port: int, tls: LinkTls | None = None) -> Link:
     """Return a link over the real wire."""
-    return Link(lambda: PymodbusWire("127.0.0.1", port), name="benchmark")
+    return Link(lambda: PymodbusWire("127.0.0.1", port, tls=tls), name="benchmark")
 
 
 def make_driver(link: Link) -> ModbusLift:
@@ -99,10 +101,10 @@ def allow_files(connections: int) -> None:
 
 
 @contextlib.contextmanager
-def controllers(count: int, beat: int, core: int | None) -> Iterator[list[int]]:
-    """Run so many controllers in one process of their own; gives their ports."""
+def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | None = None) -> Iterator[list[int]]:
+    """Run so many controllers in one process of their own, with or without TLS; gives their ports."""
     ours, theirs = FORK.Pipe(duplex=False)
-    server = FORK.Process(target=_serve, args=(count, beat, core, theirs), daemon=True)
+    server = FORK.Process(target=_serve, args=(count, beat, core, theirs, tls), daemon=True)
     server.start()
     theirs.close()
     try:
@@ -127,7 +129,7 @@ class _Controller(asyncio.Protocol):
         self._transport.write(data[:2] + self._answers[self._asked % len(self._answers)])  # type: ignore[attr-defined]
 
 
-def _serve(count: int, beat: int, core: int | None, tell: Connection) -> None:
+def _serve(count: int, beat: int, core: int | None, tell: Connection, tls: ssl.SSLContext | None) -> None:
     """Open the ports, tell which, and answer until terminated. The alive counter counts every `beat` answers."""
     pin(core)
     head = struct.pack(">HHBBB", 0, 3 + 2 * REGISTERS, 1, 3, 2 * REGISTERS)
@@ -135,7 +137,9 @@ def _serve(count: int, beat: int, core: int | None, tell: Connection) -> None:
 
     async def forever() -> None:
         loop = asyncio.get_running_loop()
-        servers = [await loop.create_server(lambda: _Controller(answers), "127.0.0.1", 0) for _ in range(count)]
+        servers = [
+            await loop.create_server(lambda: _Controller(answers), "127.0.0.1", 0, ssl=tls) for _ in range(count)
+        ]
         tell.send([server.sockets[0].getsockname()[1] for server in servers])
         await loop.create_future()
 

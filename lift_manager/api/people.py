@@ -1,4 +1,4 @@
-"""What people say about a lift: acknowledge, lock out, end a lockout."""
+"""What people say about a lift: acknowledge, lock out, end a lockout, take a lift from its holder."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
-from lift_manager.domain.service import Acknowledged, Cause, Lockout, LockoutEnded
+from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded
 
 _JOINERS = "\u200c\u200d"
 """Unseen, but Persian and Indian scripts cannot be written without them."""
@@ -26,11 +26,12 @@ Name = Annotated[
     AfterValidator(_printable),
     Field(description="The person who says so.", examples=["M. Weber"]),
 ]
-Reason = Annotated[
-    str,
-    StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
-    AfterValidator(_printable),
-    Field(description="Why robots stay off.", examples=["door operator is being replaced"]),
+_Words = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(_printable)
+]
+Reason = Annotated[_Words, Field(description="Why robots stay off.", examples=["door operator is being replaced"])]
+ReleaseReason = Annotated[
+    _Words, Field(description="Why the lift is taken from its holder.", examples=["the robot was carried away"])
 ]
 
 
@@ -55,6 +56,13 @@ class EndLockoutRequest(_Part):
     """Robots may command the lift again."""
 
     by: Name
+
+
+class ForceReleaseRequest(_Part):
+    """The session ends, whoever holds the lift."""
+
+    by: Name
+    reason: ReleaseReason
 
 
 class AcknowledgedAnswer(_Part):
@@ -99,3 +107,30 @@ class LockoutEndedAnswer(_Part):
     def of(cls, lift: str, ended: LockoutEnded) -> LockoutEndedAnswer:
         """Return the answer about a lift."""
         return cls(lift=lift, by=ended.by, at=ended.at, lockout=LockoutAnswer.of(lift, ended.lockout))
+
+
+class ForceReleasedAnswer(_Part):
+    """A session that a person ended."""
+
+    lift: str
+    by: str
+    reason: str
+    at: AwareDatetime
+    holder: str = Field(description="Who held the lift, as `<face>:<name>`.")
+    maybe_aboard: bool = Field(
+        description="A robot may be in the car: all others are refused until a person has looked and acknowledges."
+    )
+    text: str = Field(description="What became of it, in a sentence for the person who said so.")
+
+    @classmethod
+    def of(cls, lift: str, released: ForceReleased) -> ForceReleasedAnswer:
+        """Return the answer about a lift."""
+        return cls(
+            lift=lift,
+            by=released.by,
+            reason=released.reason,
+            at=released.at,
+            holder=str(released.holder),
+            maybe_aboard=released.maybe_aboard,
+            text=released.text(lift),
+        )
