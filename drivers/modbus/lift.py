@@ -23,7 +23,7 @@ from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
 from drivers.modbus.notes import Notes
 from drivers.modbus.permission import Permissions
-from drivers.modbus.plan import plan_reads, polled
+from drivers.modbus.plan import plan_poll
 from drivers.modbus.presses import NOT_SENT, REPLACED, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
@@ -60,11 +60,8 @@ class ModbusLift:
         self._settings = settings
         self._commands = dict(codec.commands) if settings.control else {}
         self._names = {code: name for name, code in settings.floors.items()}
-        self._blocks = plan_reads(
-            polled(codec),
-            codec.served,
-            max_registers=settings.max_registers_per_read,
-            max_bits=settings.max_bits_per_read,
+        self._blocks = plan_poll(
+            codec, max_registers=settings.max_registers_per_read, max_bits=settings.max_bits_per_read
         )
         self._requests = tuple((b, self._lines.link(b.endpoint), self._lines.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)

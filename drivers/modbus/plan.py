@@ -8,6 +8,9 @@ from register_maps.address import space
 from register_maps.codec import Block, Codec, Point
 from register_maps.words import BIT_TABLES
 
+_CAR = ("car_floor", "motion", "level")
+"""Signals that tell where the car is, and that it stands."""
+
 
 class PlanError(ValueError):
     """A point lies outside what the device serves."""
@@ -26,6 +29,21 @@ def polled(codec: Codec) -> list[Point]:
                 seen.add(point.endpoint)
                 points.append(point)
     return points
+
+
+def plan_poll(codec: Codec, *, max_registers: int, max_bits: int) -> tuple[Block, ...]:
+    """Cover everything that a poll reads, in the order in which it is read: doors before floor, motion and level.
+
+    Where these take several reads, an open door lies between two looks at a car that stands at a floor, of this poll and of
+    the one before, once two polls in a row agree. The other way round the car may be gone by the time at which the door is
+    read, and open at the next floor.
+    """
+    blocks = plan_reads(polled(codec), codec.served, max_registers=max_registers, max_bits=max_bits)
+    doors = [point for name, signal in codec.signals.items() if name.startswith("door.") for point in signal.points]
+    car = [point for name in _CAR if name in codec.signals for point in codec.signals[name].points]
+    if any(all(map(block.holds, doors + car)) for block in blocks):
+        return blocks
+    return tuple(sorted(blocks, key=lambda block: (not any(map(block.holds, doors)), any(map(block.holds, car)))))
 
 
 def plan_reads(

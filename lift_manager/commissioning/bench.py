@@ -11,7 +11,7 @@ from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply
-from drivers.modbus.plan import plan_reads, polled
+from drivers.modbus.plan import plan_poll
 from drivers.modbus.steps import Step
 from drivers.modbus.writer import Writer
 from register_maps import frames
@@ -43,12 +43,7 @@ class Bench:
             max_registers_per_read=link.max_registers_per_read,
             max_bits_per_read=link.max_bits_per_read,
         )
-        self.poll_blocks = plan_reads(
-            polled(codec),
-            codec.served,
-            max_registers=link.max_registers_per_read,
-            max_bits=link.max_bits_per_read,
-        )
+        self.poll_blocks = plan_poll(codec, max_registers=link.max_registers_per_read, max_bits=link.max_bits_per_read)
         self._lines = lines
         self._writer = Writer(codec, codec.commands, lines, settings)
         self._heard = heard

@@ -4,9 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.modbus.plan import PlanError, plan_reads
+from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled
 from drivers.modbus.reading import lift_mode, lift_values
-from register_maps.codec import Block, Point
+from register_maps.codec import Block, Point, compile_map
+from register_maps.load import load
 from register_maps.words import Door, Mode, Motion, Side, Table
 
 SERVED: dict[str, tuple[range, ...]] = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
@@ -82,3 +83,23 @@ def test_what_cannot_be_read_is_unknown_and_what_the_map_lacks_is_none() -> None
     assert values.doors == {Side.REAR: Door.UNKNOWN}
     assert values.motion is Motion.UNKNOWN
     assert lift_values({}, {}, {}).motion is None
+
+
+def test_a_door_is_read_before_the_floor_where_they_take_two_reads() -> None:
+    codec = compile_map(load("generic-registers").map)
+    plan = plan_poll(codec, max_registers=2, max_bits=2000)
+    door, floor = (
+        next(number for number, block in enumerate(plan) if block.holds(codec.signals[name].points[0]))
+        for name in ("door.front", "car_floor")
+    )
+    assert door < floor
+    assert sorted(plan, key=str) == sorted(
+        plan_reads(polled(codec), codec.served, max_registers=2, max_bits=2000), key=str
+    )
+
+
+def test_a_poll_whose_door_and_floor_come_together_is_read_in_the_order_of_addresses() -> None:
+    codec = compile_map(load("wago-750").map)
+    plan = plan_poll(codec, max_registers=125, max_bits=2000)
+    assert plan == plan_reads(polled(codec), codec.served, max_registers=125, max_bits=2000)
+    assert len(plan) > 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.modbus.plan import plan_reads, polled
+from drivers.modbus.plan import plan_poll
 from lift_manager.commissioning.detection import detections
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
@@ -44,9 +44,8 @@ def _blocks(loaded: LoadedSite, name: str, codec: Codec) -> frozenset[Read]:
     """Return what a poll of this lift reads, where and from whom."""
     placed = devices(loaded.site, loaded.site.lifts[name], codec.map)
     needs = [loaded.links[device.controller] for device in placed.values()]
-    blocks = plan_reads(
-        polled(codec),
-        codec.served,
+    blocks = plan_poll(
+        codec,
         max_registers=min(need.max_registers_per_read for need in needs),
         max_bits=min(need.max_bits_per_read for need in needs),
     )
