@@ -140,6 +140,8 @@ class Rules:
         if state.mode is Mode.FIRE:
             book.fire_since = min(book.fire_since, at)
             book.fire_published_at = at
+        if state.robot_door is RobotDoor.OPEN:
+            self._invited(at, lift, book, state)
         if state.robot_door is RobotDoor.OPEN and state.holder is not None:
             since = at - (state.age_s or 0.0)
             if book.about.holds and book.held_at < since - HELD_WITHIN_S:
@@ -200,6 +202,14 @@ class Rules:
                 book.rests_until = -math.inf
                 book.calls.clear()
                 book.doubts.clear()
+
+    def _invited(self, at: float, lift: str, book: _Book, state: LiftState) -> None:
+        """Nobody is invited by a lift that a person must check, or keeps robots off."""
+        if at > book.fire_since + KNOWN_WITHIN_S:
+            text = f"at {state.floor}; nobody has acknowledged it"
+            self._oracle.find(at, lift, "said open after a fire", text)
+        if at > book.locked_since + KNOWN_WITHIN_S:
+            self._oracle.find(at, lift, "said open in a lockout", f"at {state.floor}")
 
     def _decide(self, at: float, lift: str, book: _Book, asked_at: float, asker: Holder, holder: Holder | None) -> None:
         if asked_at > book.fire_since + KNOWN_WITHIN_S:

@@ -94,6 +94,28 @@ def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
     assert len(found(oracle)) == 2
 
 
+def test_an_invitation_behind_a_fire_that_nobody_has_acknowledged_is_found() -> None:
+    oracle, rules = book()
+    rules.published(1.0, "lift", on_fire())
+    rules.published(1.5, "lift", state(holder=None))  # this was on its way
+    assert found(oracle) == []
+    rules.published(9.0, "lift", state(holder=None))
+    assert found(oracle) == ["said open after a fire"]
+    rules.heard(10.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.published(19.0, "lift", state(holder=None))
+    assert found(oracle) == ["said open after a fire"]
+
+
+def test_an_invitation_behind_a_lockout_is_found_until_it_is_over() -> None:
+    oracle, rules = book()
+    rules.heard(1.0, LockedOut("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.published(9.0, "lift", state(holder=None))
+    assert found(oracle) == ["said open in a lockout"]
+    rules.heard(10.0, LockoutOver("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.published(19.0, "lift", state(holder=None))
+    assert found(oracle) == ["said open in a lockout"]
+
+
 def test_two_holders_are_found_whether_or_not_a_session_is_opened_for_the_second() -> None:
     oracle, rules = book()
     rules.heard(1.0, opened())
