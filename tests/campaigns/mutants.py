@@ -116,7 +116,30 @@ MUTANTS: tuple[Mutant, ...] = (
     ),
     Mutant(
         "fire latch",
-        (Edit("lift_manager/core/people.py", "return self.remembered.fire_since is not None", "return False"),),
+        (
+            Edit("lift_manager/core/people.py", "return self.remembered.fire_since is not None", "return False"),
+            Edit("lift_manager/core/people.py", "        if since is None:\n", "        if True:\n"),
+        ),
+    ),
+    Mutant(
+        "fire latch at the door word",
+        (
+            Edit(
+                "lift_manager/domain/report.py",
+                "(told.lockout or told.fire_latched or told.waiting_for)",
+                "(told.lockout or told.waiting_for)",
+            ),
+        ),
+    ),
+    Mutant(
+        "lockout at the door word",
+        (
+            Edit(
+                "lift_manager/domain/report.py",
+                "(told.lockout or told.fire_latched or told.waiting_for)",
+                "(told.fire_latched or told.waiting_for)",
+            ),
+        ),
     ),
     Mutant(
         "rule of one holder",
