@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from lift_manager import app
 from lift_manager.commissioning.detection import Lie
@@ -22,7 +23,7 @@ from lift_manager.lab.world.world import World
 from register_maps.load import Changes, LoadedMap, load
 from simulator import faults as device
 from simulator.faults import Fault
-from simulator.people import People
+from simulator.people import People, Traffic
 from simulator.state import Parameters
 from tests.campaigns.aboard import Aboard
 from tests.campaigns.schedules import (
@@ -31,6 +32,7 @@ from tests.campaigns.schedules import (
     Asks,
     DeviceFails,
     Event,
+    Patience,
     PeopleCome,
     PersonActs,
     Restarts,
@@ -41,6 +43,7 @@ from tests.campaigns.schedules import (
 from tests.support.trip_sites import COMPLETIONS, Completion, site_of
 
 LIFT = "lift"
+AS_THE_MAP_SAYS = Patience()
 ASKS_EVERY_S = 1.0
 """How often a client repeats itself: as the workshop's adapter does."""
 BOARDS_S = 3.0
@@ -70,7 +73,13 @@ class Played:
 
 
 @cache
-def loaded_site(name: str, max_session_hold_s: float, lease_s: float, between_sessions_s: float) -> LoadedSite:
+def loaded_site(
+    name: str,
+    max_session_hold_s: float,
+    lease_s: float,
+    between_sessions_s: float,
+    patience: Patience = AS_THE_MAP_SAYS,
+) -> LoadedSite:
     """Return a site with one lift of a shipped map; its devices are where nothing is."""
     added = COMPLETIONS.get(name, Completion())
     loaded: LoadedMap = load(name, changes=Changes(added.parameters, added.override))
@@ -86,17 +95,27 @@ def loaded_site(name: str, max_session_hold_s: float, lease_s: float, between_se
         "max_session_hold_s": max_session_hold_s,
         "lease_s": lease_s,
         "between_sessions_s": between_sessions_s,
+        "max_age_s": patience.max_age_s,
     }
-    devices = {"plc": {"host": "memory", "port": 1, "map": name}} | {
+    devices: dict[str, dict[str, Any]] = {"plc": {"host": "memory", "port": 1, "map": name}} | {
         endpoint: {"host": "memory", "port": number} for number, endpoint in enumerate(endpoints, start=2)
     }
+    for one in devices.values():
+        one |= {"timeout_s": patience.timeout_s}
+        one |= {"max_registers_per_read": patience.at_once, "max_bits_per_read": patience.at_once}
     site = Site.model_validate({"schema": 1, "name": "campaign", "controllers": devices, "lifts": {LIFT: lift}})
     return LoadedSite(site, {LIFT: loaded}, Path("campaign"))
 
 
 def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
     """Play a schedule to its end and judge it; a crash is a finding."""
-    loaded = loaded_site(schedule.map, schedule.max_session_hold_s, schedule.lease_s, schedule.between_sessions_s)
+    loaded = loaded_site(
+        schedule.map,
+        schedule.max_session_hold_s,
+        schedule.lease_s,
+        schedule.between_sessions_s,
+        schedule.patience,
+    )
     oracle = judge_of(loaded)
     played = Played(schedule, oracle.findings)
 
@@ -148,7 +167,8 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
         case PersonActs():
             _person_acts(world, lift, event.what)
         case PeopleCome():
-            world.populate(lift, People(seed=event.seed, floors=len(world.lifts[lift].floors)))
+            traffic = Traffic(per_minute=event.per_minute)
+            world.populate(lift, People(seed=event.seed, floors=len(world.lifts[lift].floors), traffic=traffic))
 
 
 async def _spoil(world: World, lift: str, event: WireFails) -> None:

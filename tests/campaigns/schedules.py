@@ -10,6 +10,7 @@ from register_maps.words import Mode, Table
 from simulator import faults as device
 from simulator import wire_faults as wire
 from simulator.faults import Fault
+from simulator.people import Traffic
 from simulator.wire_faults import Access, Target, WireFault
 from tests.support.trip_sites import NO_TRIP
 
@@ -17,6 +18,10 @@ LASTS_S = 60.0
 POLL_S = 0.2
 FIRES = (device.InMode(Mode.FIRE),) * 4
 """Drawn beside one of every fault: what a fire does is worth more minutes than what an indicator does."""
+IN_PIECES = 0.15
+"""Share of minutes in which what is read of a lift may not belong together: they are what a second reading is for."""
+TEARS = (("generic-registers", 2), ("seer-generic", 1))
+"""Maps, and how much at once, where door and floor come in different reads and little else delays them."""
 HOLDERS = ("workshop", "fleet:r1", "fleet:r2")
 
 
@@ -72,6 +77,7 @@ class PeopleCome:
 
     at: float
     seed: int
+    per_minute: float = Traffic().per_minute
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,20 @@ class Restarts:
     at: float
 
 
+@dataclass(frozen=True)
+class Patience:
+    """What a site says of a slow controller; None: what its map says."""
+
+    at_once: int | None = None
+    """Registers, or bits, that it answers in one read at the most."""
+    max_age_s: float | None = None
+    timeout_s: float | None = None
+
+    def __str__(self) -> str:
+        at_once = "everything" if self.at_once is None else str(self.at_once)
+        return f"{at_once} at once, readings count for {self.max_age_s} s, time-out {self.timeout_s} s"
+
+
 Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | Restarts
 
 
@@ -104,9 +124,11 @@ class Schedule:
     lease_s: float
     between_sessions_s: float
     events: tuple[Event, ...]
+    patience: Patience = Patience()
 
     def __str__(self) -> str:
         head = f"seed {self.seed}, {self.map}, speed {self.speed:g}, hold {self.max_session_hold_s:g} s, lease {self.lease_s:g} s"
+        head += f", {self.patience}" if self.patience != Patience() else ""
         return "\n".join([head, *(f"  {event.at:6.2f} s  {event}" for event in self.events)])
 
 
@@ -125,13 +147,36 @@ def draw(seed: int, maps: Sequence[str]) -> Schedule:
         events.append(PersonActs(random.uniform(5, 55), what))
     if random.random() < 0.15:
         events.append(Restarts(random.uniform(5, 50)))
-    return Schedule(
+    schedule = Schedule(
         seed=seed,
         map=name,
         speed=random.choice((1.0, 1.0, 2.0, 2.0, 4.0, 4.0, 4.0, 20.0)),
         max_session_hold_s=random.choice((6.0, 20.0, 900.0)),
         lease_s=random.choice((8.0, 300.0)),
         between_sessions_s=random.choice((0.0, 5.0)),
+        events=tuple(sorted(events, key=lambda event: event.at)),
+    )
+    return _in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule
+
+
+def _in_pieces(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedule:
+    """Let the same minute happen to a fast and busy lift that is read in small pieces by a controller that pauses now and then.
+
+    A trip takes less time than a pause. No two readings in a row are torn: nothing that is read could tell, should they agree.
+    """
+    pieces = random.choice([*(one for one in TEARS if one[0] in maps), (schedule.map, random.choice((None, 1, 2, 4)))])
+    pause = wire.Delay(random.choice((0.3, 0.9, 0.9)), times=1)
+    pauses = [WireFails(3.0 * n + random.uniform(0, 1), pause, 1.5) for n in range(1, 19)]
+    people = PeopleCome(random.uniform(0, 5), random.getrandbits(32), per_minute=60.0)
+    replaced: tuple[type, ...] = (WireFails, PeopleCome)
+    if random.random() < 0.7:
+        replaced += (RobotRides, Asks)  # robots hold doors, and a door that is held open tears nothing
+    events = [event for event in schedule.events if not isinstance(event, replaced)] + [*pauses, people]
+    return replace(
+        schedule,
+        map=pieces[0],
+        speed=random.choice((4.0, 12.0, 12.0)),
+        patience=Patience(pieces[1], max_age_s=1.0, timeout_s=1.0),
         events=tuple(sorted(events, key=lambda event: event.at)),
     )
 
