@@ -67,7 +67,7 @@ def building(count: int) -> LoadedSite:
         spec = one.site.lifts[LIFT].model_dump(by_alias=True)
         places = {name: f"{name}{number}" for name in one.site.controllers}
         for port, (name, controller) in enumerate(one.site.controllers.items(), start=1):
-            controllers[places[name]] = controller.model_dump() | {"host": f"memory{number}", "port": port}
+            controllers[places[name]] = controller.model_dump(by_alias=True) | {"host": f"memory{number}", "port": port}
         endpoints = {name: {"controller": places[name]} for name in spec["endpoints"]}
         poll_s = max(POLL_S, spec["poll_s"])
         lifts[lift] = spec | {"controller": places["plc"], "endpoints": endpoints, "poll_s": poll_s}

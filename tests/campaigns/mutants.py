@@ -98,9 +98,9 @@ MUTANTS: tuple[Mutant, ...] = (
                 "allowed = True",
             ),
             Edit(
-                "lift_manager/core/keeper.py",
-                "if mode in ROBOT_FORBIDDEN_MODES and mode is not Mode.UNKNOWN:",
-                "if mode is Mode.FIRE:",
+                "lift_manager/core/emergency.py",
+                "if mode not in ROBOT_FORBIDDEN_MODES or mode is Mode.UNKNOWN:",
+                "if mode is not Mode.FIRE:",
             ),
         ),
     ),
