@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from socket import socket
-from ssl import SSLContext
 from zoneinfo import ZoneInfo
 
 from drivers.modbus.capabilities import LiftSettings
@@ -23,6 +22,7 @@ from drivers.modbus.plan import polled
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.tls import LinkTls
 from drivers.modbus.wire import PymodbusWire, Wire
+from drivers.thread import in_thread
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
@@ -44,7 +44,7 @@ from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
 from lift_manager.web.app import make_app, running_version
 from lift_manager.web.server import serve
-from lift_manager.web.tls import ServerTls, server_context
+from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.codec import compile_map
 from register_maps.schema import LinkDefaults
 from register_maps.words import Side
@@ -55,11 +55,18 @@ FIRST_LOOK_S = 1.0
 """How long the first answer to a client may wait for the first reading of every lift. Chosen: a controller that is there answers in
 a fraction of it, and nobody waits longer for one that is not."""
 
-RELEASE_WITHIN_S = 3.5
-"""How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out."""
+RELEASE_WITHIN_S = 3.0
+"""How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out. Chosen: on a busy
+computer of two cores the interpreter needs more than a second to clear up."""
 
 REMIND_EVERY_S = 86400.0
 """Chosen: whoever reads the log finds it, and does not find much else."""
+
+LOOK_EVERY_S = 1.0
+"""How often the files of HTTPS are looked at. Chosen: nobody waits longer for a certificate that was just renewed."""
+
+LOOK_WITHIN_S = 10.0
+"""Chosen: a disk that takes longer is told of."""
 
 REMEMBER_WITHIN_S = 0.5
 """How long the end may wait beyond that for the disk, while the web server closes: writing began with the release."""
@@ -172,6 +179,8 @@ async def run(
             parts += [manager.remember(), manager.record(), remind(loaded)]
             if keys is not None:
                 parts.append(keys.run(manager.note))
+            if tls is not None:
+                parts.append(renew(tls))
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
@@ -222,20 +231,40 @@ def _started(loaded: LoadedSite) -> Row:
     return manager_started(running_version(), maps)
 
 
-async def remind(loaded: LoadedSite) -> None:
+async def remind(loaded: LoadedSite, *, every_s: float = REMIND_EVERY_S) -> None:
     """Say once a day which certificates expire soon: a manager may run for longer than they last."""
     while True:
-        await asyncio.sleep(REMIND_EVERY_S)
-        for line in tls_cautions(loaded.site, loaded.path.parent):
-            _log.warning("%s", line)
+        await asyncio.sleep(every_s)
+        # in a thread, as whatever touches these files: a disk that hangs must not hold up the lifts
+        with suppress(OSError):
+            await in_thread(lambda: _remind(loaded))
 
 
-def _https(loaded: LoadedSite) -> SSLContext | None:
+def _remind(loaded: LoadedSite) -> None:
+    for line in tls_cautions(loaded.site, loaded.path.parent):
+        _log.warning("%s", line)
+
+
+async def renew(tls: ServerCertificates, *, within_s: float = LOOK_WITHIN_S) -> None:
+    """Keep HTTPS at what its files say."""
+    loop = asyncio.get_running_loop()
+    message = "api: the files of `tls` do not answer within %g s, the last certificate is shown on; look at the disk that they are on"
+    while True:
+        await asyncio.sleep(LOOK_EVERY_S)
+        late = loop.call_later(within_s, _log.warning, message, within_s)
+        try:
+            with suppress(OSError):
+                await in_thread(tls.renew)
+        finally:
+            late.cancel()
+
+
+def _https(loaded: LoadedSite) -> ServerCertificates | None:
     said, folder = loaded.site.api.tls, loaded.path.parent
     if said is None:
         return None
     client_ca = None if said.client_ca is None else path_of(folder, said.client_ca)
-    return server_context(ServerTls(path_of(folder, said.certificate), path_of(folder, said.key), client_ca))
+    return ServerCertificates(ServerTls(path_of(folder, said.certificate), path_of(folder, said.key), client_ca))
 
 
 def _status(manager: LiftManager) -> str:

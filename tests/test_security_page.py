@@ -2,7 +2,7 @@
 
 import re
 
-from tests.support.programs import ROOT, run
+from tests.support.programs import ROOT, call
 
 PAGE = (ROOT / "SECURITY.md").read_text("utf-8")
 
@@ -16,11 +16,11 @@ def test_every_relative_link_leads_to_a_file() -> None:
 def test_every_command_and_option_that_it_names_exists() -> None:
     commands = set(re.findall(r"`lift-manager\s+([a-z]+)", PAGE))
     assert commands >= {"network", "audit", "keys", "lockout", "release"}
-    known = {word for name in commands for word in re.findall(r"--[a-z-]+", run(name, "--help").stdout)}
+    known = {word for name in commands for word in re.findall(r"--[a-z-]+", call(name, "--help").stdout)}
     named = set(re.findall(r"--[a-z][a-z-]+", PAGE))
     assert named >= {"--suricata", "--since-seal"}
     assert named <= known
-    assert run("keys", "make", "--help").returncode == 0
+    assert call("keys", "make", "--help").returncode == 0
 
 
 def test_a_reporting_address_is_not_made_up() -> None:

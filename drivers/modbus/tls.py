@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import ssl
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from drivers.errors import ConnectFailed, ConnectProblem
+from drivers.thread import in_thread
+
+_log = logging.getLogger(__name__)
+_SHOWN_ON = "%s; the last certificate and key that could be used are shown on"
+
+FILES_WITHIN_S = 1.0
+"""Chosen: files are read in milliseconds; a disk that takes longer may never answer, and a link tries again every second."""
 
 NO_TLS = "what answers on this port speaks no TLS; a controller without Modbus/TCP Security needs no `tls` (its port is 502 as a rule)"
 _ENDED_HANDSHAKE = "the controller ended the connection in the middle of the TLS handshake; it may speak no TLS on this port, or refuse our certificate"
@@ -65,18 +75,22 @@ class ClientContext(ssl.SSLContext):
 
 @dataclass(slots=True)
 class LatestContext:
-    """What the files gave when they were read last: that takes milliseconds, and a link tries again every second."""
+    """What the files gave when they could be used last: reading takes milliseconds, and a link tries again every second."""
 
     context: ClientContext | None = None
     stamp: tuple[tuple[int, int, int], ...] = ()
     """Of the files before they were read."""
+    fault: ConnectFailed | None = None
+    """Why the files cannot be used as they are."""
+    looking: asyncio.Future[None] | None = None
+    """The look at the files: one at a time, for a disk that hangs keeps its thread."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkTls:
     """Mutual TLS of one link, as Modbus/TCP Security asks for it: files in PEM form.
 
-    They are read for the first connection, and for each later one before which one of them has changed.
+    They are read for the first connection, and for each later one before which one of them has changed; never on the event loop.
     """
 
     ca: Path
@@ -91,12 +105,21 @@ class LinkTls:
     latest: LatestContext = field(default_factory=LatestContext, init=False, repr=False, compare=False)
 
 
-def client_context(tls: LinkTls, peer: str) -> ClientContext:
-    """Return the context for the next connection. Raises ConnectFailed with what is wrong with the files."""
-    latest, stamp = tls.latest, _stamp(tls)
-    if latest.context is None or stamp != latest.stamp:
-        latest.context, latest.stamp = None, stamp
-        latest.context = _read(tls, peer)
+async def client_context(tls: LinkTls, peer: str) -> ClientContext:
+    """Return the context for the next connection. Raises ConnectFailed with what is wrong with the files.
+
+    While they cannot be used, or do not answer, the last ones that could be are used on.
+    """
+    latest = tls.latest
+    if latest.looking is None or latest.looking.done():
+        latest.looking = asyncio.ensure_future(in_thread(partial(_look, tls, peer)))
+    await asyncio.wait([latest.looking], timeout=FILES_WITHIN_S)
+    if not latest.looking.done():
+        _hangs(tls, peer)
+    elif (busy := latest.looking.exception()) is not None:
+        latest.fault = ConnectFailed(peer, ConnectProblem.OTHER, f"cannot look at the files of `tls`: {busy}")
+    if latest.context is None:
+        raise latest.fault or ConnectFailed(peer, ConnectProblem.TLS, "the files of `tls` were not read")
     latest.context.began, latest.context.on_handshake = False, None
     return latest.context
 
@@ -199,6 +222,28 @@ def _read(tls: LinkTls, peer: str) -> ClientContext:
         files = f"our certificate {tls.certificate} with its key {tls.key}"
         raise _unusable(peer, files, error) from error
     return context
+
+
+def _hangs(tls: LinkTls, peer: str) -> None:
+    what = f"{tls.ca}, {tls.certificate} or {tls.key} does not answer within {FILES_WITHIN_S:g} s; look at the disk that it is on"
+    fault = ConnectFailed(peer, ConnectProblem.TLS, what)
+    if tls.latest.context is not None and str(tls.latest.fault) != str(fault):
+        _log.warning(_SHOWN_ON, fault)
+    tls.latest.fault = fault
+
+
+def _look(tls: LinkTls, peer: str) -> None:
+    """Read the files if one of them has changed. It may block as long as their disk does."""
+    latest, stamp = tls.latest, _stamp(tls)
+    if latest.context is not None and stamp == latest.stamp:
+        return
+    try:
+        latest.context, latest.fault = _read(tls, peer), None
+    except ConnectFailed as fault:
+        latest.fault = fault
+        if latest.context is not None:
+            _log.warning(_SHOWN_ON, fault)
+    latest.stamp = stamp
 
 
 def _stamp(tls: LinkTls) -> tuple[tuple[int, int, int], ...]:

@@ -86,6 +86,8 @@ class PymodbusWire:
         self._tls = tls
         self._peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._connection: _Connection | None = None
+        self._attempts = 0
+        """Counts what an `open` that waits for its files has to notice: another one, or `close`."""
 
     @property
     def peer(self) -> str:
@@ -98,7 +100,7 @@ class PymodbusWire:
     async def open(self, on_frame: OnFrame, on_lost: OnLost, *, timeout_s: float) -> None:
         """As in `Wire`; over TLS the handshake has its own `handshake_s` after that."""
         self.close()
-        context = None if self._tls is None else client_context(self._tls, self._peer)
+        context = None if self._tls is None else await self._context(self._tls)
         connection = _Connection(_params(self._host, self._port, context), self, on_frame, on_lost, self._tls)
         self._connection = connection
         try:
@@ -113,10 +115,11 @@ class PymodbusWire:
             self.close()
             raise
         if self._connection is not connection or not connection.is_active():
-            raise ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
+            raise self._closed()
         connection.announced = True
 
     def close(self) -> None:
+        self._attempts += 1
         connection, self._connection = self._connection, None
         if connection is not None:
             connection.abort()
@@ -127,6 +130,16 @@ class PymodbusWire:
         if self.on_bytes is not None:
             self.on_bytes(True, frame)
         self._connection.write(frame)
+
+    async def _context(self, tls: LinkTls) -> ClientContext:
+        attempt = self._attempts
+        context = await client_context(tls, self._peer)
+        if attempt != self._attempts:
+            raise self._closed()
+        return context
+
+    def _closed(self) -> ConnectFailed:
+        return ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
 
     def _too_late(self, context: ClientContext | None, timeout_s: float) -> ConnectFailed:
         if context is not None and context.began:

@@ -20,18 +20,17 @@ from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
 from lift_manager.cli.common import err, fail, loaded_site, out, say
 from lift_manager.config.site import Site
 from lift_manager.domain.journal import RowKind
-from lift_manager.store.errors import StateUnusable
+from lift_manager.store.errors import ChainBroken, JournalUnreadable, StateUnusable
 from lift_manager.store.journal.chain import Stored
 from lift_manager.store.journal.read import (
     ALL,
     Follower,
-    JournalUnreadable,
     Wanted,
     microseconds,
     open_journal,
     time_of,
 )
-from lift_manager.store.journal.verify import Chain, ChainBroken, Seal, read_seal, verify
+from lift_manager.store.journal.verify import Chain, Seal, read_seal, verify
 from lift_manager.store.place import journal_path, state_path
 
 LAST = 50
@@ -41,6 +40,9 @@ LAST_FOLLOWED = 10
 LOOK_S = 0.25
 """From one look for new rows to the next. Chosen: at once for a person, nothing for a computer."""
 
+_DAY_US = 86_400_000_000
+_NEARLY_FULL = 0.9
+"""Of `max_mb`: a journal that is cut because of its size stays above this."""
 _AGO = re.compile(r"([0-9]{1,6})([smhdw])")
 _DAY = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
 _UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks"}
@@ -80,7 +82,8 @@ Verify = Annotated[bool, typer.Option("--verify", help="Walk the whole chain: no
 SinceSeal = Annotated[
     str | None,
     typer.Option(
-        metavar="NUMBER:HASH", help="Verify, and see whether a row that --verify printed earlier is still the same."
+        metavar="SEAL",
+        help="Verify, and see what became of the seal that --verify printed earlier: NUMBER:HASH, or 'NUMBER:HASH from FIRST'.",
     ),
 ]
 
@@ -203,11 +206,29 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
         yield f"cut     rows up to {chain.cut.through} were cut, says row {chain.cut.anchor}"
         if chain.cut.through >= chain.first:
             yield f"        that cut is under way, and row {chain.first} itself cannot be verified"
+        yield from _odd(source, chain)
     if seal is not None:
         yield f"noted   row {seal.seq} is the one that was noted"
+        if seal.first is not None:
+            gone = f"rows {seal.first} to {chain.first - 1} were there then, and were cut since"
+            yield f"        {gone if chain.first > seal.first else 'no row was cut since'}"
     yield f"newest  {at:%Y-%m-%d %H:%M:%S.%f %z}"
-    yield f"seal    {newest.seq}:{newest.hash.hex()}"
-    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was written anew."
+    yield f"seal    {newest.seq}:{newest.hash.hex()} from {chain.first}"
+    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was written anew, and which rows were cut."
+
+
+def _odd(source: Source, chain: Chain) -> Iterator[str]:
+    """Say that rows were cut which the site file keeps: that may have a good reason, and somebody should know it."""
+    cut, oldest = chain.cut, chain.oldest
+    if source.site is None or cut is None or oldest is None or cut.through >= oldest.seq:
+        return
+    keeps, megabytes = source.site.journal, source.path.stat().st_size / 1e6
+    days = (cut.at - oldest.at) / _DAY_US
+    if days >= keeps.keep_days - 1 or megabytes >= _NEARLY_FULL * keeps.max_mb:
+        return
+    left = f"that cut left rows of the last {max(days, 0):.0f} days"
+    yield f"odd     {left}; the site file keeps {keeps.keep_days}, and the journal has {megabytes:.0f} of {keeps.max_mb} MB:"
+    yield "        were `keep_days` or `max_mb` smaller then, was the clock wrong, was no manager running, or has somebody cut it?"
 
 
 def _export(

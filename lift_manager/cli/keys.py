@@ -58,6 +58,12 @@ def make(
     _tell("this is the only time that it is shown; send it in the header `Authorization: Bearer ...`")
     if first:
         _tell("it is the first key of this site: from now on every request needs one, on this computer too")
+        _tell(
+            "a robot that rides without a key is locked out in the middle of its ride: with a key it has another name, so it"
+            " is refused until its old session is over. Make the first key when no robot rides; if one does, wait until it is"
+            " outside, or end its session with `lift-manager release` and, once a person has looked into the car, say"
+            " `lift-manager ack`"
+        )
     out.print(made.reveal(), markup=False, highlight=False, soft_wrap=True)
 
 

@@ -30,6 +30,9 @@ from register_maps.errors import MapFileError
 _log = logging.getLogger("lift_manager")
 
 
+OUTPUTS_MAY_BE_ON = "until the manager starts nobody lets go of what an earlier one held: outputs may still be on at the lifts, so look at each of them"
+
+
 @dataclass(frozen=True, slots=True)
 class Stores:
     """What of a site is on the disk."""
@@ -59,11 +62,12 @@ def serve(
         sock = listen(api.host, api.port if port is None else port)
     except (StoreError, ListenError) as error:
         raise fail(str(error)) from error
-    stores = Stores(memory, _journal(loaded, place), _keys(loaded, place, sock))
-    try:
-        released = run(_serve(loaded, sock, stores))
-    except* (ControllerTaken, ListenError) as group:
-        raise fail(str(group.exceptions[0])) from group
+    with sock:
+        stores = Stores(memory, _journal(loaded, place), _keys(loaded, place, sock))
+        try:
+            released = run(_serve(loaded, sock, stores))
+        except* (ControllerTaken, ListenError) as group:
+            raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)
 
@@ -82,7 +86,7 @@ def _journal(loaded: LoadedSite, place: Path) -> SqliteJournal:
     try:
         return opened_journal(path, loaded.site.name, keep_days=said.keep_days, max_mb=said.max_mb)
     except StoreError as error:
-        raise fail(str(error)) from error
+        raise fail(f"{error}; {OUTPUTS_MAY_BE_ON}") from error
 
 
 def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import ssl
 from collections.abc import Iterator
@@ -100,7 +101,7 @@ def _pairs(site: Site, folder: Path) -> Iterator[_Pair]:
 
 def _unreadable(path: Path) -> str | None:
     try:
-        path.read_bytes()
+        _content(path)
     except FileNotFoundError:
         return "is not there; paths are relative to the site file"
     except PermissionError:
@@ -108,6 +109,13 @@ def _unreadable(path: Path) -> str | None:
     except OSError as error:
         return f"cannot be read: {error.strerror}"
     return None
+
+
+def _content(path: Path) -> bytes:
+    """Raises OSError; also for a pipe or a device, which may have no end."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise OSError(errno.EINVAL, "it is no file, but a pipe or a device")
+    return path.read_bytes()
 
 
 def _certificate_fault(path: Path) -> str | None:
@@ -120,7 +128,7 @@ def _key_fault(path: Path) -> str | None:
     if (fault := _unreadable(path)) is not None:
         return fault
     try:
-        serialization.load_pem_private_key(path.read_bytes(), None)
+        serialization.load_pem_private_key(_content(path), None)
     except TypeError:
         return "is protected by a passphrase, and nobody is there to type it: store it without one, readable for the manager alone"
     except (ValueError, UnsupportedAlgorithm):
@@ -147,7 +155,7 @@ def _pair_fault(pair: _Pair) -> str | None:
 def _certificates(path: Path) -> list[x509.Certificate]:
     """Those in a file; none where it cannot be read."""
     try:
-        return x509.load_pem_x509_certificates(path.read_bytes())
+        return x509.load_pem_x509_certificates(_content(path))
     except (OSError, ValueError):
         return []
 

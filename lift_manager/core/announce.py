@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from drivers.model import Outcome
+from drivers.model import Outcome, Result
 from lift_manager.core.bus import Bus
 from lift_manager.domain.events import (
     Advised,
@@ -24,6 +24,7 @@ from lift_manager.domain.service import (
     ForceReleased,
     abandoned_text,
     maybe_occupied_text,
+    stopping_text,
 )
 from lift_manager.domain.session import Session
 from lift_manager.domain.state import Holder
@@ -37,6 +38,8 @@ class Announcer:
     def __init__(self, lift: str, bus: Bus[Event]) -> None:
         self._lift = lift
         self._bus = bus
+        self._rejected = ""
+        """Why the last command was not pressed; empty if it was."""
 
     def alarm(self, text: str, holder: Holder | None = None) -> None:
         """Tell people of something they should know."""
@@ -53,7 +56,11 @@ class Announcer:
     def outcome(self, outcome: Outcome, holder: Holder | None) -> None:
         """Tell what became of a command."""
         proof = f", seen by {outcome.proof}" if outcome.proof != "none" else ""
-        _log.info("%s: %s %s%s %s", self._lift, outcome.command, outcome.result, proof, outcome.reason)
+        rejected = outcome.reason if outcome.result is Result.REJECTED else ""
+        # a robot goes on asking, and the disk that the log is on may be the reason
+        level = logging.DEBUG if rejected and rejected == self._rejected else logging.INFO
+        self._rejected = rejected
+        _log.log(level, "%s: %s %s%s %s", self._lift, outcome.command, outcome.result, proof, outcome.reason)
         self._bus.publish(CommandEnded(self._lift, outcome, holder))
 
     def opened(self, session: Session) -> None:
@@ -88,9 +95,16 @@ class Announcer:
         """Tell that a door was held for as long as the site allows."""
         self.alarm(f"the door was held for {limit_s:g} s; it is let go, {holder} keeps the lift", holder)
 
-    def doubt(self, holder: Holder, reason: EndReason, text: str, *, abandoned: bool, in_car: bool) -> None:
-        """Tell people of a robot that is, or may be, in the car although its session is over."""
-        if abandoned:
+    def doubt(self, holder: Holder, reason: EndReason, text: str, in_car: tuple[Holder, bool] | None) -> None:
+        """Tell people of a robot that is, or may be, in the car although its session is over.
+
+        `in_car` says whose it is, and whether it is known to be there.
+        """
+        if in_car is None:
+            return
+        if reason is EndReason.STOPPING:
+            self.alarm(stopping_text(holder), holder)
+        elif in_car[1]:
             self.alarm(abandoned_text(holder, text), holder)
-        elif in_car and reason not in ITS_OWN_WORD:
+        elif reason not in ITS_OWN_WORD:
             self.alarm(maybe_occupied_text(self._lift, holder, text), holder)

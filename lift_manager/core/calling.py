@@ -47,7 +47,12 @@ class CallButton:
     def holds_door(self, floor: FloorName, *, aboard: bool) -> bool:
         """Whether the call to a floor keeps the door open there, because it stays on while the robot boards or leaves."""
         call = self.command(floor, aboard=aboard)
-        return call is not None and self._able.until.get(call.name) in _ACKNOWLEDGEMENTS
+        return call is not None and self._ends(call, aboard=aboard) in _ACKNOWLEDGEMENTS
+
+    @property
+    def keeps_door(self) -> bool:
+        """Whether the newest call keeps the door open, and nothing has ended it."""
+        return self.until in _ACKNOWLEDGEMENTS
 
     @property
     def forgotten(self) -> bool:
@@ -73,10 +78,12 @@ class CallButton:
 
     def _take(self, command: Command, *, aboard: bool) -> None:
         self._on = command
-        self._until = self._able.until.get(command.name, "")
-        if aboard and self._until == "robot_in_place":
-            # it is in place already
-            self._until = "arrived"
+        self._until = self._ends(command, aboard=aboard)
+
+    def _ends(self, command: Command, *, aboard: bool) -> str:
+        until = self._able.until.get(command.name, "")
+        # a robot aboard is in place already
+        return "arrived" if aboard and until == "robot_in_place" else until
 
     def let_go(self) -> None:
         """Let go of the call, if one is on."""
@@ -91,10 +98,15 @@ class CallButton:
 
     def let_go_of_door(self) -> None:
         """Let go of a call that keeps the door open."""
-        if self.until in _ACKNOWLEDGEMENTS:
+        if self.keeps_door:
             self.let_go()
+
+    def interrupt(self) -> None:
+        """Let go of a call that keeps the door open, and miss it: it is `forgotten` from here on."""
+        if self._on is not None and self.keeps_door:
+            self._driver.let_go(self._on)
 
     def keep_on(self, permit: Permit) -> None:
         """Renew a call that keeps the door open, unless the controller forgot it."""
-        if self._on is not None and self.until in _ACKNOWLEDGEMENTS and self._driver.given(self._on):
+        if self._on is not None and self.keeps_door and self._driver.given(self._on):
             self._driver.hold(self._on, permit)

@@ -16,6 +16,10 @@ class DoorHolds:
         self._able = driver.capabilities
         self._options = options
 
+    def known(self, floor: FloorName) -> bool:
+        """Whether the map has a hold for every door that serves a floor."""
+        return all(_hold(side).name in self._able.commands for side in self._options.doors_at[floor])
+
     def hold(self, floor: FloorName, permit: Permit, *, begin: bool = True) -> bool:
         """Hold the doors that serve a floor, or renew that; only renew it where it may not `begin`. Returns whether any is held."""
         holds = [_hold(side) for side in self._options.doors_at[floor]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState
 
@@ -13,8 +13,8 @@ class LiftFacade(Protocol):
     """All lifts of a site, as a face uses them; nothing here waits, so a hung controller delays nobody."""
 
     @property
-    def trouble(self) -> str:
-        """Why nothing is pressed on any lift: what is done cannot be written down. Empty while it can."""
+    def unwritten(self) -> frozenset[str]:
+        """Which of `journal` and `state` cannot be written: then nothing is pressed on any lift."""
         ...
 
     def lift_names(self) -> tuple[str, ...]:
@@ -27,6 +27,10 @@ class LiftFacade(Protocol):
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide at once. All session rules live behind this call, the release rule for a closed door included."""
+        ...
+
+    def turned_away(self, who: TurnedAway) -> None:
+        """Write down a request that a face refused by itself."""
         ...
 
     def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from asyncio import Future
+from collections.abc import Callable
 
 from drivers.driver import LiftDriver, Permit
 from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, Result
@@ -20,7 +21,7 @@ from lift_manager.domain.state import Holder, RobotDoor
 
 
 class Acknowledgement:
-    """One word to the lift about its passenger. It follows the rules of a call: pressed once, and again only on a repeat."""
+    """One word to the lift about its passenger. It follows the rules of a call: pressed once, and again after a pause."""
 
     def __init__(self, kind: CommandKind, able: Capabilities) -> None:
         self.command = Command(kind)
@@ -50,17 +51,24 @@ class Acknowledgement:
         return self._call is not None and self._call.phase is not CallPhase.CONFIRMED
 
     @property
+    def late(self) -> bool:
+        """Whether it is owed after it failed, or from before a restart."""
+        return (
+            self.owed and self._call is not None and (self._call.phase is CallPhase.FAILED or self._call.failures > 0)
+        )
+
+    @property
     def taken(self) -> bool:
         """Whether the lift has taken it; a lift that has no such command needs none."""
         return not self.known or (self._call is not None and self._call.phase is CallPhase.CONFIRMED)
 
     def restore(self, floor: FloorName, now: float, *, taken: bool) -> None:
-        """Go on after a restart: it was taken, or it is given again with the next request for it."""
+        """Go on after a restart: it was taken, or it may be given again at once."""
         if self.known:
             self._call = calls.restored(floor, pressed=taken, now=now)
 
     def want(self, floor: FloorName, now: float) -> None:
-        """Want it given; after a failure only once its pause is over."""
+        """Want it given; after a failure only once its pause is over (`calls.BACKOFF_S`)."""
         if self.known:
             self._call = calls.want(self._call, self._call.floor if self._call is not None else floor, now)
 
@@ -118,13 +126,31 @@ class Handshake:
 
     @property
     def reporting(self) -> bool:
-        """Whether the lift has still to be told that a robot left."""
+        """Whether the lift has still to be told that a robot left, and that is not waiting for its next try."""
         return self._left.pending
+
+    @property
+    def untold(self) -> bool:
+        """Whether the lift has not taken that a robot left. One that is aboard again makes its picture right."""
+        return self._left.owed and self._boarding.who is not Who.ABOARD
+
+    @property
+    def awaits(self) -> str:
+        """Say that a session waits for the lift to take the word of the robot before it; empty where it does not."""
+        if not self._retries or not self._left.late:
+            return ""
+        return f"the lift to take robot_left for the robot before; {_tried_again(self._options.name)}"
+
+    @property
+    def _retries(self) -> bool:
+        """Whether the word that a robot left is given until it is taken: not while one may be going in."""
+        return self._left.owed and not boardings.possible(self._boarding)
 
     @property
     def ready(self) -> bool:
         """Whether the lift has been told what it must know before it is sent on."""
-        return not self._left.pending and (self.aboard is not True or self._in_place.taken)
+        told_left = not self._left.pending and not self._retries
+        return told_left and (self.aboard is not True or self._in_place.taken)
 
     def next_command(self, floor: FloorName) -> str:
         """Return the command that sends the car to a floor: the call, or a word that has to come before it or does without."""
@@ -153,14 +179,19 @@ class Handshake:
         heard = boardings.hear(before, ask, stop, self._rules, now)
         if isinstance(heard, str):
             return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {heard}")
-        aboard = heard.who is Who.ABOARD
-        if self._button.command(ask.floor, aboard=aboard) is None and not (aboard and self._in_place.known):
-            car = "the occupied car" if aboard else "the car"
-            text = f"{name}: its map {self._able.map_name} has no command that brings {car} to {ask.floor}"
-            return Refused(Refusal.NOT_POSSIBLE, text)
+        if (impossible := self.impossible(ask.floor, aboard=heard.who is Who.ABOARD)) is not None:
+            return impossible
         self._boarding, self._abandoned_by = heard, None
         self._heed(before, ask, session, stop, now)
         return None
+
+    def impossible(self, floor: FloorName, *, aboard: bool) -> Refused | None:
+        """Refuse a floor to which nothing of the map brings the car; `aboard` says that it is the occupied one."""
+        if self._button.command(floor, aboard=aboard) is not None or (aboard and self._in_place.known):
+            return None
+        car = "the occupied car" if aboard else "the car"
+        text = f"{self._options.name}: its map {self._able.map_name} has no command that brings {car} to {floor}"
+        return Refused(Refusal.NOT_POSSIBLE, text)
 
     def _why_unknown(self, ask: Ask, session: Session | None, sight: Sight | None) -> str | None:
         """Say why nobody knows whether a robot of an earlier session is in the car, where that speaks against a request."""
@@ -200,8 +231,10 @@ class Handshake:
     def act(self, session_permit: Permit | None, now: float, *, begin: bool = True) -> None:
         """Give what is wanted, as far as it is permitted. `session_permit` is None without a session.
 
-        What is found off is put on only where it may `begin`.
+        What is found off is put on, and an owed word given once more, only where it may `begin`.
         """
+        if begin and self._retries:
+            self._left.again(now)
         if self._left.wanted:
             if self._permit() is None:
                 self._left.give(self._press, self._permit, now)
@@ -227,10 +260,11 @@ class Handshake:
         self._after_left()
         if not self._left.failed_once:
             return None
-        return f"robot_left was not taken, so the lift may still count a robot aboard: {outcome.reason}"
+        tried = _tried_again(self._options.name)
+        return f"robot_left was not taken, so the lift may still count a robot aboard: {outcome.reason}; {tried}"
 
-    def end(self, session: Session, release: Ask | None, now: float, *, arrived: bool) -> bool:
-        """Close the session's part. Returns whether a robot is abandoned that was known to be aboard.
+    def end(self, session: Session, release: Ask | None, now: float, *, arrived: bool) -> None:
+        """Close the session's part.
 
         `release` is the holder's own word that it is over; so is that it wanted no more than to be where it has `arrived`.
         """
@@ -238,15 +272,12 @@ class Handshake:
         if release is not None and boardings.has_left(boarding, release, session.floor, self._rules):
             self._report_left(session.floor, now)
             self._keep_until_told()
-            return False
+            return
         self._let_go_of_stay()
         if boardings.leaves_doubt(boarding, released=release is not None, arrived=arrived):
             self._abandoned_by, self._boarding = session.holder, boarding
-        if boarding.who is not Who.ABOARD:
-            return False
-        if self._in_place.is_level or not self._in_place.taken:
+        if boarding.who is Who.ABOARD and (self._in_place.is_level or not self._in_place.taken):
             self._in_place.forget()
-        return True
 
     def end_again(self, release: Ask, now: float) -> None:
         """Take a release that finds no session: what the lift should have been told by an earlier one is told again.
@@ -281,15 +312,29 @@ class Handshake:
             sent_on=boarding.sent_on,
             may_leave_at=boarding.may_leave_at,
             in_place_told=self._in_place.known and self._in_place.taken,
-            left_untold=boarding.who is Who.LEFT and self._left.owed,
         )
+
+    def owe_left(self) -> None:
+        """Owe the lift the word that a robot left before this process began."""
+        self._left.restore(self._options.floors[0], 0.0, taken=False)
+
+    def to_see_to(self, session: Session | None, *, fire: bool) -> Callable[[float], None] | None:
+        """Return what to do once a person has seen to the car and the lift; None where nothing of ours needs one.
+
+        After a fire, and behind a robot that may be in the car, the lift is told once more that an earlier one left.
+        """
+        if session is None and self.occupied_by(None) is not None:
+            return self.found_empty
+        return self._forget_left if self.untold and not fire else None
+
+    def _forget_left(self, _: float) -> None:
+        self._left.forget()
+        self._driver.let_go(self._left.command)
 
     def restore(self, kept: KeptBoarding, floor: FloorName, permit: Permit, now: float) -> None:
         """Go on with the robot of a session from before a restart. What the lift was told is not said again."""
         self._abandoned_by = None
         self._boarding = Boarding(kept.who, may_leave_at=kept.may_leave_at, sent_on=kept.sent_on)
-        if kept.left_untold:
-            self._left.restore(floor, now, taken=False)
         if kept.in_place_told:
             self._in_place.restore(floor, now, taken=True)
             if self._in_place.is_level and kept.who is Who.ABOARD:
@@ -337,3 +382,7 @@ class Handshake:
         self._button.let_go_at("robot_left")
         if self._in_place.is_level:
             self._driver.let_go(self._in_place.command)
+
+
+def _tried_again(lift: str) -> str:
+    return f"it is given again until it is taken, or until a person has seen to the lift: {how_to_acknowledge(lift)}"

@@ -23,7 +23,7 @@ from lift_manager.core.tenure import Tenure
 from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.events import Event
-from lift_manager.domain.service import Acknowledged, Advice, EndReason, ForceReleased, Lockout, advise
+from lift_manager.domain.service import STOPPING_TEXT, Acknowledged, Advice, EndReason, ForceReleased, Lockout, advise
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, moving
 from lift_manager.domain.state import Holder, Restrictions
@@ -74,11 +74,13 @@ class SessionKeeper:
         self._robot_mode = RobotMode(driver)
         if (occupied := people.remembered.occupied) is not None:
             self._handshake.take_up(occupied.holder, aboard=occupied.aboard)
+        if people.remembered.left_untold is not None:
+            self._handshake.owe_left()
 
     @property
     def busy(self) -> bool:
         """Whether every reading matters, changed or not."""
-        return self.session is not None or self._robot_mode.kept or self._handshake.reporting
+        return self.session is not None or self._robot_mode.kept or self._handshake.untold
 
     @property
     def arrived(self) -> bool:
@@ -98,13 +100,15 @@ class SessionKeeper:
     @property
     def door_held(self) -> bool:
         """Whether our hold of every door at the session's floor is on and verified, where the map has one."""
-        return self.session is not None and self._serving.doors.held(self.session.floor)
+        return self.session is not None and self._serving.door_held(self.session)
 
-    @property
-    def restrictions(self) -> Restrictions:
-        """What keeps robots off, and what the session waits for."""
-        resting = self.session is not None and self.people.resting(_now())
-        return self.people.restrictions(self.people.resting_text if resting else self._serving.awaits)
+    def restrictions(self, trouble: str) -> Restrictions:
+        """Return what keeps robots off, and what the session waits for; `trouble` is why nothing may be pressed."""
+        if self.session is None:
+            return self.people.restrictions("")
+        stuck = "" if self._serving.call.pressed else trouble
+        resting = self.people.resting_text if self.people.resting(_now()) else ""
+        return self.people.restrictions(stuck or resting or self._serving.awaits or self._handshake.awaits)
 
     def begin(self) -> None:
         """Take up the session of before this start, if there is one. To be called before the lift is read for the first time.
@@ -112,19 +116,18 @@ class SessionKeeper:
         Nothing is pressed by it: what is found on is kept on, and what is found off waits until the holder asks again, for
         somebody may have let go of it meanwhile, and a holder that still needs it is heard within seconds.
         """
-        kept = None if self._begun or self._stopping else self._memory.kept
-        self._begun = True
-        if kept is None:
+        if self._begun or self._stopping:
             return
-        now, number = _now(), self._sessions_opened + 1
-        taken_up = self._memory.take_up(kept, number, now)
-        if not isinstance(taken_up, Session):
+        self._begun = True
+        kept, now, number = self._memory.kept, _now(), self._sessions_opened + 1
+        taken_up = self._memory.take_up(kept, number, now) if kept is not None else None
+        if kept is None or not isinstance(taken_up, Session):
+            until = self._memory.robot_mode_until(now, self._able.arrive_within_s)
+            self._robot_mode.adopt_rest(self._admission.why_no_robot_mode, until)
             self._note(now)
-            in_car = self._handshake.occupied_by(None)
-            self._say.doubt(
-                kept.holder, *taken_up, abandoned=in_car is not None and in_car[1], in_car=in_car is not None
-            )
-            self._say.ended(kept.holder, *taken_up, self._advice())
+            if kept is not None and isinstance(taken_up, tuple):
+                self._say.doubt(kept.holder, *taken_up, self._handshake.occupied_by(None))
+                self._say.ended(kept.holder, *taken_up, self._advice())
             return
         self.session = taken_up
         self._sessions_opened = self._used_by = number
@@ -154,7 +157,7 @@ class SessionKeeper:
         """Refuse everything from now on, and let the session rest until the next start."""
         self._note(_now())
         self._stopping = True
-        self._end_session(EndReason.STOPPING, "the manager is stopping", _now())
+        self._end_session(EndReason.STOPPING, STOPPING_TEXT, _now())
         self._robot_mode.drop()
 
     def lock_out(self, by: str, reason: str) -> Lockout | Refused:
@@ -204,10 +207,10 @@ class SessionKeeper:
         if too_early is not None:
             return too_early
         held = self.session.holder if self.session is not None else None
-        left = held is None and self._handshake.occupied_by(None) is not None
-        answer = self.people.acknowledge(by, occupied=left, held=held)
-        if left and isinstance(answer, Acknowledged):
-            self._handshake.found_empty(_now())
+        left = self._handshake.to_see_to(self.session, fire=self.people.fire_latched)
+        answer = self.people.acknowledge(by, occupied=left is not None, held=held)
+        if left is not None and isinstance(answer, Acknowledged):
+            left(_now())
             self.act(_now())
         self._changed()
         return answer
@@ -220,7 +223,12 @@ class SessionKeeper:
         if self.session is not None and self.session.holder == ask.holder:
             self.session = replace(self.session, heard_at=now)
         elif self.session is not None and ask.hold_door and not is_release:
-            self._contest(self.session, ask, now, offline=offline)
+            refusal = self._admission.refusal(offline=offline, goes_on=False)
+            over = self._tenure.contest(self.session, ask, now, self._handshake, refusal)
+            if isinstance(over, Refused):
+                return over
+            if over is not None:
+                self._end_session(*over, now)
         session = self.session
         mine = session is None or session.holder == ask.holder
         if mine and is_release:
@@ -231,18 +239,6 @@ class SessionKeeper:
         if mine and (refused := self._admission.refusal(offline=offline, goes_on=goes_on)) is not None:
             return refused
         return sessions.admit(session, ask, number=self._sessions_opened + 1, now=now)
-
-    def _contest(self, session: Session, ask: Ask, now: float, *, offline: str) -> None:
-        """Let another caller's wish for the lift end a session, where it does.
-
-        A wish that would be refused whoever holds the lift ends none, and neither does one that needs no open door: an idle
-        client posts such requests once a second, for floors that the car may have left (`lift.RECENT_FLOOR_S`).
-        """
-        if self._admission.refusal(offline=offline, goes_on=False) is not None:
-            return
-        occupied = self._handshake.occupied_by(session) is not None
-        if (over := self._tenure.contested(session, ask, now, occupied=occupied)) is not None:
-            self._end_session(*over, now)
 
     def _take(self, session: Session, now: float) -> None:
         before = self.session
@@ -294,8 +290,9 @@ class SessionKeeper:
 
     def _note(self, now: float, *, pressed: bool = False) -> None:
         """Write down what a restart must know. An orderly end writes down nothing more: the session rests until then."""
-        self.people.note_occupied(self._handshake.occupied_by(self.session))
+        self._memory.note_rest(self._handshake, self.session)
         if self._begun and not self._stopping:
+            self._memory.note_mode(self._robot_mode.kept_until, now)
             pressed = pressed or self._serving.call.pressed
             self._memory.note(self.session, self._handshake.kept(), pressed=pressed, now=now)
 
@@ -378,10 +375,9 @@ class SessionKeeper:
         holder, advice = session.holder, self._advice()
         self.session = self._emergency.release_at = None
         self._serving.end()
-        abandoned = self._handshake.end(session, release, now, arrived=reason is EndReason.ARRIVED)
-        in_car = self._handshake.occupied_by(None)
+        self._handshake.end(session, release, now, arrived=reason is EndReason.ARRIVED)
         self._note(now)
-        self._say.doubt(holder, reason, text, abandoned=abandoned, in_car=in_car is not None)
+        self._say.doubt(holder, reason, text, self._handshake.occupied_by(None))
         used = session.number == self._used_by
         if used:
             self.people.session_ended(now)
@@ -391,6 +387,7 @@ class SessionKeeper:
             self._robot_mode.session_ended(now)
         self._say.ended(holder, reason, text, advice)
         self._settle(now)
+        self._note(now)
         self._changed()
 
 

@@ -16,6 +16,7 @@ from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
 from lift_manager.core.recording import LiftLog
+from lift_manager.core.sparing import Turns
 from lift_manager.core.ticker import Ticker
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.events import Event, StateChanged
@@ -73,6 +74,7 @@ class LiftTask:
             last_sight=lambda: self._sight,
             changed=self._publish,
         )
+        self._turns = Turns()
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
         self._shown: LiftState | None = None
@@ -96,7 +98,14 @@ class LiftTask:
     async def stop(self) -> None:
         """Refuse everything from now on, let everything go, and return once that is verified."""
         self._keeper.stop()
-        await self._driver.release_all()
+        try:
+            await self._driver.release_all()
+        finally:
+            self.tell(end=True)
+
+    def tell(self, *, end: bool = False) -> None:
+        """Write down what was only counted for a minute, or at the end all of it."""
+        self._log.tell(end=end)
 
     def state(self) -> LiftState:
         """Return what this lift publishes right now, from memory."""
@@ -114,7 +123,7 @@ class LiftTask:
             arrived=keeper.arrived,
             door_held=keeper.door_held,
             aboard=keeper.aboard,
-            restrictions=keeper.restrictions,
+            restrictions=keeper.restrictions(self._log.trouble),
         )
         return lift_state(seen, _now())
 
@@ -123,18 +132,28 @@ class LiftTask:
         self._keeper.begin()
         state = self.state()
         is_release = not ask.hold_door and self._is_release(ask, state)
-        self._log.asked(ask)
+        known = ask.floor in self.options.floors
+        self._log.asked(ask, known=known)
         answer = self._decided(ask, state, is_release=is_release)
-        self._log.answered(ask, answer)
+        self._log.answered(ask, answer, known=known)
         if self._keeper.session is not None:
             self._left.clear()
         return answer
 
     def _decided(self, ask: Ask, state: LiftState, *, is_release: bool) -> Accepted | Refused:
-        if (trouble := self._log.trouble) and not is_release and self._keeper.session is None:
+        session, now = self._keeper.session, _now()
+        if (trouble := self._log.trouble) and not is_release and session is None:
             # one that has begun keeps its session: its robot may be in the car
             return Refused(Refusal.NOT_RECORDED, f"{self.options.name} takes no robots now: {trouble}")
-        return self._keeper.request(ask, is_release=is_release, offline=_offline(state))
+        had = None if session is None else (session.holder, session.floor, session.hold_door)
+        anew = not is_release and had != (ask.holder, ask.floor, ask.hold_door)
+        if anew and (wait_s := self._turns.wait_s(ask.holder, now)) > 0:
+            text = f"{self.options.name} was asked for another floor too often by {ask.holder}; ask again in {wait_s:.1f} s"
+            return Refused(Refusal.TOO_OFTEN, text)
+        answer = self._keeper.request(ask, is_release=is_release, offline=_offline(state))
+        if anew and isinstance(answer, Accepted):
+            self._turns.take(ask.holder, now)
+        return answer
 
     def acknowledge(self, by: str) -> Acknowledged | Refused:
         """Take it that a person has checked the lift after a fire, or found no robot in its car."""

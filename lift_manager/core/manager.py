@@ -5,16 +5,23 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Coroutine, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Memory, ShortMemory
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
+from lift_manager.core.refusals import RefusalLog
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
 from lift_manager.domain.events import Alarm, Event, StateChanged
 from lift_manager.domain.journal import Row
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState
+
+Answer = TypeVar("Answer")
+
+TELL_EVERY_S = 10.0
+"""How often to look for what was counted for a minute and not told."""
 
 
 class LiftManager:
@@ -32,12 +39,14 @@ class LiftManager:
         self._bus = bus
         self._memory = memory or ShortMemory()
         self._journal = journal or ShortJournal()
+        self._refusals = RefusalLog(self._journal)
 
     async def run(self) -> None:
         """Poll every lift until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             for lift in self._lifts.values():
                 tasks.create_task(lift.run())
+            tasks.create_task(self._tell())
 
     async def remember(self) -> None:
         """Write down what people said until cancelled: for as long as anybody may say anything."""
@@ -51,10 +60,15 @@ class LiftManager:
         """Write down something that concerns no lift, or no session."""
         self._journal.note(row)
 
+    def turned_away(self, who: TurnedAway) -> None:
+        """Write down a request that reached no lift."""
+        self._refusals.turned_away(who)
+
     @property
-    def trouble(self) -> str:
-        """Why nothing is pressed on any lift: what is done cannot be written down. Empty while it can."""
-        return self._journal.trouble or self._memory.trouble
+    def unwritten(self) -> frozenset[str]:
+        """Which of `journal` and `state` cannot be written: then nothing is pressed on any lift."""
+        troubles = {"journal": self._journal.trouble, "state": self._memory.trouble}
+        return frozenset(file for file, trouble in troubles.items() if trouble)
 
     def drives(self) -> list[Coroutine[None, None, None]]:
         """Return what carries out each lift's presses and releases, to be run for as long as anything may be held."""
@@ -71,9 +85,12 @@ class LiftManager:
 
     async def stop(self) -> None:
         """Let everything go on every lift and return once it is verified; bound it with a timeout."""
-        async with asyncio.TaskGroup() as tasks:
-            for lift in self._lifts.values():
-                tasks.create_task(lift.stop())
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                for lift in self._lifts.values():
+                    tasks.create_task(lift.stop())
+        finally:
+            self._refusals.tell(end=True)
 
     async def settled(self) -> None:
         """Return once everything is written down; bound it with a timeout."""
@@ -91,23 +108,29 @@ class LiftManager:
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide on a request at once."""
-        task = self._lifts.get(ask.lift)
-        return self._unknown(ask.lift) if task is None else task.request(ask)
+        if (task := self._lifts.get(ask.lift)) is not None:
+            return task.request(ask)
+        answer = self._unknown(ask.lift)
+        self.turned_away(TurnedAway(answer.code, "there is no such lift", ask.lift, str(ask.holder)))
+        return answer
 
     def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:
         """Take it that a person has checked a lift after a fire, or found no robot in its car."""
         task = self._lifts.get(lift)
-        return self._unknown(lift) if task is None else task.acknowledge(by)
+        answer = self._unknown(lift) if task is None else task.acknowledge(by)
+        return self._heard(lift, by, "acknowledge", answer)
 
     def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
         """Keep robots off a lift until a person says otherwise."""
         task = self._lifts.get(lift)
-        return self._unknown(lift) if task is None else task.lock_out(by, reason)
+        answer = self._unknown(lift) if task is None else task.lock_out(by, reason)
+        return self._heard(lift, by, "lockout", answer)
 
     def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
         """Take a lift from its holder at a person's word."""
         task = self._lifts.get(lift)
-        return self._unknown(lift) if task is None else task.force_release(by, reason)
+        answer = self._unknown(lift) if task is None else task.force_release(by, reason)
+        return self._heard(lift, by, "release", answer)
 
     def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
         """Give the session of `holder` to another caller, at the holder's own word."""
@@ -117,7 +140,8 @@ class LiftManager:
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         """Let robots on a lift again."""
         task = self._lifts.get(lift)
-        return self._unknown(lift) if task is None else task.end_lockout(by)
+        answer = self._unknown(lift) if task is None else task.end_lockout(by)
+        return self._heard(lift, by, "lockout_end", answer)
 
     def remembered(self, lift: str) -> Remembered | None:
         """Return what of a lift outlives the manager; None for a lift that is not of this site."""
@@ -132,12 +156,27 @@ class LiftManager:
                 subscription.put(StateChanged(name, task.state()))
             yield subscription
 
+    async def _tell(self) -> None:
+        """Tell what was counted, though nobody asks anything more."""
+        while True:
+            await asyncio.sleep(TELL_EVERY_S)
+            self._refusals.tell()
+            for lift in self._lifts.values():
+                lift.tell()
+
+    def _heard(self, lift: str, by: str, said: str, answer: Answer | Refused) -> Answer | Refused:
+        if isinstance(answer, Refused):
+            self._refusals.person_refused(lift, by, said, answer)
+        return answer
+
     def _unknown(self, lift: str) -> Refused:
         return Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are {', '.join(self._lifts)}")
 
     def _not_recorded(self, text: str) -> None:
         for lift in self._lifts:
-            self._bus.publish(Alarm(lift, text or "journal: rows are written again; robots are taken as before"))
+            alarm = Alarm(lift, text or "journal: rows are written again; robots are taken as before")
+            # to listeners, past a bus that writes down: the journal has a row of its own for the whole site
+            Bus.publish(self._bus, alarm)
 
     def _not_written(self, lift: str, text: str) -> None:
         self._bus.publish(Alarm(lift, text))

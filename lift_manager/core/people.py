@@ -42,7 +42,7 @@ class PeopleFirst:
         """The time of day in the building."""
         self._rests_until = -math.inf
         self.remembered = memory.recall(options.name)
-        if self.remembered.keeps_robots_out:
+        if self.remembered.keeps_robots_out or self.remembered.left_untold is not None:
             _log.warning("%s: from before this start: %s", options.name, self._in_words())
 
     @property
@@ -130,6 +130,16 @@ class PeopleFirst:
             since = known.since if known is not None and known.holder == by[0] else self.clock()
             self._keep(replace(self.remembered, occupied=Occupied(*by, since)))
 
+    def note_left_untold(self, *, owed: bool) -> None:
+        """Remember that the lift has not taken the word that a robot left; called often, written on change."""
+        if owed is not (self.remembered.left_untold is not None):
+            self._keep(replace(self.remembered, left_untold=self.clock() if owed else None))
+
+    def note_robot_mode(self, until: datetime | None) -> None:
+        """Remember until when robot mode is kept although its session is over."""
+        if until != self.remembered.robot_mode_until:
+            self._keep(replace(self.remembered, robot_mode_until=until))
+
     def note_session(self, session: KeptSession | None) -> None:
         """Remember who holds the lift."""
         if session != self.remembered.session:
@@ -184,6 +194,7 @@ class PeopleFirst:
             f"a fire at {self._shown(fire)} that nobody has acknowledged" if fire is not None else "",
             f"locked out {self.lockout}" if self.lockout else "",
             f"a robot of {occupied.holder} that may be in the car" if occupied is not None else "",
+            "robot_left, which the lift has not taken" if self.remembered.left_untold is not None else "",
         )
         return "; ".join(word for word in words if word)
 

@@ -4,24 +4,34 @@ from __future__ import annotations
 
 import asyncio
 from asyncio import Future
-from dataclasses import dataclass
+from collections import Counter, OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
 
 from drivers.model import Command, Written
 from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal
 from lift_manager.core.memory import Memory
+from lift_manager.core.sparing import Sparing
 from lift_manager.domain import journal_rows as rows
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
+from lift_manager.domain.journal import Row
 from lift_manager.domain.state import Holder
 from register_maps.words import Mode
 
-TOLD_EVERY_S = 60.0
-"""How long repeats of one request are counted before a row tells of them. Chosen: robots repeat themselves once a second, and one row a
-minute shows that they still do."""
-
 CALLERS = 64
-"""Callers whose last request is remembered. Chosen: far more robots than wait for one lift."""
+"""Callers whose last request is remembered, for one lift. Chosen: far more robots than wait for one lift."""
+
+REQUESTS = 30
+"""Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
+
+CHANGES = 10
+"""Changes of a lift's mode, and of its link, that have rows of their own, a minute. Chosen: people turn a key switch less often."""
+
+READ_WITHIN_S = 3.0
+"""So long after the start a lift may take to be read for the first time before that is news. Chosen: a connection, and what its map wants
+to see change once, take less."""
 
 
 class RecordingBus(Bus[Event]):
@@ -39,62 +49,111 @@ class RecordingBus(Bus[Event]):
         super().publish(item)
 
 
-@dataclass(slots=True)
-class _Said:
-    """One request, its answer, and how often both came again."""
+class _Caller:
+    """What one caller asked of one lift last, and what of it was only counted."""
 
-    ask: Ask
-    answer: Accepted | Refused | None
-    since: float
-    times: int = 0
+    def __init__(self) -> None:
+        self.sparing = Sparing(REQUESTS)
+        self.ask: Ask | None = None
+        """The newest with a row of its own."""
+        self.answer: Accepted | Refused | None = None
+        self.admitted = False
+        """Whether the request that is decided on has a row already."""
 
 
 class RequestLog:
-    """The requests for one lift. One that only repeats its caller's last, with the same answer, is counted."""
+    """The requests for one lift. Repeats with the same answer, and more than `REQUESTS` of a caller in a minute, are counted."""
 
-    def __init__(self, journal: Journal) -> None:
+    def __init__(self, lift: str, journal: Journal) -> None:
+        self._lift = lift
         self._journal = journal
-        self._last: dict[Holder, _Said] = {}
+        self._callers: OrderedDict[Holder, _Caller] = OrderedDict()
 
-    def asked(self, ask: Ask) -> None:
-        """Note a request that is about to be decided on."""
-        last, now = self._last.get(ask.holder), asyncio.get_running_loop().time()
-        if last is not None and last.ask == ask:
-            last.times += 1
-            if now - last.since >= TOLD_EVERY_S:
-                self._tell(last, now)
-            return
-        self.tell()
-        if len(self._last) >= CALLERS:
-            self._last.clear()
-        self._last[ask.holder] = _Said(ask, None, now)
-        self._journal.note(rows.asked(ask))
+    def asked(self, ask: Ask, *, known: bool) -> None:
+        """Note a request that is about to be decided on; `known` tells a floor that the lift has."""
+        now, caller = _now(), self._caller(ask.holder)
+        caller.admitted = caller.sparing.admits(_kind_of(ask, known=known), now)
+        if caller.admitted:
+            self._begin(caller, ask, now)
 
-    def answered(self, ask: Ask, answer: Accepted | Refused) -> None:
+    def answered(self, ask: Ask, answer: Accepted | Refused, *, known: bool) -> None:
         """Note what it was told, where that is news."""
-        last, now = self._last[ask.holder], asyncio.get_running_loop().time()
-        if last.answer is not None:
-            if _same(last.answer, answer):
-                return
+        now, caller = _now(), self._caller(ask.holder)
+        repeat = caller.sparing.is_last(_kind_of(ask, known=known))
+        if not caller.admitted and repeat and caller.answer is not None and not _same(caller.answer, answer):
             # this one had another answer than those before it
-            last.times -= 1
-            self._tell(last, now)
-            self._journal.note(rows.asked(ask))
-        last.answer, last.since, last.times = answer, now, 0
-        row = rows.answered(ask, answer)
+            caller.admitted = caller.sparing.admits(_kind_of(ask, known=known), now, anew=True)
+            if caller.admitted:
+                self._begin(caller, ask, now)
+        if not caller.admitted:
+            caller.sparing.count("accepted" if isinstance(answer, Accepted) else answer.code, now)
+            if caller.sparing.due(now):
+                self._tell(ask.holder, caller, now)
+            return
+        caller.answer, row = answer, rows.answered(ask, answer)
         if row is not None:
             self._journal.note(row)
 
-    def tell(self) -> None:
-        """Write down what was only counted: something comes of it, or something else is next."""
-        now = asyncio.get_running_loop().time()
-        for said in self._last.values():
-            self._tell(said, now)
+    def tell(self, holder: Holder | None) -> None:
+        """Write down what was only counted of a caller: something is pressed because of it."""
+        caller = None if holder is None else self._callers.get(holder)
+        if holder is not None and caller is not None:
+            self._tell(holder, caller, _now())
 
-    def _tell(self, said: _Said, now: float) -> None:
-        if said.times > 0:
-            self._journal.note(rows.repeated(said.ask, said.times, now - said.since))
-            said.times, said.since = 0, now
+    def tell_due(self, *, end: bool) -> None:
+        """Write down what was counted for long enough, or at the end all of it."""
+        now = _now()
+        for holder, caller in self._callers.items():
+            if end or caller.sparing.due(now):
+                self._tell(holder, caller, now)
+
+    def _caller(self, holder: Holder) -> _Caller:
+        caller = self._callers.setdefault(holder, _Caller())
+        self._callers.move_to_end(holder)
+        if len(self._callers) > CALLERS:
+            silent, gone = self._callers.popitem(last=False)
+            self._tell(silent, gone, _now())
+        return caller
+
+    def _begin(self, caller: _Caller, ask: Ask, now: float) -> None:
+        self._tell(ask.holder, caller, now)
+        caller.ask, caller.answer = ask, None
+        self._journal.note(rows.asked(ask))
+
+    def _tell(self, holder: Holder, caller: _Caller, now: float) -> None:
+        if not caller.sparing.counts:
+            return
+        repeats = caller.sparing.repeats_only
+        counted, for_s = caller.sparing.told(now)
+        if repeats and caller.ask is not None:
+            self._journal.note(rows.repeated(caller.ask, counted.total(), for_s))
+        else:
+            self._journal.note(rows.asked_more(self._lift, str(holder), counted, for_s))
+
+
+class _Changes:
+    """The changes of one thing."""
+
+    def __init__(self, write: Callable[[Counter[str], float], Row], journal: Journal) -> None:
+        """`write` makes the row of changes that were counted."""
+        self._sparing = Sparing(CHANGES)
+        self._write = write
+        self._journal = journal
+
+    def note(self, row: Row, word: str) -> None:
+        """Write down one change, or count it by its `word`."""
+        now = _now()
+        self.tell(now)
+        # while some are counted all are: the last row then tells how it is
+        if not self._sparing.counts and self._sparing.admits(object(), now):
+            self._journal.note(row)
+        else:
+            self._sparing.count(word, now)
+
+    def tell(self, now: float, *, end: bool = False) -> None:
+        """Write down what was counted for long enough, or at the end all of it."""
+        if self._sparing.counts and (end or self._sparing.due(now)):
+            self._journal.note(self._write(*self._sparing.told(now)))
 
 
 class LiftLog:
@@ -104,22 +163,34 @@ class LiftLog:
         self._lift = lift
         self._journal = journal
         self._memory = memory
-        self._requests = RequestLog(journal)
+        self._requests = RequestLog(lift, journal)
         self._mode: Mode | None = None
         self._link: str | None = None
         """Why the lift is not read; empty while it is."""
+        self._unread_since: float | None = None
+        """Before it was read for the first time."""
+        self._modes = _Changes(lambda counted, for_s: rows.mode_changed(lift, self._mode, counted, for_s), journal)
+        self._links = _Changes(
+            lambda counted, for_s: rows.link_changed(lift, self._link or "", counted, for_s), journal
+        )
 
-    def asked(self, ask: Ask) -> None:
-        """Note a request that is about to be decided on."""
-        self._requests.asked(ask)
+    def asked(self, ask: Ask, *, known: bool = True) -> None:
+        """Note a request that is about to be decided on; `known` tells a floor that the lift has."""
+        self._requests.asked(ask, known=known)
 
-    def answered(self, ask: Ask, answer: Accepted | Refused) -> None:
+    def answered(self, ask: Ask, answer: Accepted | Refused, *, known: bool = True) -> None:
         """Note what it was told."""
-        self._requests.answered(ask, answer)
+        self._requests.answered(ask, answer, known=known)
+
+    def tell(self, *, end: bool = False) -> None:
+        """Write down what was counted for a minute and told by nothing since, or at the end all of it."""
+        self._requests.tell_due(end=end)
+        for changes in (self._modes, self._links):
+            changes.tell(_now(), end=end)
 
     def before(self, command: Command, frames: tuple[str, ...]) -> Future[str | None]:
         """Note what is about to be pressed; answer when row and session are written, or why nothing may be pressed."""
-        self._requests.tell()  # what was asked comes before what is pressed because of it
+        self._requests.tell(self._holder)  # what was asked comes before what is pressed because of it
         if trouble := self._memory.trouble:
             return _answered(trouble)
         row = self._journal.before(rows.pressing(self._lift, self._holder, command, frames))
@@ -133,14 +204,20 @@ class LiftLog:
     def mode(self, mode: Mode) -> None:
         """Note the mode if it has changed."""
         if mode is not self._mode:
-            self._journal.note(rows.mode_is(self._lift, mode, self._mode))
-            self._mode = mode
+            before, self._mode = self._mode, mode
+            self._modes.note(rows.mode_is(self._lift, mode, before), mode)
 
     def link(self, source: str, trouble: str) -> None:
-        """Note that the lift is read, or why not, when that has changed."""
-        if self._link is None or bool(trouble) is not bool(self._link):
-            self._journal.note(rows.link_down(self._lift, trouble) if trouble else rows.link_up(self._lift, source))
-        self._link = trouble
+        """Note that the lift is read, or why not, when that has changed. A start may take a little to read it at all."""
+        if self._link is None and trouble:
+            now = _now()
+            self._unread_since = now if self._unread_since is None else self._unread_since
+            if now - self._unread_since < READ_WITHIN_S:
+                return
+        before, self._link = self._link, trouble
+        if before is None or bool(trouble) is not bool(before):
+            row = rows.link_down(self._lift, trouble) if trouble else rows.link_up(self._lift, source)
+            self._links.note(row, "not read" if trouble else "read")
 
     @property
     def trouble(self) -> str:
@@ -158,6 +235,15 @@ def _same(before: Accepted | Refused, answer: Accepted | Refused) -> bool:
     if isinstance(before, Refused) and isinstance(answer, Refused):
         return before.code is answer.code
     return before == answer
+
+
+def _kind_of(ask: Ask, *, known: bool) -> Ask:
+    """Return what repeats of a request have in common: floors that the lift does not have are all one."""
+    return ask if known else replace(ask, floor="")
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
 
 
 def _answered(text: str | None) -> Future[str | None]:

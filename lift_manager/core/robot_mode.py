@@ -17,6 +17,8 @@ class RobotMode:
         self._able = driver.capabilities
         self._keep_until: float | None = None
         """The session is over, but the car still moves."""
+        self._pressed = False
+        """It was pressed, or may be found on after a restart; a wish that waits for its row was not."""
 
     @property
     def known(self) -> bool:
@@ -28,25 +30,52 @@ class RobotMode:
         """Whether it may be on although its session is over."""
         return self._keep_until is not None
 
+    @property
+    def kept_until(self) -> float | None:
+        """Until when it is kept at the most; None where its session is not over, or it is not on."""
+        return self._keep_until
+
     def hold(self, permit: Permit, *, begin: bool = True) -> None:
         """Ask for it, or renew it; only renew it where it may not `begin`."""
-        if begin or self._driver.given(_ROBOT_MODE):
-            self._driver.hold(_ROBOT_MODE, permit)
+        given = self._driver.given(_ROBOT_MODE)
+        if not given:
+            self._pressed = False
+        if begin or given:
+            self._driver.hold(_ROBOT_MODE, self._noted(permit))
+
+    def _noted(self, permit: Permit) -> Permit:
+        """Return a permit that notes when the bytes may leave, which is asked once nothing else is waited for."""
+
+        def allowed() -> str | None:
+            refusal = permit()
+            self._pressed = self._pressed or refusal is None
+            return refusal
+
+        return allowed
 
     def adopt(self, permit: Permit) -> None:
         """Keep it on if it is found on after a restart."""
         if self.known:
+            self._pressed = True
             self._driver.adopt(_ROBOT_MODE, permit)
+
+    def adopt_rest(self, permit: Permit, until: float | None) -> None:
+        """Keep it on if it is found on after a restart and its session is over; None where it is not to be kept."""
+        if self.known and until is not None:
+            self._keep_until = until
+            self.adopt(permit)
 
     def drop(self) -> None:
         """Let go of it at once."""
-        self._keep_until = None
+        self._keep_until, self._pressed = None, False
         self._driver.let_go(_ROBOT_MODE)
 
     def session_ended(self, now: float) -> None:
-        """Keep it from here on only for as long as a car may take to come to rest."""
-        if self.known:
+        """Keep it from here on only for as long as a car may take to come to rest; drop it if it was not pressed yet."""
+        if self.known and self._pressed:
             self._keep_until = now + self._able.arrive_within_s
+        else:
+            self.drop()
 
     def settle(
         self, sight: Sight | None, last: Sight | None, permit: Permit, *, reporting: bool, now: float

@@ -15,10 +15,11 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.core.session_call import SessionCall
 from lift_manager.domain import call as calls
 from lift_manager.domain import session as sessions
+from lift_manager.domain.boarding import Who
 from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
-from lift_manager.domain.sight import Sight, barred
+from lift_manager.domain.sight import Sight, barred, left
 
 End = tuple[EndReason, str]
 """Why a session is over, as a code and in words."""
@@ -48,6 +49,8 @@ class Serving:
         self._handshake = handshake
         self._say = say
         self._used = used
+        self._found_held = False
+        """A door hold of before a restart waits until the car is seen to stand there."""
 
     def restore(self, session: Session, kept: KeptSession, permit: Permit, now: float) -> None:
         """Keep on what is found on after a restart, and press nothing."""
@@ -57,10 +60,21 @@ class Serving:
             self._button.adopt(session.floor, permit, aboard=self._handshake.aboard is True)
         if session.holding_since is not None:
             self.doors.adopt(session.floor, permit)
+            self._found_held = True
+
+    def door_held(self, session: Session) -> bool:
+        """Whether what keeps the door open at the session's floor is on and verified, where the map has anything for that."""
+        if not self.doors.held(session.floor):
+            return False
+        return not self._call_is_hold(session) or (
+            self.call.told and self._button.keeps_door and not self._button.forgotten
+        )
 
     def wants(self, session: Session, now: float) -> None:
         """Take a request that was accepted: a new call, or the same one again."""
         moves_on = self.call.elsewhere(session.floor)
+        if moves_on:
+            self._found_held = False
         if moves_on and self._handshake.ready:
             self._button.let_go()
         holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
@@ -70,7 +84,7 @@ class Serving:
     def end(self) -> None:
         """Let go of the doors, and follow nothing any more."""
         self.call.forget()
-        self.awaits = ""
+        self.awaits, self._found_held = "", False
         self.doors.let_go()
 
     def advance(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session | End:
@@ -78,9 +92,9 @@ class Serving:
         call = self.call.now
         if call is None:
             return session
-        call = self.call.seen(call, sight, now)
-        lost = session.restored and call.phase is CallPhase.FAILED
-        self.awaits = f"{session.holder} to ask again after a restart of the manager" if lost else ""
+        is_hold = self._needs_call(session)
+        call = self.call.seen(call, sight, now, is_hold=is_hold)
+        self.awaits = _awaited(session, call, is_hold=is_hold)
         self._handshake.seen(sight, session, now)
         command = self._handshake.next_command(call.floor)
         missing = calls.missing(sight, self._able, command) if call.phase is CallPhase.WANTED else None
@@ -89,17 +103,39 @@ class Serving:
             return self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
         if call.phase is CallPhase.WANTED and not self._handshake.ready:
             return self._await_word(session, sight, permit, now)
-        if calls.may_press(call, sight, self._able, now):
-            self.doors.let_go()
+        if calls.may_press(call, sight, self._able, now, is_hold=is_hold):
+            self._let_go_of_doors()
             self.call.press(call, permit, aboard=self._handshake.aboard is True, now=now)
         elif call.phase is CallPhase.ARRIVED:
             self._button.let_go_at("arrived")
+            self._found_held = False
             return self._stay(session, sight, permit, now)
         else:
-            self.doors.let_go()
             if call.phase is CallPhase.FAILED and self._button.until:
                 self._button.let_go()
+            return self._keep_found(session, sight, permit, now)
         return session
+
+    def _call_is_hold(self, session: Session) -> bool:
+        """Whether nothing but the call to the session's floor keeps the door open there."""
+        aboard = self._handshake.aboard is True
+        return self._button.holds_door(session.floor, aboard=aboard) and not self.doors.known(session.floor)
+
+    def _needs_call(self, session: Session) -> bool:
+        """Whether the call is missed while it is off: it is what keeps the door open, and the robot has not said that it left."""
+        wanted = session.hold_door and not session.hold_spent and self._call_is_hold(session)
+        return wanted and self._handshake.kept().who is not Who.LEFT
+
+    def _let_go_of_doors(self) -> None:
+        self._found_held = False
+        self.doors.let_go()
+
+    def _keep_found(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session:
+        """Keep a hold that a restart found on, as long as nothing says that the car has left; let go of any other one."""
+        if not (self._found_held and session.hold_door) or left(sight, session.floor):
+            self._let_go_of_doors()
+            return session
+        return self._hold_open(session, sight, session.floor, permit, now, begin=False)
 
     def _await_word(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session:
         """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
@@ -126,7 +162,9 @@ class Serving:
             session = sessions.stood_open(session, now)
         return self._hold_open(session, sight, session.floor, permit, now) if session.hold_door else session
 
-    def _hold_open(self, session: Session, sight: Sight, floor: FloorName, permit: Permit, now: float) -> Session:
+    def _hold_open(
+        self, session: Session, sight: Sight, floor: FloorName, permit: Permit, now: float, *, begin: bool = True
+    ) -> Session:
         """Hold the doors that serve a floor, and the call that keeps them open, for as long as the site allows.
 
         After a restart what is found off stays off until the holder is heard.
@@ -135,12 +173,27 @@ class Serving:
         if ends_at is not None and now >= ends_at and not session.hold_spent:
             session = replace(session, hold_spent=True, holding_since=None)
             self._say.hold_spent(session.holder, self._options.max_session_hold_s)
-        if session.hold_spent or barred(sight.values, self._able) is not None:
-            self.doors.let_go()
-            self._button.let_go_of_door()
+        is_barred = barred(sight.values, self._able) is not None
+        if session.hold_spent or is_barred:
+            self._let_go_of_doors()
+            if session.hold_spent:
+                self._button.let_go_of_door()
+            else:
+                self._button.interrupt()
             return session
         session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self._used(session)
         self._button.keep_on(permit)
-        self.doors.hold(floor, permit, begin=not session.restored)
+        self.doors.hold(floor, permit, begin=begin and not session.restored)
         return session
+
+
+def _awaited(session: Session, call: Call, *, is_hold: bool) -> str:
+    """Say what the holder has to do; empty where nothing waits for it."""
+    if call.phase is not CallPhase.FAILED:
+        return ""
+    if session.restored:
+        return f"{session.holder} to ask again after a restart of the manager"
+    if is_hold and call.reached:
+        return f"{session.holder} to ask again, because the call that keeps the door open is off"
+    return ""

@@ -28,8 +28,13 @@ class SessionCall:
 
     @property
     def arrived(self) -> bool:
-        """Whether it is fulfilled."""
-        return self.now is not None and self.now.phase is CallPhase.ARRIVED
+        """Whether it is fulfilled, or was and the car has not left since."""
+        return self.now is not None and (self.now.phase is CallPhase.ARRIVED or self.now.reached)
+
+    @property
+    def told(self) -> bool:
+        """Whether the newest press has its outcome; True where this process has not pressed."""
+        return self._pressed is None or self._pressed.done()
 
     def elsewhere(self, floor: FloorName) -> bool:
         """Whether it is for another floor than this."""
@@ -57,11 +62,13 @@ class SessionCall:
         """Want nothing any more."""
         self.now = None
 
-    def seen(self, call: Call, sight: Sight, now: float) -> Call:
-        """Take a fresh reading."""
-        after = calls.seen(call, sight, self._able, now)
-        if after.phase is CallPhase.CONFIRMED and self._button.forgotten:
-            after = calls.failed(after, "the controller no longer holds the call", now)
+    def seen(self, call: Call, sight: Sight, now: float, *, is_hold: bool) -> Call:
+        """Take a fresh reading. `is_hold` says that nothing but this call keeps the door open."""
+        after = calls.seen(call, sight, self._able, now, is_hold=is_hold)
+        holds = after.phase is CallPhase.ARRIVED and is_hold and self._button.keeps_door and self.told
+        if (holds or after.phase is CallPhase.CONFIRMED) and self._button.forgotten:
+            fails = calls.off if self._pressed is None else calls.failed
+            after = fails(after, "the controller no longer holds the call", now)
         if after.phase is not call.phase:
             _log.info("%s: call to %s %s %s", self._lift, call.floor, after.phase, after.reason)
         self.now = after

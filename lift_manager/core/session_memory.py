@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from datetime import UTC, timedelta
 
+from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
 from lift_manager.domain import session as sessions
@@ -27,6 +29,8 @@ class SessionMemory:
         self._noted: tuple[Session, KeptBoarding, bool] | None = None
         """What was written, its lease left out."""
         self._lease_from = -math.inf
+        self._mode_until: float | None = math.nan
+        """Until when robot mode is kept, as it was written; not a number before that."""
 
     @property
     def kept(self) -> KeptSession | None:
@@ -48,6 +52,35 @@ class SessionMemory:
         if now >= sessions.lease_ends_at(session, options.lease_s):
             return EndReason.LEASE, f"the lease of {options.lease_s:g} s ran out while the manager was not running"
         return session
+
+    def robot_mode_until(self, now: float, most_s: float) -> float | None:
+        """Return until when robot mode from before a restart is kept where its session does not go on.
+
+        `most_s` is how long a car may be under way.
+        """
+        people, until = self._people, self._people.remembered.robot_mode_until
+        if people.fire_latched or not self._options.control:
+            return None
+        if self.kept is not None:
+            return now + most_s
+        if until is None:
+            return None
+        rest_s = (until.astimezone(UTC) - people.clock().astimezone(UTC)).total_seconds()
+        return None if rest_s <= 0 else now + min(rest_s, most_s)
+
+    def note_rest(self, handshake: Handshake, session: Session | None) -> None:
+        """Write down what a session leaves behind in the car: a robot that may be there, the word that it left."""
+        self._people.note_occupied(handshake.occupied_by(session))
+        self._people.note_left_untold(owed=handshake.untold)
+
+    def note_mode(self, mode_until: float | None, now: float) -> None:
+        """Write down until when robot mode is kept although its session is over."""
+        if mode_until != self._mode_until:
+            self._mode_until = mode_until
+            at = None
+            if mode_until is not None:
+                at = self._people.clock().astimezone(UTC) + timedelta(seconds=mode_until - now)
+            self._people.note_robot_mode(at)
 
     def note(self, session: Session | None, boarding: KeptBoarding, *, pressed: bool, now: float) -> None:
         """Write down what a restart must know, if it has changed; called often."""

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from lift_manager.core.announce import Announcer
+from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.serving import End
 from lift_manager.domain import session as sessions
-from lift_manager.domain.asking import Ask, Refusal, Refused
-from lift_manager.domain.service import EndReason, how_to_acknowledge, silent_text
+from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
+from lift_manager.domain.service import EndReason, how_to_acknowledge, silent_text, unclaimed_text
 from lift_manager.domain.session import SILENT_S, Session
 from lift_manager.domain.state import Holder
 
 _MOST_TOLD = 100
 """Of more askers than this people are not told one by one: a client may give itself another name each time."""
+
+_Silence = tuple[int, Holder | None, float | None]
+"""A session, its holder, and when that was heard last: it ends when the holder is heard, or another one is."""
 
 
 class Tenure:
@@ -23,8 +29,9 @@ class Tenure:
         self._options = options
         self._say = say
         self._arrive_within_s = arrive_within_s
-        self._told: set[tuple[int, Holder]] = set()
-        """Askers for whom people were told that the holder is silent, in the session of that number."""
+        self._told: set[Holder] = set()
+        """Askers for whom people were told of the present silence."""
+        self._silence: _Silence = (0, None, None)
 
     def expired(self, session: Session, now: float, *, rides: bool) -> End | None:
         """Return why a session is over by its time. `rides` says that a robot may be under way in the car: that is waited for."""
@@ -36,16 +43,27 @@ class Tenure:
             return None
         return EndReason.MAX_SESSION, f"it lasted for {options.max_session_s:g} s, as long as the site allows"
 
-    def contested(self, session: Session, ask: Ask, now: float, *, occupied: bool) -> End | None:
+    def contest(
+        self, session: Session, ask: Ask, now: float, handshake: Handshake, refusal: Refused | None
+    ) -> End | Refused | None:
         """Return why a session ends because of another caller's request, if it does; people hear of a holder that is silent.
 
-        `occupied` says whether a robot of the holder may be in the car: nobody else would get the lift then.
+        A robot of the holder that may be in the car keeps it: nobody else would get the lift then. A refusal says how a
+        person ends such a session from before a restart. A wish that would be refused whoever holds the lift ends none;
+        `refusal` is what else speaks against it. Neither does one that needs no open door, which is not to be given here: an
+        idle client posts such requests once a second, for floors that the car may have left (`lift.RECENT_FLOOR_S`).
         """
-        silent_s = sessions.silent_for(session, now)
-        if silent_s is None:
+        if refusal is not None or handshake.impossible(ask.floor, aboard=ask.robot is RobotWord.IN_PLACE) is not None:
+            return None
+        occupied = handshake.occupied_by(session) is not None
+        silent_s, unclaimed = sessions.silent_for(session, now), sessions.unclaimed(session)
+        if unclaimed and not occupied:
             return EndReason.UNCLAIMED, f"{ask.holder} was heard first after a restart of the manager"
         if silent_s >= SILENT_S:
             self._tell(session, ask.holder, silent_s)
+        if unclaimed:
+            held = sessions.held(session, now)
+            return replace(held, message=f"{held.message}; {unclaimed_text(self._options.name)}")
         allowed_s = self._options.takeover_after_s
         if allowed_s is None or silent_s < allowed_s or occupied:
             return None
@@ -67,8 +85,9 @@ class Tenure:
         return session if holder in (None, session.holder) else sessions.held(session, now)
 
     def _tell(self, session: Session, asker: Holder, silent_s: float) -> None:
-        self._told = {one for one in self._told if one[0] == session.number}
-        told = (session.number, asker)
-        if told not in self._told and len(self._told) < _MOST_TOLD:
-            self._told.add(told)
+        silence = (session.number, session.holder, session.heard_at)
+        if silence != self._silence:
+            self._silence, self._told = silence, set()
+        if asker not in self._told and len(self._told) < _MOST_TOLD:
+            self._told.add(asker)
             self._say.alarm(silent_text(self._options.name, session.holder, asker, silent_s), session.holder)

@@ -56,6 +56,8 @@ class Refusal(StrEnum):
     """Nobody holds the lift, so there is no session to end or to hand over."""
     NOT_RECORDED = "not_recorded"
     """What would be done cannot be written down, so nothing is pressed."""
+    TOO_OFTEN = "too_often"
+    """The caller changed its mind so often that people and the journal have to be spared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,20 @@ class Refused:
 
     code: Refusal
     message: str
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedAway:
+    """A request that reached no lift: its key, its role, or the lift that it named."""
+
+    code: str
+    text: str
+    """Why, in words of ours: nothing that a caller sent, and no secret."""
+    lift: str = ""
+    """As the caller named it, if it did."""
+    caller: str = ""
+    """`<face>:<name>` of a key that counts here; empty without one."""
+    address: str = ""
 
 
 @dataclass(frozen=True, slots=True)

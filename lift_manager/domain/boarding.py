@@ -49,8 +49,6 @@ class KeptBoarding:
     may_leave_at: FloorName | None = None
     in_place_told: bool = False
     """The lift has taken the word that the robot is in place."""
-    left_untold: bool = False
-    """The robot left, and the lift has not taken that word."""
 
 
 @dataclass(frozen=True, slots=True)

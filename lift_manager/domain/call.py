@@ -50,6 +50,10 @@ class Call:
     missing: int = 0
     """Readings in a row that showed no trace of it."""
     reason: str = ""
+    reached: bool = False
+    """The car stood there for it, and has not been seen to leave."""
+    shut_since: float | None = None
+    """Since when an arrived car has shown nothing but shut doors, where an open one is the evidence that it stands."""
 
 
 def want(call: Call | None, floor: FloorName, now: float) -> Call:
@@ -57,7 +61,7 @@ def want(call: Call | None, floor: FloorName, now: float) -> Call:
     if call is None or call.floor != floor:
         return Call(floor, CallPhase.WANTED, now)
     if call.phase is CallPhase.FAILED and now >= call.not_before:
-        return replace(call, phase=CallPhase.WANTED, since=now, missing=0)
+        return replace(call, phase=CallPhase.WANTED, since=now, missing=0, shut_since=None)
     return call
 
 
@@ -106,19 +110,24 @@ def failed(call: Call, reason: str, now: float) -> Call:
     )
 
 
-def seen(call: Call, sight: Sight, able: Capabilities, now: float) -> Call:
-    """Take a fresh reading: arrival, a call that disappeared, a car that was taken away."""
+def off(call: Call, reason: str, now: float) -> Call:
+    """Note that a call from before a restart is not on: that is no failed press, so the next repeat presses at once."""
+    return replace(call, phase=CallPhase.FAILED, since=now, not_before=now, reason=reason)
+
+
+def seen(call: Call, sight: Sight, able: Capabilities, now: float, *, is_hold: bool = False) -> Call:
+    """Take a fresh reading: arrival, a call that disappeared, a car that was taken away.
+
+    `is_hold` says that nothing but this call keeps the door open: until it is pressed, an open door does not fulfil it.
+    """
     here = sight.floor == call.floor
-    if here and sight.standing and not _must_open(call, sight, able, now):
-        return (
-            call
-            if call.phase is CallPhase.ARRIVED
-            else replace(call, phase=CallPhase.ARRIVED, since=now, failures=0, missing=0)
-        )
+    if call.reached and _gone(call, sight):
+        call = replace(call, reached=False)
+    unpressed = is_hold and call.phase in (CallPhase.WANTED, CallPhase.FAILED)
+    if here and sight.standing and not unpressed and not _must_open(call, sight, able, now):
+        return _arrived(call, now, is_hold=is_hold)
     if call.phase is CallPhase.ARRIVED:
-        if here and sight.standing:
-            return failed(call, "the door shut", now)
-        return failed(call, "the car was taken away", now) if _gone(call, sight) else call
+        return _still_arrived(call, sight, able, now, is_hold=is_hold)
     if call.phase is not CallPhase.CONFIRMED:
         return call
     if now - call.since > able.arrive_within_s:
@@ -130,14 +139,14 @@ def seen(call: Call, sight: Sight, able: Capabilities, now: float) -> Call:
     return replace(call, missing=call.missing + 1)
 
 
-def may_press(call: Call, sight: Sight, able: Capabilities, now: float) -> bool:
-    """Whether a wanted call needs a press now: not while the car stops at its floor, unless a call opens the door there.
+def may_press(call: Call, sight: Sight, able: Capabilities, now: float, *, is_hold: bool = False) -> bool:
+    """Whether a wanted call needs a press now: not while the car stops at its floor, unless a call opens or holds the door there.
 
     A car that stopped there, but not level, is called after a while.
     """
     stopping = sight.floor == call.floor and sight.values.motion in (None, Motion.STOPPED)
     settling = stopping and now - call.since < SETTLES_WITHIN_S + able.evidence_for_s
-    opens = able.same_floor_call and sight.standing
+    opens = (able.same_floor_call or is_hold) and sight.standing
     return call.phase is CallPhase.WANTED and (opens or not settling)
 
 
@@ -147,12 +156,48 @@ def missing(sight: Sight, able: Capabilities, command: str) -> frozenset[str]:
     return frozenset(flag for flag in needs if not sight.values.flags.get(flag, False))
 
 
+def _arrived(call: Call, now: float, *, is_hold: bool) -> Call:
+    """Note that the car stands there. Failures of a call that holds the door are forgiven once it has held for a while."""
+    if call.phase is not CallPhase.ARRIVED:
+        failures = call.failures if is_hold else 0
+        return replace(
+            call, phase=CallPhase.ARRIVED, since=now, failures=failures, missing=0, reached=True, shut_since=None
+        )
+    failures = 0 if now - call.since > BACKOFF_S[1] else call.failures
+    if (failures, call.shut_since) == (call.failures, None):
+        return call
+    return replace(call, failures=failures, shut_since=None)
+
+
+def _still_arrived(call: Call, sight: Sight, able: Capabilities, now: float, *, is_hold: bool) -> Call:
+    """Find out whether the door shut, or the car left, for a car that is not seen to stand open at its floor any more.
+
+    Where an open door is the evidence, a shut one has to be read for longer than one reading counts: a call that is let go for
+    one wrong reading shuts the door.
+    """
+    here = sight.floor == call.floor
+    if here and sight.standing:
+        return failed(call, "the door shut", now)
+    if _gone(call, sight):
+        return failed(call, "the car was taken away", now)
+    opens = able.same_floor_call or is_hold
+    if not (here and opens and able.evidence == "door_open" and _shut(sight)):
+        return call if call.shut_since is None else replace(call, shut_since=None)
+    if call.shut_since is None:
+        return replace(call, shut_since=now)
+    return failed(call, "the door shut", now) if now - call.shut_since > able.max_age_s else call
+
+
+def _shut(sight: Sight) -> bool:
+    return all(door is Door.CLOSED for door in sight.values.doors.values())
+
+
 def _must_open(call: Call, sight: Sight, able: Capabilities, now: float) -> bool:
     """Whether the door is shut where the car stands, on a lift that opens it for a call: before the press, or after it closed again.
 
     A failed call waits for the next repeat or an open door: a car that merely stands there has not answered it.
     """
-    if not able.same_floor_call or any(door is not Door.CLOSED for door in sight.values.doors.values()):
+    if not able.same_floor_call or not _shut(sight):
         return False
     return call.phase in (CallPhase.WANTED, CallPhase.FAILED) or (
         call.phase is CallPhase.ARRIVED and now - call.since > able.door_opens_within_s
@@ -163,7 +208,7 @@ def _gone(call: Call, sight: Sight) -> bool:
     """Whether the car left; re-levelling with the door open is not leaving."""
     if sight.floor is not None:
         return sight.floor != call.floor
-    return all(door is Door.CLOSED for door in sight.values.doors.values())
+    return _shut(sight)
 
 
 def _shown(call: Call, sight: Sight, able: Capabilities) -> bool:

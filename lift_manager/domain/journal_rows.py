@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import datetime
 
 from drivers.model import Command, Outcome, Written
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
 from lift_manager.domain.events import (
     Advised,
     Alarm,
@@ -25,6 +25,9 @@ from lift_manager.domain.events import (
 from lift_manager.domain.journal import Json, Row, RowKind
 from lift_manager.domain.state import Holder
 from register_maps.words import Mode
+
+FLOOR_LETTERS = 64
+"""As many of the name of a floor as a site file may give it; callers make up longer ones."""
 
 
 def row_of(event: Event) -> Row | None:
@@ -61,22 +64,56 @@ def _session(event: SessionOpened | SessionRestored | SessionEnded | HandedOver 
 def asked(ask: Ask) -> Row:
     """Return the row of a request, written before it is decided on."""
     hold = "hold the door there" if ask.hold_door else "no hold"
-    word = "" if ask.robot is None else f", robot {ask.robot}"
-    data: dict[str, Json] = {"floor": ask.floor, "hold_door": ask.hold_door, "robot": ask.robot}
-    return Row(RowKind.REQUEST, f"asks for {ask.floor}, {hold}{word}", ask.lift, str(ask.holder), data)
+    word, floor = "" if ask.robot is None else f", robot {ask.robot}", short(ask.floor)
+    data: dict[str, Json] = {"floor": floor, "hold_door": ask.hold_door, "robot": ask.robot}
+    return Row(RowKind.REQUEST, f"asks for {floor}, {hold}{word}", ask.lift, str(ask.holder), data)
 
 
 def answered(ask: Ask, answer: Accepted | Refused) -> Row | None:
     """Return the row of a refusal; what was accepted shows by what follows."""
     if isinstance(answer, Accepted):
         return None
-    return Row(RowKind.REQUEST, f"refused: {answer.message}", ask.lift, str(ask.holder), {"refused": answer.code})
+    text = answer.message.replace(repr(ask.floor), repr(short(ask.floor)))
+    return Row(RowKind.REQUEST, f"refused: {text}", ask.lift, str(ask.holder), {"refused": answer.code})
 
 
 def repeated(ask: Ask, times: int, for_s: float) -> Row:
     """Return the row of requests like the one before, with the same answer."""
-    text = f"asks for {ask.floor} again, {times} times within {for_s:.0f} s, with the same answer"
-    return Row(RowKind.REQUEST, text, ask.lift, str(ask.holder), {"floor": ask.floor, "times": times})
+    floor = short(ask.floor)
+    text = f"asks for {floor} again, {times} times within {for_s:.0f} s, with the same answer"
+    return Row(RowKind.REQUEST, text, ask.lift, str(ask.holder), {"floor": floor, "times": times})
+
+
+def asked_more(lift: str, caller: str, answers: Mapping[str, int], for_s: float) -> Row:
+    """Return the row of requests beyond those that have rows of their own; `answers` are their numbers by code."""
+    times = sum(answers.values())
+    text = f"asks {times} times more within {for_s:.0f} s: {_numbers(answers)}"
+    return Row(RowKind.REQUEST, text, lift, caller, {"times": times, "answers": dict(answers)})
+
+
+def turned_away(who: TurnedAway) -> Row:
+    """Return the row of a request that reached no lift."""
+    text = f"refused: {who.text}" + (f", from {who.address}" if who.address else "")
+    data: dict[str, Json] = {"refused": who.code, "address": who.address}
+    return Row(RowKind.REQUEST, text, short(who.lift), who.caller, data)
+
+
+def refused_more(kind: RowKind, caller: str, answers: Mapping[str, int], for_s: float) -> Row:
+    """Return the row of refusals beyond those that have rows of their own; `answers` are their numbers by code."""
+    times = sum(answers.values())
+    text = f"refused {times} times more within {for_s:.0f} s: {_numbers(answers)}"
+    return Row(kind, text, "", caller, {"times": times, "answers": dict(answers)})
+
+
+def person_refused(lift: str, by: str, said: str, refused: Refused) -> Row:
+    """Return the row of a person's word that was not taken; `said` is which."""
+    data: dict[str, Json] = {"said": said, "refused": refused.code}
+    return Row(RowKind.PERSON, f"{said} refused: {refused.message}", short(lift), by, data)
+
+
+def short(text: str) -> str:
+    """Return a caller's text without what is beyond any name of a floor or lift."""
+    return text if len(text) <= FLOOR_LETTERS else f"{text[:FLOOR_LETTERS]}..."
 
 
 def pressing(lift: str, holder: Holder | None, command: Command, frames: tuple[str, ...]) -> Row:
@@ -102,6 +139,22 @@ def mode_is(lift: str, mode: Mode, before: Mode | None) -> Row:
     """Return the row of a mode that is seen for the first time or has changed."""
     text = f"the mode is {mode}" if before is None else f"the mode was {before} and is {mode}"
     return Row(RowKind.MODE, text, lift, "", {"mode": mode, "before": before})
+
+
+def mode_changed(lift: str, mode: Mode | None, modes: Mapping[str, int], for_s: float) -> Row:
+    """Return the row of changes beyond those that have rows of their own; `modes` tells how often each was seen."""
+    times = sum(modes.values())
+    among = f"to {mode}" if len(modes) < 2 else f"between {' and '.join(sorted(modes))}, and is {mode}"
+    text = f"the mode changed {times} times within {for_s:.0f} s {among}"
+    return Row(RowKind.MODE, text, lift, "", {"mode": mode, "times": times})
+
+
+def link_changed(lift: str, trouble: str, changes: Mapping[str, int], for_s: float) -> Row:
+    """Return the row of changes beyond those that have rows of their own; `trouble` is why the lift is not read at last."""
+    times = sum(changes.values())
+    text = f"the lift was lost or read again {times} times within {for_s:.0f} s, and is {trouble and 'not '}read"
+    data: dict[str, Json] = {"up": not trouble, "times": times}
+    return Row(RowKind.LINK, text + (f": {trouble}" if trouble else ""), lift, "", data)
 
 
 def link_up(lift: str, source: str) -> Row:
@@ -157,6 +210,10 @@ def _outcome(lift: str, outcome: Outcome, holder: Holder | None) -> Row:
         "frames": list(outcome.frames),
     }
     return Row(RowKind.OUTCOME, text, lift, "" if holder is None else str(holder), data)
+
+
+def _numbers(answers: Mapping[str, int]) -> str:
+    return ", ".join(f"{times} {code}" for code, times in sorted(answers.items()))
 
 
 def _shown(at: datetime) -> str:

@@ -87,6 +87,25 @@ def silent_text(lift: str, holder: Holder, asker: Holder, silent_s: float) -> st
     )
 
 
+def unclaimed_text(lift: str) -> str:
+    """Return what is told with the refusal of a lift whose holder was not heard since a restart."""
+    return (
+        "it was not heard since a restart of the manager, and its robot may be in the car; if it needs the lift no more, a"
+        f" person ends its session: {how_to_release(lift)}"
+    )
+
+
+STOPPING_TEXT = "the manager is stopping; the session is kept and goes on at the next start"
+
+
+def stopping_text(holder: Holder) -> str:
+    """Return the alarm of a manager that ends while a robot may be in the car."""
+    return (
+        f"stopping: the manager ends while a robot of {holder} may be in the car; everything is let go, and the session is"
+        " kept: it goes on at the next start"
+    )
+
+
 def abandoned_text(holder: Holder, reason: str) -> str:
     """Return the alarm of a session that ended with its robot aboard."""
     return (
@@ -180,6 +199,10 @@ class Remembered:
     """When the fire was seen that nobody has acknowledged."""
     lockout: Lockout | None = None
     occupied: Occupied | None = None
+    left_untold: datetime | None = None
+    """Since when the lift has not taken the word that a robot left; None where it is owed none."""
+    robot_mode_until: datetime | None = None
+    """Until when robot mode is kept at the most although its session is over; None where it is not."""
     acknowledged: Acknowledged | None = None
     """The newest one."""
     session: KeptSession | None = None

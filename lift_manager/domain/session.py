@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 
 from drivers.model import FloorName
 from lift_manager.domain.asking import Ask, Refusal, Refused
@@ -42,6 +42,8 @@ class Session:
     """The hold reached its limit and was let go; it is not taken up again at this floor."""
     heard_at: float | None = None
     """When its holder last asked for anything; None while it has not since a restart of the manager."""
+    restored_at: float | None = None
+    """When it was taken up after a restart of the manager."""
     restored: bool = False
     """It is from before a restart, and its holder has not been obeyed since: what is found off is not put on."""
 
@@ -79,9 +81,15 @@ def handed_over(session: Session, to: Holder, now: float) -> Session:
     return replace(session, holder=to, lease_from=now, heard_at=now, restored=False)
 
 
-def silent_for(session: Session, now: float) -> float | None:
-    """Return for how long the holder has not been heard; None where it has not been heard since a restart."""
-    return None if session.heard_at is None else now - session.heard_at
+def unclaimed(session: Session) -> bool:
+    """Whether its holder has not been heard since a restart."""
+    return session.heard_at is None
+
+
+def silent_for(session: Session, now: float) -> float:
+    """Return for how long the holder has not been heard, as far as this process can know."""
+    since = session.restored_at if session.heard_at is None else session.heard_at
+    return 0.0 if since is None else now - since
 
 
 def lease_ends_at(session: Session, lease_s: float) -> float:
@@ -118,7 +126,9 @@ class KeptSession:
 
 
 def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetime, now: float) -> KeptSession:
-    """Return what a restart must know. `at` is the wall clock at the monotonic time `now`."""
+    """Return what a restart must know, in UTC. `at` is the wall clock at the monotonic time `now`."""
+    # in a zone, arithmetic is that of the hands of the clock, and wrong by an hour around a change of the clock
+    at = at.astimezone(UTC)
 
     def wall(when: float) -> datetime:
         return at + timedelta(seconds=when - now)
@@ -145,10 +155,11 @@ def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Ses
     the wall clock: a clock that went back counts as no time at all, so that a lease starts anew at most; one that jumped
     forward ends a lease early, and never makes it longer.
     """
-    gone_s = max(0.0, (at - kept.kept_at).total_seconds())
+    kept_at = kept.kept_at.astimezone(UTC)
+    gone_s = max(0.0, (at.astimezone(UTC) - kept_at).total_seconds())
 
     def monotonic(when: datetime) -> float:
-        return now - gone_s - max(0.0, (kept.kept_at - when).total_seconds())
+        return now - gone_s - max(0.0, (kept_at - when.astimezone(UTC)).total_seconds())
 
     return Session(
         number=number,
@@ -161,4 +172,5 @@ def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Ses
         holding_since=None if kept.holding_since is None else monotonic(kept.holding_since),
         hold_spent=kept.hold_spent,
         restored=True,
+        restored_at=now,
     )

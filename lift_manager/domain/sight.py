@@ -113,6 +113,15 @@ def moving(sight: Sight) -> bool:
     return not sight.standing if motion is None else motion is not Motion.STOPPED
 
 
+def left(sight: Sight, floor: FloorName) -> bool:
+    """Whether the car is seen elsewhere, or moving; re-levelling at the floor with the door open is neither."""
+    here, motion = sight.floor == floor, sight.values.motion
+    if sight.floor is not None and not here:
+        return True
+    levels = here and any(door is not Door.CLOSED for door in sight.values.doors.values())
+    return motion in (Motion.UP, Motion.DOWN, Motion.MOVING) and not levels
+
+
 def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:
     if values.motion not in (None, Motion.STOPPED):
         return False

@@ -15,7 +15,7 @@ from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 
 VERSION: Literal[2] = 2
-"""Version 1 knows no sessions."""
+"""Version 1 knows neither sessions nor what they leave behind."""
 
 
 def _in_any_zone(at: datetime) -> datetime:
@@ -75,7 +75,6 @@ class SessionForm(_Part):
     sent_on: bool
     may_leave_at: str | None
     in_place_told: bool
-    left_untold: bool
 
     @classmethod
     def of(cls, kept: KeptSession) -> SessionForm:
@@ -101,7 +100,7 @@ _OF_SESSION = tuple(field.name for field in fields(KeptSession) if field.name no
 
 
 class LiftFormV1(_Part):
-    """What is remembered of one lift, sessions apart."""
+    """What is remembered of one lift, apart from sessions and what they leave behind."""
 
     fire_since: Moment | None
     lockout: LockoutForm | None
@@ -124,6 +123,8 @@ class LiftFormV1(_Part):
 class LiftForm(LiftFormV1):
     """What is remembered of one lift."""
 
+    left_untold: Moment | None
+    robot_mode_until: Moment | None
     session: SessionForm | None
 
     @classmethod
@@ -139,12 +140,19 @@ class LiftForm(LiftFormV1):
             if occupied
             else None,
             acknowledged=AcknowledgedForm(by=said.by, at=said.at, what=said.what) if said else None,
+            left_untold=kept.left_untold,
+            robot_mode_until=kept.robot_mode_until,
             session=SessionForm.of(kept.session) if kept.session else None,
         )
 
     def read(self) -> Remembered:
         """Return what is remembered."""
-        return replace(super().read(), session=self.session.read() if self.session else None)
+        return replace(
+            super().read(),
+            left_untold=self.left_untold,
+            robot_mode_until=self.robot_mode_until,
+            session=self.session.read() if self.session else None,
+        )
 
 
 class Head(BaseModel):

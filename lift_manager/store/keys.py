@@ -16,13 +16,13 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
+from drivers.thread import in_thread
 from lift_manager.domain.access import Role
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.form import Head, Moment
 from lift_manager.store.place import replace_file
-from lift_manager.store.thread import in_thread
 
 _log = logging.getLogger(__name__)
 
@@ -81,14 +81,18 @@ def read_keys(path: Path, site: str) -> KeysForm:
     """Return the keys of a site; a file that is not there holds none. Raises KeysUnusable."""
     try:
         with path.open("rb") as file:
-            mode = os.fstat(file.fileno()).st_mode
+            status = os.fstat(file.fileno())
             data = file.read()
     except FileNotFoundError:
         return KeysForm(site=site)
     except OSError as error:
         advice = "make it readable for the user that the manager runs as, and for nobody else"
         raise _unusable(path, f"cannot be read ({error.strerror or error})", advice) from error
-    if mode & 0o022:
+    if not may_own(status.st_uid, me=os.geteuid(), folder=path.parent.stat().st_uid):
+        raise _unusable(
+            path, "belongs to another user, who could add keys", "check its keys, then give it to the manager's user"
+        )
+    if status.st_mode & 0o022:
         raise _unusable(
             path, "can be written by others, who could add keys", f"check its keys, then `chmod 600 {path}`"
         )
@@ -110,6 +114,14 @@ def read_keys(path: Path, site: str) -> KeysForm:
         raise _unusable(
             path, f"holds no keys of a lift manager, or is damaged ({where}: {found['msg']})", advice
         ) from None
+
+
+def may_own(owner: int, *, me: int, folder: int) -> bool:
+    """Whether the keys may belong to this user: root, or the one that this runs as; for root also that of the `folder`.
+
+    Root writes the file for the user of its folder.
+    """
+    return owner in (0, me or folder)
 
 
 def _unusable(path: Path, what: str, advice: str) -> KeysUnusable:
@@ -156,12 +168,16 @@ def revoke_key(path: Path, site: str, name: str, *, by: str, at: datetime) -> Ke
     return left
 
 
+def _lock_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.lock")
+
+
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
     """Let one `lift-manager keys` at a time change the file."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        lock = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        lock = os.open(_lock_of(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise _unwritable(path, error) from error
     try:
@@ -203,6 +219,14 @@ class KeyFile:
         self._trouble = ""
         self._seen = _signature(path)
         self._take(read_keys(path, site))
+        if self._seen is None and _lock_of(path).exists():
+            counts = "every request is let in without a key" if open_without else "every request is refused"
+            _log.warning(
+                "keys: %s is gone, and the lock beside it shows that there were keys; until there are again %s: put back a"
+                " copy of it, or make keys with `lift-manager keys make`",
+                path,
+                counts,
+            )
 
     @property
     def needed(self) -> bool:

@@ -14,12 +14,12 @@ from weakref import finalize
 
 from pydantic import ValidationError
 
+from drivers.thread import in_thread
 from lift_manager.core.memory import Trouble
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
 from lift_manager.store.form import FORMS, VERSION, Head, LiftForm, StateForm, StateFormV1
 from lift_manager.store.place import claim, replace_file
-from lift_manager.store.thread import in_thread
 
 _log = logging.getLogger(__name__)
 

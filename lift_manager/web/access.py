@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 from urllib.parse import parse_qsl, unquote_plus
 
@@ -13,10 +13,11 @@ from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from lift_manager.domain.access import LiftIn, Need, Route, refusal
+from lift_manager.domain.asking import TurnedAway
 from lift_manager.domain.keys import Key, Keys, Secret, holds_key
 from lift_manager.web.attempts import Attempts
 from lift_manager.web.body import LingeringResponse
-from lift_manager.web.faces import No, answer, not_found, wrong_method
+from lift_manager.web.faces import No, answer, is_workshop, not_found, wrong_method
 
 QUERY_LIMIT = 4096
 """Chosen: lift names are short, and a caller's text is quoted in answers."""
@@ -37,6 +38,13 @@ def caller(request: Request) -> Key | None:
     return found if isinstance(found, Key) else None
 
 
+def turned_away(request: Request, code: str, text: str, lift: str) -> TurnedAway:
+    """Return what the journal is told of a request that a face refuses by itself."""
+    key, client = caller(request), request.client
+    name = "" if key is None else caller_name(request.scope["path"], key)
+    return TurnedAway(code, text, lift, name, "" if client is None else client.host)
+
+
 def lift_names_in(query: bytes) -> list[str]:
     """Return every value of `lift_name`. The one reading of it: two would be a way past the check."""
     # `replace`: what is not UTF-8 is no lift's name either
@@ -47,9 +55,11 @@ def lift_names_in(query: bytes) -> list[str]:
 class Gate:
     """Passes on what is in the table of routes, and may be asked by who asks it. All else ends here."""
 
-    def __init__(self, app: ASGIApp, routes: Sequence[Route], keys: Keys) -> None:
+    def __init__(self, app: ASGIApp, routes: Sequence[Route], keys: Keys, note: Callable[[TurnedAway], None]) -> None:
+        """`note` hears of everybody who may not."""
         self._app = app
         self._keys = keys
+        self._note = note
         self._routes = [(compile_path(route.path), route) for route in routes]
         self._attempts = Attempts()
 
@@ -78,8 +88,10 @@ class Gate:
             if isinstance(key, No):
                 return key
             scope[_CALLER] = key
-            if route is not None and (why := refusal(key.role, key.lifts, route.need, _asked(route, lift, scope))):
-                return self._turned_away(scope, No(403, "not_allowed", why), f"the key {key.name} may not do this")
+            lifts = [] if route is None else _asked(route, lift, scope)
+            if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
+                about = f"the key {key.name} may not do this"
+                return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
         if route is None:
             return wrong_method(path, methods) if methods else not_found(path)
         return None
@@ -108,10 +120,18 @@ class Gate:
             scope, No(401, "bad_key", BAD_KEY, {"www-authenticate": challenge}), "its key does not count"
         )
 
-    def _turned_away(self, scope: Scope, no: No, why: str) -> No:
+    def _turned_away(self, scope: Scope, no: No, why: str, *, key: Key | None = None, lifts: Sequence[str] = ()) -> No:
         client = scope.get("client")
-        self._attempts.refused(str(client[0]) if client else "an unknown address", why)
+        address = str(client[0]) if client else ""
+        self._attempts.refused(address or "an unknown address", why)
+        name = "" if key is None else caller_name(scope["path"], key)
+        self._note(TurnedAway(no.code, why, "".join(lifts[:1]), name, address))
         return no
+
+
+def caller_name(path: str, key: Key) -> str:
+    """Return the caller as the journal shows it: that of the workshop API is a holder."""
+    return f"workshop:{key.name}" if is_workshop(path) else key.name
 
 
 def _asked(route: Route, lift: str, scope: Scope) -> list[str]:

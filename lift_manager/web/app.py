@@ -53,7 +53,7 @@ def make_app(facade: LiftFacade, keys: Keys | None = None, routes: Sequence[Rout
         redirect_slashes=False,  # a redirect would name the host that the caller claims to have asked
     )
     app.add_exception_handler(HTTPException, _explain)
-    app.add_middleware(Gate, routes=routes, keys=keys or KeyRing())
+    app.add_middleware(Gate, routes=routes, keys=keys or KeyRing(), note=facade.turned_away)
     app.add_middleware(LastResort)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     add_docs(app)

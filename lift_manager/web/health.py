@@ -17,7 +17,9 @@ For whoever watches the process. Neither needs a key, and neither tells more of 
 """
 
 _ALIVE = {"status": "ok"}
-_EXAMPLE = {"ready": True, "journal": "written", "lifts": 3, "live": 3}
+_WRITTEN = "written"
+_NOT_WRITTEN = "not written: nothing is pressed; the manager's log says why"
+_EXAMPLE = {"ready": True, "journal": _WRITTEN, "state": _WRITTEN, "lifts": 3, "live": 3}
 
 
 def health_router(facade: LiftFacade) -> APIRouter:
@@ -31,9 +33,10 @@ def health_router(facade: LiftFacade) -> APIRouter:
         names = facade.lift_names()
         states = (facade.state(name) for name in names)
         live = sum(state is not None and state.quality is Quality.LIVE for state in states)
-        ready = not facade.trouble
-        journal = "written" if ready else "not written: nothing is pressed; the manager's log says why"
-        return _answer({"ready": ready, "journal": journal, "lifts": len(names), "live": live}, 200 if ready else 503)
+        unwritten = facade.unwritten
+        files = {file: _NOT_WRITTEN if file in unwritten else _WRITTEN for file in ("journal", "state")}
+        body = {"ready": not unwritten, **files, "lifts": len(names), "live": live}
+        return _answer(body, 503 if unwritten else 200)
 
     router.add_api_route(
         "/healthz",
@@ -58,7 +61,7 @@ def health_router(facade: LiftFacade) -> APIRouter:
             200: _documented("They are.", _EXAMPLE),
             503: _documented(
                 "The journal or the state cannot be written: nothing is pressed, while letting go and states go on.",
-                {**_EXAMPLE, "ready": False, "journal": "not written: nothing is pressed; the manager's log says why"},
+                {**_EXAMPLE, "ready": False, "journal": _NOT_WRITTEN},
             ),
         },
     )

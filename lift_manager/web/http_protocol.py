@@ -18,8 +18,6 @@ HEAD_LIMIT_BYTES = 32 * 1024
 HEADERS_LIMIT = 100
 HEAD_WITHIN_S = 10.0
 """Chosen: a head is one packet; who takes longer sends it drop by drop to keep the connection."""
-CONNECTIONS_LIMIT = 250
-"""Chosen: a site has tens of robots, and of the 1024 descriptors that a process has by default the controllers need theirs."""
 
 _BAD = No(400, "not_http", ADVICE)
 _TOO_LONG = No(
@@ -42,11 +40,8 @@ class JsonHttpProtocol(HttpToolsProtocol):
     _late: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin, unless there are enough connections."""
+        """Begin."""
         super().connection_made(transport)
-        if len(self.connections) > CONNECTIONS_LIMIT:
-            transport.abort()
-            return
         self._begin_head()
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -22,7 +22,7 @@ from lift_manager.api.people import (
 from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.web import people_docs as docs
-from lift_manager.web.access import caller
+from lift_manager.web.access import caller, turned_away
 from lift_manager.web.body import LingeringResponse, decode_object, read_body
 from lift_manager.web.errors import BodyTooLongError, InputError
 from lift_manager.web.origin import from_another_site, from_this_computer
@@ -41,28 +41,28 @@ def people_router(facade: LiftFacade) -> APIRouter:
             said = facade.acknowledge(lift, _signed(request, body.by))
             return said if isinstance(said, Refused) else AcknowledgedAnswer.of(lift, said)
 
-        return await _answer(request, AcknowledgeRequest, act)
+        return await _answer(facade, lift, request, AcknowledgeRequest, act)
 
     async def lock_out(lift: str, request: Request) -> Response:
         def act(body: LockoutRequest) -> BaseModel | Refused:
             said = facade.lock_out(lift, _signed(request, body.by), body.reason)
             return said if isinstance(said, Refused) else LockoutAnswer.of(lift, said)
 
-        return await _answer(request, LockoutRequest, act)
+        return await _answer(facade, lift, request, LockoutRequest, act)
 
     async def end_lockout(lift: str, request: Request) -> Response:
         def act(body: EndLockoutRequest) -> BaseModel | Refused:
             said = facade.end_lockout(lift, _signed(request, body.by))
             return said if isinstance(said, Refused) else LockoutEndedAnswer.of(lift, said)
 
-        return await _answer(request, EndLockoutRequest, act)
+        return await _answer(facade, lift, request, EndLockoutRequest, act)
 
     async def force_release(lift: str, request: Request) -> Response:
         def act(body: ForceReleaseRequest) -> BaseModel | Refused:
             said = facade.force_release(lift, _signed(request, body.by), body.reason)
             return said if isinstance(said, Refused) else ForceReleasedAnswer.of(lift, said)
 
-        return await _answer(request, ForceReleaseRequest, act)
+        return await _answer(facade, lift, request, ForceReleaseRequest, act)
 
     router.add_api_route("/acknowledge", acknowledge, methods=["POST"], **docs.acknowledge())
     router.add_api_route("/lockout", lock_out, methods=["POST"], **docs.lock_out())
@@ -77,8 +77,11 @@ def _signed(request: Request, by: str) -> str:
     return by if key is None else f"{by} (key {key.name})"
 
 
-async def _answer(request: Request, form: type[Body], act: Callable[[Body], BaseModel | Refused]) -> Response:
+async def _answer(
+    facade: LiftFacade, lift: str, request: Request, form: type[Body], act: Callable[[Body], BaseModel | Refused]
+) -> Response:
     if from_another_site(request):
+        facade.turned_away(turned_away(request, "another_site", "a web page of another site asked", lift))
         return problem(
             403, "another_site", "a web page of another site asked; only programs and this manager's own may"
         )
@@ -88,6 +91,8 @@ async def _answer(request: Request, form: type[Body], act: Callable[[Body], Base
             " 127.0.0.1 or the address that the manager listens on, and not through a proxy; use the command line there, or"
             " make keys with `lift-manager keys make`"
         )
+        said = "a person's word without a key, from another computer or through a proxy"
+        facade.turned_away(turned_away(request, "other_computer", said, lift))
         return problem(403, "other_computer", text)
     try:
         body = form.model_validate(decode_object(await read_body(request)))

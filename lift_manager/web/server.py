@@ -6,14 +6,15 @@ import asyncio
 import contextlib
 import errno
 import socket
-import ssl
 from collections.abc import Generator
 
 import uvicorn
 from starlette.types import ASGIApp
 
+from lift_manager.web.accepting import Acceptor, NextContext
 from lift_manager.web.errors import ListenError
 from lift_manager.web.http_protocol import JsonHttpProtocol
+from lift_manager.web.tls import ServerCertificates
 
 BACKLOG = 2048
 KEEP_ALIVE_S = 60
@@ -74,7 +75,7 @@ def _advice(error: OSError, host: str, port: int) -> str:
             return f"cannot listen on {host} port {port} ({error.strerror}); choose another with --host or --port"
 
 
-async def serve(app: ASGIApp, sock: socket.socket, *, tls: ssl.SSLContext | None = None) -> None:
+async def serve(app: ASGIApp, sock: socket.socket, *, tls: ServerCertificates | None = None) -> None:
     """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed; HTTPS alone with `tls`.
 
     Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
@@ -94,9 +95,7 @@ async def serve(app: ASGIApp, sock: socket.socket, *, tls: ssl.SSLContext | None
     )
     # the annotation says int, but the number goes straight to asyncio.wait_for
     config.timeout_graceful_shutdown = CANCEL_AFTER_S  # type: ignore[assignment]
-    config.load()  # which sets what stands in `ssl`
-    config.ssl = tls
-    server = _Server(config)
+    server = _Server(config, None if tls is None else tls.next_context)
     try:
         await server.serve(sockets=[sock])
     except asyncio.CancelledError:
@@ -108,7 +107,22 @@ async def serve(app: ASGIApp, sock: socket.socket, *, tls: ssl.SSLContext | None
 
 
 class _Server(uvicorn.Server):
-    """uvicorn's server as a part of a program, not as its owner."""
+    """uvicorn's server as a part of a program, not as its owner, and with our own way of taking connections."""
+
+    def __init__(self, config: uvicorn.Config, tls: NextContext | None) -> None:
+        super().__init__(config)
+        self.servers = []
+        self._tls = tls
+        self._acceptors: list[Acceptor] = []
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Take connections."""
+        connected = self.server_state.connections
+        self._acceptors += [Acceptor(sock, self._protocol, connected, self._tls) for sock in sockets or ()]
+        self.started = True
+
+    def _protocol(self) -> JsonHttpProtocol:
+        return JsonHttpProtocol(self.config, self.server_state, app_state={})
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
@@ -121,15 +135,15 @@ class _Server(uvicorn.Server):
         uvicorn would wait for an event stream until its time-out and then log the stream's cancellation as an error;
         told that the client is gone, a stream ends by itself.
         """
-        for server in self.servers:
-            server.close()
+        for acceptor in self._acceptors:
+            acceptor.close()
         for connection in list(self.server_state.connections):
             connection.shutdown()
         await self._until_idle()
         for connection in list(self.server_state.connections):
             transport = connection.transport
             # closing would wait for a reader who does not read, and over TLS for a goodbye, which `connection.shutdown` has said
-            if transport.get_write_buffer_size() or self.config.ssl is not None:
+            if self._tls is not None or transport.get_write_buffer_size():
                 transport.abort()
             else:
                 transport.close()

@@ -24,49 +24,67 @@ class ServerTls:
     """Then every client must show a certificate of this CA."""
 
 
-def server_context(files: ServerTls) -> ssl.SSLContext:
-    """TLS 1.2 or later; files that were renewed are taken for the next connection. Raises ListenError."""
-    return _Renewing(files).outer
-
-
-class _Renewing:
-    """The context of the files as they are now.
-
-    A new context each time, put in when a client says hello: loading a certificate into the one in use would leave it
-    without a key while only one of the two files is there.
-    """
+class ServerCertificates:
+    """What is shown to clients and asked of them: what the files said when they were last looked at."""
 
     def __init__(self, files: ServerTls) -> None:
+        """Read the files. Raises ListenError."""
         self._files = files
         self._stamp = _stamp(files)
         try:
-            self.outer = self._latest = _context(files)
+            self._latest = _read(files)
         except (OSError, ValueError) as error:
             raise ListenError(f"api.tls: {files.certificate} cannot be used with {files.key} ({error})") from error
-        self.outer.sni_callback = self._renew
 
-    def _renew(self, connection: ssl.SSLObject, name: str | None, outer: ssl.SSLContext) -> None:
-        """Called for every client, whether it says a name or not."""
+    def next_context(self) -> ssl.SSLContext:
+        """Return the TLS of the next connection, of version 1.2 or later. Touches no file.
+
+        Where clients have to show certificates, no session is ever resumed: that asks for no certificate, and would let in a client
+        whose CA has gone from the file, or whose certificate has expired.
+        """
+        if self._files.client_ca is None:
+            return self._latest
+        # What TLS remembers of sessions belongs to the context with which a connection began: here that ends with it.
+        # Python cannot switch the memory of TLS 1.2 off.
+        own = _empty(verify=True)
+        own.options |= ssl.OP_NO_TICKET
+        own.num_tickets = 0
+        own.sni_callback = self._show
+        return own
+
+    def renew(self) -> None:
+        """Look at the files, and take what changed for the next connection. It may block as long as their disk does."""
         stamp = _stamp(self._files)
-        if stamp != self._stamp:
-            self._stamp = stamp
-            try:
-                self._latest = _context(self._files)
-            except (OSError, ValueError) as error:
-                message = "api: the renewed certificate %s cannot be used yet, the last one is shown on: %s"
-                _log.warning(message, self._files.certificate, error)
-            else:
-                _log.info("api: certificate %s was renewed, and is shown from here on", self._files.certificate)
+        if stamp == self._stamp:
+            return
+        try:
+            self._latest = _read(self._files)
+        except (OSError, ValueError) as error:
+            message = "api: the renewed certificate %s cannot be used yet, the last one is shown on: %s"
+            _log.warning(message, self._files.certificate, error)
+        else:
+            _log.info("api: certificate %s was renewed, and is shown from here on", self._files.certificate)
+        self._stamp = stamp
+
+    def _show(self, connection: ssl.SSLObject, name: str | None, own: ssl.SSLContext) -> None:
+        """Called for every client, whether it says a name or not."""
         connection.context = self._latest
 
 
-def _context(files: ServerTls) -> ssl.SSLContext:
+def _empty(*, verify: bool) -> ssl.SSLContext:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_alpn_protocols(["http/1.1"])
+    if verify:
+        context.verify_mode = ssl.CERT_REQUIRED
+    return context
+
+
+def _read(files: ServerTls) -> ssl.SSLContext:
+    # a new one each time: loading a certificate into the one in use would leave it without a key between two files
+    context = _empty(verify=files.client_ca is not None)
     context.load_cert_chain(files.certificate, files.key, password=_no_passphrase)
     if files.client_ca is not None:
-        context.verify_mode = ssl.CERT_REQUIRED
         context.load_verify_locations(files.client_ca)
     return context
 

@@ -14,7 +14,7 @@ from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web import workshop_docs as docs
-from lift_manager.web.access import QUERY_LIMIT, caller, lift_names_in
+from lift_manager.web.access import QUERY_LIMIT, caller, lift_names_in, turned_away
 from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
 from lift_manager.web.envelope import failed, succeeded
 from lift_manager.web.errors import BodyTooLongError, InputError
@@ -99,8 +99,14 @@ def state_data(state: LiftState) -> dict[str, object]:
 
 
 def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Response:
-    state = _named_lift(facade, request)
+    try:
+        state = _named_lift(facade, request)
+    except InputError:
+        names = lift_names_in(request.scope["query_string"])
+        facade.turned_away(turned_away(request, "unknown_lift", "it names no lift of this site", "".join(names[:1])))
+        raise
     if from_another_site(request):
+        facade.turned_away(turned_away(request, "another_site", "a web page of another site asked", state.lift))
         raise InputError("a web page of another site asked; only programs and this manager's own pages may")
     match facade.request(_ask(state, _holder(request), body)):
         case Accepted():

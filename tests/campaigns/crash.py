@@ -10,7 +10,6 @@ with plain SQL, and its chain by the program.
 import argparse
 import json
 import sqlite3
-import subprocess
 import sys
 import threading
 import time
@@ -28,7 +27,7 @@ from lift_manager.lab.bench.bench import Bench
 from lift_manager.lab.bench.plan import LiftPlan, plan_lifts
 from lift_manager.lab.bench.simulator import LiftSimulator, Write
 from lift_manager.lab.bench.site import site_file
-from tests.support.programs import LIFT_MANAGER, Program, eventually
+from tests.support.programs import LIFT_MANAGER, Program, call, eventually
 
 MAPS = ("robotnik-il-eth", "generic-registers", "two-stop-agv", "seer-siemens-chengdu")
 """Bits in shared words, registers, coils written together, calls that stay on. Only the second lets go by itself when nobody writes."""
@@ -76,11 +75,15 @@ class Wish:
 class Victim:
     """One lift, and the manager that is killed again and again."""
 
-    def __init__(self, plan: LiftPlan, simulator: LiftSimulator, folder: Path, random: Random, tally: Tally) -> None:
+    def __init__(
+        self, plan: LiftPlan, simulator: LiftSimulator, folder: Path, random: Random, tally: Tally, *, lives_s: float
+    ) -> None:
+        """`lives_s` is how long a life may last beyond its start and the quiet after it."""
         self._plan = plan
         self._lift = simulator
         self._random = random
         self._tally = tally
+        self._lives_s = lives_s
         self._state = folder / "state"
         self._folder = folder
         self._site = folder / "site.yaml"
@@ -112,7 +115,7 @@ class Victim:
                 eventually(lambda: self._state_of(http), STARTS_WITHIN_S)
                 threading.Event().wait(QUIET_S)
                 self._judge_restart(before.given, seen, quick=time.monotonic() - last_write < WATCHDOG_S)
-                killer = threading.Timer(self._random.uniform(0.0, 3.0), program.end)
+                killer = threading.Timer(self._random.uniform(0.0, self._lives_s), program.end)
                 killer.start()
                 self._ask_until_killed(http, killer)
                 killer.join()
@@ -211,9 +214,8 @@ class Victim:
                     self._finding(f"the controller took {times} presses of {what}, and the journal has {rows[what]}")
             self._tally.presses += sum(write.on for write in writes[self._judged :])
         self._judged = len(writes)
-        command = [*LIFT_MANAGER, "audit", str(self._site), "--verify"]
         if self._state.is_dir() and list(self._state.glob("*.journal.db")):
-            ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+            ended = call("audit", self._site, "--verify")
             if ended.returncode:
                 self._finding(f"the journal does not verify: {ended.stdout}{ended.stderr}")
 
@@ -256,7 +258,7 @@ class Victim:
         self._judge_journal()
 
 
-def campaign(kills: int, seed: int, maps: tuple[str, ...] = MAPS) -> Tally:
+def campaign(kills: int, seed: int, maps: tuple[str, ...] = MAPS, *, lives_s: float = 3.0) -> Tally:
     """Kill a manager so many times, spread over the maps."""
     tally, random = Tally(), Random(seed)
     for number, name in enumerate(maps):
@@ -268,7 +270,7 @@ def campaign(kills: int, seed: int, maps: tuple[str, ...] = MAPS) -> Tally:
             folder = Path(stack.enter_context(TemporaryDirectory()))
             bench = stack.enter_context(Bench((wish,), near=Path.cwd(), folder=folder))
             (plan,) = plan_lifts((wish,), Path.cwd())
-            victim = Victim(plan, bench.simulator(), folder, Random(random.getrandbits(64)), tally)
+            victim = Victim(plan, bench.simulator(), folder, Random(random.getrandbits(64)), tally, lives_s=lives_s)
             try:
                 for _ in range(share):
                     victim.live_and_die()

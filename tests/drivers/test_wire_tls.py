@@ -1,85 +1,45 @@
 """Modbus/TCP Security over real sockets: whom the wire believes, and what it says when the two sides do not fit."""
 
 import asyncio
-import logging
 import os
 import socket
 import ssl
 import threading
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import cast
 
 import pytest
 import uvloop
-from cryptography.hazmat.primitives import serialization
 
-from drivers.errors import ConnectFailed, ConnectProblem, ControllerException, PointsRefused, Sent
+from drivers.errors import ConnectProblem, ControllerException, PointsRefused
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.tls import LinkTls
 from drivers.modbus.wire import PymodbusWire
 from register_maps import frames
-from register_maps.words import Table
-from tests.support.certificates import Authority, Shown
+from tests.drivers.secured import (
+    ANSWER,
+    ASK,
+    LIMIT_S,
+    READ,
+    Near,
+    Plc,
+    Run,
+    opened,
+    refusal,
+    run_quietly,
+    server_side,
+)
+from tests.support.certificates import Authority
 
-Test = Callable[[], Coroutine[object, object, None]]
-Run = Callable[[Test], None]
-READ = frames.read(Table.HOLDING, 0, 1)
-ASK = frames.frame(READ, 7)
-ANSWER = frames.answer(READ, 7, b"\x00\x07")
-LIMIT_S = 10.0
 NO_TIME = timedelta(days=-1)
 
 
 @pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
 def run(request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture) -> Run:
-    def runner(test: Test) -> None:
-        async def limited() -> None:
-            async with asyncio.timeout(LIMIT_S):
-                await test()
-
-        with asyncio.Runner(loop_factory=request.param) as loop:
-            loop.run(limited())
-        noise = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
-        assert noise == [], "what goes wrong is told to whoever uses the wire, and to nobody else"
-
-    return runner
-
-
-@dataclass
-class Plc(asyncio.Protocol):
-    """A controller that answers everything with one frame; it shows and wants certificates."""
-
-    context: ssl.SSLContext | None
-    answer: bytes = ANSWER
-    heard: list[bytes] = field(default_factory=list)
-    transport: asyncio.BaseTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = transport
-
-    def data_received(self, data: bytes) -> None:
-        self.heard.append(data)
-        transport = cast(asyncio.Transport, self.transport)
-        if self.answer:
-            transport.write(self.answer)
-        else:
-            transport.close()
-
-    @asynccontextmanager
-    async def listening(self) -> AsyncIterator[int]:
-        loop = asyncio.get_running_loop()
-        listener = socket.create_server(("127.0.0.1", 0))
-        server = await loop.create_server(lambda: self, sock=listener, ssl=self.context)
-        try:
-            yield listener.getsockname()[1]
-        finally:
-            server.close()
-            if self.transport is not None:
-                cast(asyncio.Transport, self.transport).abort()
+    return lambda test: run_quietly(test, request.param, caplog)
 
 
 @contextmanager
@@ -106,37 +66,6 @@ def in_a_thread(
         yield listener.getsockname()[1]
         thread.join(LIMIT_S)
         assert not thread.is_alive()
-
-
-@dataclass
-class Near:
-    """What the wire handed over."""
-
-    frames: asyncio.Queue[bytes] = field(default_factory=asyncio.Queue)
-    lost: asyncio.Queue[str] = field(default_factory=asyncio.Queue)
-
-
-async def opened(wire: PymodbusWire) -> Near:
-    near = Near()
-    await wire.open(near.frames.put_nowait, near.lost.put_nowait, timeout_s=1.0)
-    return near
-
-
-async def refusal(wire: PymodbusWire) -> ConnectFailed:
-    with pytest.raises(ConnectFailed) as caught:
-        await opened(wire)
-    assert not wire.is_open
-    assert caught.value.sent is Sent.NO
-    return caught.value
-
-
-def server_side(shown: Shown, believed: Path, newest: ssl.TLSVersion = ssl.TLSVersion.TLSv1_3) -> ssl.SSLContext:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.maximum_version = newest
-    context.load_cert_chain(shown.certificate, shown.key)
-    context.load_verify_locations(believed)
-    context.verify_mode = ssl.CERT_REQUIRED
-    return context
 
 
 @pytest.fixture
@@ -460,60 +389,6 @@ def test_a_wire_without_tls_knows_an_answer_in_tls_when_it_sees_one(run: Run) ->
             reason = await near.lost.get()
         assert reason.startswith("what came is not Modbus/TCP: it answers in TLS; ")
         assert "give this controller `tls` in the site file" in reason
-
-    run(test)
-
-
-# -- the files
-
-
-def test_a_missing_file_is_named(run: Run, tls: LinkTls, tmp_path: Path) -> None:
-    async def test() -> None:
-        error = await refusal(PymodbusWire("127.0.0.1", 802, tls=replace(tls, ca=tmp_path / "none.pem")))
-        assert f"cannot use the CA file {tmp_path / 'none.pem'}: No such file or directory" in str(error)
-
-    run(test)
-
-
-def test_a_key_of_another_certificate_is_found_out(run: Run, tls: LinkTls, authority: Authority) -> None:
-    other = authority.issue("other", "other")
-
-    async def test() -> None:
-        error = await refusal(PymodbusWire("127.0.0.1", 802, tls=replace(tls, key=other.key)))
-        assert "the key does not belong to the certificate" in str(error)
-
-    run(test)
-
-
-def test_a_key_with_a_passphrase_is_refused_and_nobody_is_asked_for_it(run: Run, tls: LinkTls) -> None:
-    key = serialization.load_pem_private_key(tls.key.read_bytes(), None)
-    locked = serialization.BestAvailableEncryption(b"open sesame")
-    pem, pkcs8 = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
-    tls.key.write_bytes(key.private_bytes(pem, pkcs8, locked))
-
-    async def test() -> None:
-        error = await refusal(PymodbusWire("127.0.0.1", 802, tls=tls))
-        assert "the key is protected by a passphrase; store it without one" in str(error)
-
-    run(test)
-
-
-def test_renewed_files_are_read_at_the_next_connection(run: Run, authority: Authority, tls: LinkTls) -> None:
-    plc = Plc(server_side(authority.issue("plc", "127.0.0.1"), authority.file))
-
-    async def test() -> None:
-        async with plc.listening() as port:
-            wire = PymodbusWire("127.0.0.1", port, tls=tls)
-            names = []
-            for name in ("last-year", "this-year"):
-                authority.issue("manager", name)
-                near = await opened(wire)
-                wire.send(ASK)
-                await near.frames.get()
-                assert plc.transport is not None
-                names.append(plc.transport.get_extra_info("peercert")["subjectAltName"][0][1])
-            wire.close()
-        assert names == ["last-year", "this-year"]
 
     run(test)
 

@@ -275,6 +275,52 @@ def test_a_chain_that_holds_is_told_with_a_seal_and_the_seal_is_checked_later(us
     assert "row 4 was noted, and is not there" in used.audit("--since-seal", seal, code=1)
 
 
+def test_a_seal_says_where_the_journal_began_and_a_cut_since_then_is_told(used: Building) -> None:
+    told = used.audit("--verify")
+    seal = told.split("seal    ")[1].splitlines()[0]
+    assert seal.endswith(" from 1")
+    assert "row 4 is the one that was noted\n        no row was cut since\n" in used.audit("--since-seal", seal)
+    cut_through(used, 2)
+    told = used.audit("--since-seal", seal)
+    assert "noted   row 4 is the one that was noted\n        rows 1 to 2 were there then, and were cut since\n" in told
+    assert "from 3\n" in told.split("seal    ")[1]
+    assert "cut since" not in used.audit("--since-seal", seal.split()[0])
+
+
+def cut_through(building: Building, through: int, at: datetime = NOON + timedelta(hours=3)) -> None:
+    """Cut as a manager does, or as somebody who knows how it does."""
+    with open_journal(building.journal) as reader:
+        last = reader.row(through)
+    assert last is not None
+    building.write(
+        (at, "anchor", "", "", "rows go: they are too old"), data={"through": through, "hash": last.hash.hex()}
+    )
+    building.end()
+    building.sql(f"DELETE FROM rows WHERE seq <= {through}")
+
+
+def test_a_cut_of_rows_that_the_site_keeps_is_named_as_odd_and_is_no_error(used: Building) -> None:
+    cut_through(used, 2)
+    told = used.audit("--verify")
+    assert (
+        "odd     that cut left rows of the last 0 days; the site file keeps 400, and the journal has 0 of 500 MB:"
+        in told
+    )
+    assert "or has somebody cut it?" in told
+
+
+def test_a_cut_of_rows_that_are_too_old_or_too_many_is_not_odd(used: Building) -> None:
+    cut_through(used, 2, NOON + timedelta(days=400))
+    assert "odd " not in used.audit("--verify")
+    used.sql("DELETE FROM rows WHERE seq > 4")
+    used.write((NOON, "link", "", "", "x" * 9_500_000))
+    cut_through(used, 3)
+    used.file.write_text(json.dumps(SITE | {"journal": {"keep_days": 400, "max_mb": 10}}), "utf-8")
+    assert "odd " not in used.audit("--verify")
+    used.file.write_text(json.dumps(SITE | {"journal": {"keep_days": 400, "max_mb": 11}}), "utf-8")
+    assert "odd " in used.audit("--verify")
+
+
 def test_a_broken_chain_is_told_and_ends_with_1(used: Building) -> None:
     used.end()
     used.sql("UPDATE rows SET text = 'asks for L1' WHERE seq = 2")
@@ -299,7 +345,7 @@ def test_a_cut_is_told_and_whether_it_is_under_way(used: Building) -> None:
     assert "under way, and row 2 itself cannot be verified" in told
     used.sql("DELETE FROM rows WHERE seq = 2")
     told = used.audit("--verify")
-    assert "rows    3, from 3 to 5\ncut     rows up to 2 were cut, says row 5\nnewest" in told
+    assert "rows    3, from 3 to 5\ncut     rows up to 2 were cut, says row 5\nodd" in told
 
 
 def test_a_copy_is_read_with_and_without_a_site_file(used: Building, tmp_path: Path) -> None:

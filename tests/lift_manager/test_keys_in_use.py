@@ -1,8 +1,6 @@
 """Keys against a running manager: made, needed, revoked, and never written down."""
 
 import json
-import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import httpx
 import pytest
 
 from tests.lift_manager.test_operate import LIFT, Site
-from tests.support.programs import LIFT_MANAGER, Started, eventually, running
+from tests.support.programs import Started, call, eventually, running
 
 WORKSHOP = "/open-rmf/demo-lift"
 LOCKOUT = f"/api/v1/lifts/{LIFT}/lockout"
@@ -24,10 +22,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 def command(*words: str | Path, key: str = "", code: int = 0) -> str:
     """Run `lift-manager`, with a key in its environment; returns stdout, or stderr where it is to fail."""
-    env = os.environ | ({"LIFT_MANAGER_KEY": key} if key else {})
-    done = subprocess.run(
-        [*LIFT_MANAGER, *map(str, words)], env=env | {"COLUMNS": "400"}, capture_output=True, text=True, check=False
-    )
+    done = call(*words, COLUMNS="400", LIFT_MANAGER_KEY=key)
     assert done.returncode == code, done
     return (done.stderr if code else done.stdout).strip()
 
@@ -90,6 +85,14 @@ def test_a_robot_holds_the_lift_in_its_own_name_until_an_operator_takes_it(site:
     assert said.startswith("M. Weber (key desk), 20")
     assert "the session of workshop:amr-1 on east wing is over" in said
     assert "nobody holds" in command(*words, key=desk, code=1)
+
+
+def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_path: Path) -> None:
+    file = site_file(tmp_path)
+    told = [call("keys", "make", file, "--name", name, "--role", "viewer", COLUMNS="400").stderr for name in ("a", "b")]
+    for words in ("rides without a key", "when no robot rides", "`lift-manager release`", "`lift-manager ack`"):
+        assert words in told[0]
+        assert words not in told[1]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
 from lift_manager.store.place import state_path
-from tests.support.programs import Program, Started, eventually, free_port, run
+from tests.support.programs import Program, Started, call, eventually, free_port, run
 
 NAME = "Main hospital"
 LIFT = "east wing"
@@ -77,7 +77,7 @@ class Site:
         return str(answer["msg"])
 
     def say(self, *words: str, code: int = 0) -> str:
-        done = run(*words, "--manager", self.url)
+        done = call(*words, "--manager", self.url)
         assert done.returncode == code, done
         return (done.stderr if code else done.stdout).strip()
 
@@ -149,7 +149,7 @@ def test_a_state_that_cannot_be_written_is_in_force_all_the_same(tmp_path: Path)
 
 
 def test_without_a_manager_the_command_line_says_how_to_get_one() -> None:
-    done = run("ack", LIFT, "--by", "M. Weber", "--manager", f"http://127.0.0.1:{free_port()}")
+    done = call("ack", LIFT, "--by", "M. Weber", "--manager", f"http://127.0.0.1:{free_port()}")
     assert done.returncode == 1
     assert "no manager answers at http://127.0.0.1:" in done.stderr
     assert "start it with `lift-manager serve SITE`, or say where it runs with --manager URL" in done.stderr
@@ -177,7 +177,7 @@ def test_another_program_at_that_address_is_not_taken_for_a_manager(body: bytes)
     for status in (b"404 Not Found", b"200 OK"):
         head = b"HTTP/1.1 %s\r\nContent-Length: %d\r\nConnection: close\r\n\r\n" % (status, len(body))
         with answering(head + body) as url:
-            done = run("ack", LIFT, "--by", "M. Weber", "--manager", url)
+            done = call("ack", LIFT, "--by", "M. Weber", "--manager", url)
         assert done.returncode == 1
         assert f"is no lift manager (HTTP {status[:3].decode()})" in done.stderr
         assert "Traceback" not in done.stderr
@@ -194,6 +194,6 @@ def test_another_program_at_that_address_is_not_taken_for_a_manager(body: bytes)
     ],
 )
 def test_a_word_without_a_name_or_a_reason_is_not_sent(words: tuple[str, ...], wrong: str) -> None:
-    done = run(*words)
+    done = call(*words)
     assert done.returncode == 2
     assert wrong in done.stderr

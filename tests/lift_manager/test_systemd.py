@@ -28,8 +28,8 @@ from tests.support.virtual_time import elapse, run_virtual
 
 WATCHDOG_S = 4.0
 PATIENCE_S = 10.0
-EVERY_TWO_SECONDS = 17
-"""So often within 36 seconds, without the first and the last moment."""
+EVERY_TWO_SECONDS = (17, 18)
+"""So often within 36 seconds; what comes in the first or the last moment may count or not."""
 UNIT = ROOT / "deploy" / "systemd" / "lift-manager.service"
 
 
@@ -116,12 +116,12 @@ def address(tmp_path: Path) -> str:
 
 def test_a_manager_whose_lifts_are_polled_gives_a_sign_of_life_twice_in_the_time_of_the_watchdog(address: str) -> None:
     with systemd_at(address) as systemd:
-        assert watched(systemd, address).count("WATCHDOG=1") == EVERY_TWO_SECONDS
+        assert watched(systemd, address).count("WATCHDOG=1") in EVERY_TWO_SECONDS
 
 
 def test_a_dead_controller_does_not_starve_the_watchdog(address: str) -> None:
     with systemd_at(address) as systemd:
-        assert watched(systemd, address, silent=True).count("WATCHDOG=1") == EVERY_TWO_SECONDS
+        assert watched(systemd, address, silent=True).count("WATCHDOG=1") in EVERY_TWO_SECONDS
 
 
 def test_one_poll_loop_that_hangs_starves_the_watchdog_and_is_named(

@@ -1,17 +1,25 @@
 """Certificates and the running manager: what the links are told, what is said every day, and what the command line refuses."""
 
 import asyncio
+import os
+import ssl
+import threading
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import cast
 
 import pytest
+import uvloop
 
 from lift_manager import app
 from lift_manager.config.load import load_site
+from lift_manager.web.app import make_app
+from lift_manager.web.tls import ServerCertificates, ServerTls
+from tests.lift_manager.web.fake import FakeManager, serving
 from tests.support.certificates import Authority
 from tests.support.programs import run, run_each
-from tests.support.virtual_time import run_virtual
 
 SITE = """\
 schema: 1
@@ -42,25 +50,107 @@ def test_a_link_knows_whether_an_exception_may_be_about_its_role(tmp_path: Path,
     asyncio.run(main())
 
 
-def test_a_certificate_that_expires_while_the_manager_runs_is_told_once_a_day(
+def test_a_certificate_that_expires_while_the_manager_runs_is_told_each_time_and_only_then(
     tmp_path: Path, authority: Authority, caplog: pytest.LogCaptureFixture
 ) -> None:
     loaded = load_site(tmp_path / "site.yaml")
 
     async def main() -> None:
-        reminding = asyncio.create_task(app.remind(loaded))
-        await asyncio.sleep(3.5 * app.REMIND_EVERY_S)
+        begun = asyncio.get_running_loop().time()
+        reminding = asyncio.create_task(app.remind(loaded, every_s=0.2))
+        await until(lambda: asyncio.get_running_loop().time() > begun + 0.5)
         assert caplog.messages == []
         since = datetime.now(UTC) - timedelta(days=300)
         authority.issue("link", "lift-manager", since=since, until=timedelta(days=10, hours=1))
-        await asyncio.sleep(2 * app.REMIND_EVERY_S)
-        reminding.cancel()
-        with suppress(asyncio.CancelledError):
-            await reminding
+        await until(lambda: len(caplog.messages) >= 2)
+        await ended(reminding)
 
-    run_virtual(main, limit_s=10 * app.REMIND_EVERY_S)
-    assert len(caplog.messages) == 2
+    asyncio.run(main())
     assert all(line.startswith(f"secured: certificate {tmp_path / 'link.pem'} expires on ") for line in caplog.messages)
+    assert app.REMIND_EVERY_S == 86400.0
+
+
+@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+def loop(request: pytest.FixtureRequest) -> Callable[[], asyncio.AbstractEventLoop]:
+    return cast(Callable[[], asyncio.AbstractEventLoop], request.param)
+
+
+def test_https_takes_renewed_files_while_it_runs(
+    tmp_path: Path, authority: Authority, loop: Callable[[], asyncio.AbstractEventLoop]
+) -> None:
+    shown = authority.issue("api", "127.0.0.1")
+    tls = ServerCertificates(ServerTls(shown.certificate, shown.key))
+
+    async def main() -> None:
+        async with serving(make_app(FakeManager()), tls) as port:
+            before = await certificate(port, authority)
+            renewing = asyncio.create_task(app.renew(tls))
+            authority.issue("api", "127.0.0.1")
+            async with asyncio.timeout(3 * app.LOOK_EVERY_S):
+                while await certificate(port, authority) == before:
+                    pass
+            await ended(renewing)
+
+    with asyncio.Runner(loop_factory=loop) as runner:
+        runner.run(main())
+
+
+def test_certificates_on_a_disk_that_hangs_hold_up_neither_polls_nor_clients_nor_the_end(
+    tmp_path: Path,
+    authority: Authority,
+    loop: Callable[[], asyncio.AbstractEventLoop],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    shown = authority.issue("api", "127.0.0.1")
+    tls = ServerCertificates(ServerTls(shown.certificate, shown.key))
+    polls = 0
+
+    async def poll() -> None:
+        nonlocal polls
+        while True:
+            await asyncio.sleep(0.01)
+            polls += 1
+
+    async def main() -> None:
+        async with serving(make_app(FakeManager()), tls) as port:
+            before = await certificate(port, authority)
+            shown.certificate.unlink()
+            os.mkfifo(shown.certificate)
+            tasks = [asyncio.create_task(work) for work in (poll(), app.renew(tls, within_s=0.2))]
+            await until(lambda: "do not answer within 0.2 s" in caplog.text)
+            polled = polls
+            await until(lambda: polls > polled + 20)
+            assert await certificate(port, authority) == before
+            for task in tasks:
+                await ended(task)
+
+    threads = threading.active_count()
+    with asyncio.Runner(loop_factory=loop) as runner:
+        runner.run(main())
+    assert threading.active_count() == threads + 1
+    # lets go of the thread that waits in `open`
+    os.close(os.open(shown.certificate, os.O_RDWR | os.O_NONBLOCK))
+
+
+async def until(done: Callable[[], bool]) -> None:
+    async with asyncio.timeout(5):
+        while not done():  # noqa: ASYNC110  what it waits for tells nobody
+            await asyncio.sleep(0.01)
+
+
+async def ended(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    with suppress(asyncio.CancelledError):
+        await task
+
+
+async def certificate(port: int, authority: Authority) -> bytes:
+    context = ssl.create_default_context(cafile=str(authority.file))
+    async with asyncio.timeout(5):
+        _, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+    der: bytes = writer.get_extra_info("ssl_object").getpeercert(binary_form=True)
+    writer.transport.abort()
+    return der
 
 
 def test_a_manager_does_not_start_with_files_that_cannot_be_used(tmp_path: Path, authority: Authority) -> None:

@@ -18,6 +18,7 @@ from drivers.modbus.memory import MemoryWire, Reply
 from drivers.model import Outcome, Result
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
+from lift_manager.core.memory import Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import Alarm, CommandEnded, Event, StateChanged
@@ -230,8 +231,19 @@ class Trip:
 
 
 @asynccontextmanager
-async def trip(site: Site, plant: Plant, *, in_words: bool = True, poll_s: float = 0.2) -> AsyncIterator[Trip]:
-    """One lift of a site whose devices are those of a plant, polled for a while."""
+async def trip(
+    site: Site,
+    plant: Plant,
+    *,
+    in_words: bool = True,
+    poll_s: float = 0.2,
+    memory: Memory | None = None,
+    start_s: float = START_S,
+) -> AsyncIterator[Trip]:
+    """One lift of a site whose devices are those of a plant, polled for `start_s`.
+
+    Its end is a `kill -9`; the next one with the same plant and `memory` is the manager after a restart.
+    """
     source = site.codec.map
     exchanges: list[Exchange] = []
 
@@ -266,10 +278,10 @@ async def trip(site: Site, plant: Plant, *, in_words: bool = True, poll_s: float
         infer_occupancy=not in_words,
         between_sessions_s=0,
     )
-    task = LiftTask(driver, options, bus)
+    task = LiftTask(driver, options, bus, memory=memory)
     made = Trip(site, plant, task, driver, exchanges, in_words)
     running = [asyncio.ensure_future(work) for work in (*(link.run() for link in links), task.drive(), task.run())]
-    await elapse(START_S)
+    await elapse(start_s)
     with bus.listen() as heard:
         running += [asyncio.ensure_future(work) for work in (made.watch(heard), made.look())]
         try:

@@ -53,7 +53,8 @@ def gateway(found: Network, clients: Sequence[str], managers: Sequence[str]) -> 
     yield from lines.comment(
         f"The manager at {', '.join(managers)} reaches the controllers, on their ports. Nobody else reaches them, and they begin no "
         "connection. The manager is reached on the port of its API, by the named networks; whoever looks after that computer "
-        "needs a line of their own before the last ones.",
+        "needs lines of their own before the last ones, one for each direction. A connection that is there already when "
+        "these rules are loaded has to fit them too.",
         "Load: nft -f FILE. Try first: nft -c -f FILE. It sees only what is forwarded: a host in the controllers' own network has to be kept "
         "out of it by the switch.",
         *_names(found),
@@ -69,16 +70,12 @@ def gateway(found: Network, clients: Sequence[str], managers: Sequence[str]) -> 
         yield from _set(f"devices{version}", _TYPE[version], listed)
     yield "  chain forward {"
     yield "    type filter hook forward priority filter; policy accept;"
-    yield "    ct state established,related accept"
-    reached = set(_versions(found)) & {version for version, _ in _listed(managers)}
-    for version in sorted(reached):
-        ip = _IP[version]
-        yield f"    {ip} saddr @managers{version} {ip} daddr . tcp dport @controllers{version} accept"
+    for version in sorted(set(_versions(found)) & {version for version, _ in _listed(managers)}):
+        yield from _to_controllers(version)
     if not found.on_loopback:
         both = {version for version, _ in _listed(clients)} & {version for version, _ in _listed(managers)}
         for version in sorted(both):
-            ip = _IP[version]
-            yield f"    {ip} saddr @clients{version} {ip} daddr @managers{version} tcp dport {found.api_port} accept"
+            yield from _to_api(version, found.api_port)
     for version in _versions(found):
         yield f"    {_IP[version]} daddr @devices{version} counter drop"
         yield f"    {_IP[version]} saddr @devices{version} counter drop"
@@ -87,6 +84,24 @@ def gateway(found: Network, clients: Sequence[str], managers: Sequence[str]) -> 
         yield f"    {_IP[version]} saddr @managers{version} counter drop"
     yield "  }"
     yield "}"
+
+
+def _to_controllers(version: int) -> Iterator[str]:
+    """Let through what the managers ask, what is answered to it, and ICMP about both.
+
+    No line lets through whatever is established: a stranger's connection would outlive the loading of the rules.
+    """
+    ip = _IP[version]
+    yield f"    {ip} saddr @managers{version} {ip} daddr . tcp dport @controllers{version} accept"
+    yield f"    {ip} daddr @managers{version} {ip} saddr . tcp sport @controllers{version} ct direction reply accept"
+    yield f"    ct state related ct original {ip} saddr @managers{version} ct reply {ip} saddr @devices{version} accept"
+
+
+def _to_api(version: int, port: int) -> Iterator[str]:
+    ip = _IP[version]
+    yield f"    {ip} saddr @clients{version} {ip} daddr @managers{version} tcp dport {port} accept"
+    yield f"    {ip} daddr @clients{version} {ip} saddr @managers{version} tcp sport {port} ct direction reply accept"
+    yield f"    ct state related ct original {ip} saddr @clients{version} ct reply {ip} saddr @managers{version} accept"
 
 
 def _sets(found: Network, clients: Sequence[str]) -> Iterator[str]:

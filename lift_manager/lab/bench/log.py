@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from drivers.model import Outcome
 from lift_manager.core.bus import Bus
 from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
 from lift_manager.domain.events import Alarm, CommandEnded, Event
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState
@@ -61,9 +61,9 @@ class NotingFacade:
         self._log = log
 
     @property
-    def trouble(self) -> str:
-        """Why nothing is pressed on any lift."""
-        return self._facade.trouble
+    def unwritten(self) -> frozenset[str]:
+        """What cannot be written."""
+        return self._facade.unwritten
 
     def lift_names(self) -> tuple[str, ...]:
         """Every lift of the site."""
@@ -78,6 +78,10 @@ class NotingFacade:
         answer = self._facade.request(ask)
         self._note(ask.lift, answer)
         return answer
+
+    def turned_away(self, who: TurnedAway) -> None:
+        """Write down a request that a face refused."""
+        self._facade.turned_away(who)
 
     def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:
         """Take a person's word that a lift was checked."""

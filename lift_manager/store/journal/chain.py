@@ -53,6 +53,15 @@ def row_hash(before: bytes, row: Stored) -> bytes:
     return hashlib.sha256(before + _encode(row[:7]).encode()).digest()
 
 
+def follows(before: object, row: Stored) -> bool:
+    """Whether a row, as it was found in a file, is the one that was written after a row with the hash `before`."""
+    as_written = all(type(cell) is kind for cell, kind in zip(row, _TYPES, strict=True))
+    return isinstance(before, bytes) and as_written and row_hash(before, row) == row.hash
+
+
+_TYPES = (int, int, str, str, str, str, str, bytes)
+
+
 def _plain(value: Json) -> Json:
     match value:
         case str():

@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from lift_manager.store.errors import JournalUnusable
-from lift_manager.store.journal.chain import Stored, row_hash, seed
+from lift_manager.store.errors import JournalOfAnother, JournalUnusable
+from lift_manager.store.journal.chain import Stored, follows, seed
 
 APPLICATION_ID = 0x4C4A524E
 """LJRN, in the header of the file."""
@@ -56,7 +56,9 @@ STEPS: tuple[Step, ...] = (_first_version,)
 """Step n makes version n + 1 of version n; version 0 is an empty file."""
 
 VERSION = len(STEPS)
-"""What this program writes."""
+"""Of a journal, as this program writes and reads it."""
+
+COLUMNS = ", ".join(Stored._fields)
 
 
 def open_database(
@@ -64,11 +66,13 @@ def open_database(
 ) -> sqlite3.Connection:
     """Open a journal for writing; it is made if it is not there and `create` says so.
 
-    Raises JournalUnusable for what is no journal of this site, OSError and sqlite3.OperationalError for what the disk refuses.
+    Raises JournalOfAnother, JournalUnusable for what is no journal or is damaged, and OSError and sqlite3.OperationalError for
+    what the disk refuses.
     """
     if create:
         _make_file(path)
     connection = connect(f"{path.absolute().as_uri()}?mode=rw")
+    connection.text_factory = text_of
     try:
         with _telling_damage(path):
             _prepare(connection, path, site, steps)
@@ -81,7 +85,7 @@ def open_database(
 def tail(connection: sqlite3.Connection, path: Path, site: str) -> Tail:
     """Return the newest row, or what stands before row 1. Raises JournalUnusable if it does not follow the row before it."""
     with _telling_damage(path):
-        found = connection.execute("SELECT * FROM rows ORDER BY seq DESC LIMIT 2").fetchall()
+        found = connection.execute(f"SELECT {COLUMNS} FROM rows ORDER BY seq DESC LIMIT 2").fetchall()  # noqa: S608  constants
     if not found:
         return Tail(0, seed(site))
     newest, *others = (Stored(*row) for row in found)
@@ -89,16 +93,21 @@ def tail(connection: sqlite3.Connection, path: Path, site: str) -> Tail:
         raise unusable(path, "is damaged (a row is without its hash)", MOVE_AWAY)
     # of a row that is alone because the others went nothing can be said
     hash_before = others[0].hash if others else seed(site) if newest.seq == 1 else None
-    if hash_before is not None and row_hash(hash_before, newest) != newest.hash:
+    if hash_before is not None and not follows(hash_before, newest):
         what = f"was changed: row {newest.seq} does not follow from the row before it"
         raise unusable(path, what, f"see what `lift-manager audit --verify` says of it, then {MOVE_AWAY}")
     return Tail(newest.seq, newest.hash)
 
 
 MOVE_AWAY = (
-    "move it to another folder, with what is beside it under the same name and `-wal`, and keep it; the next start begins another"
-    " journal"
+    "move it to another folder, with what is beside it under the same name and `-wal`, and keep it; then restart the manager,"
+    " which begins another journal"
 )
+
+
+def text_of(raw: bytes) -> str:
+    """Read what is no UTF-8, which no manager writes, as U+FFFD: the row then has another hash."""
+    return raw.decode("utf-8", "replace")
 
 
 def unusable(path: Path, what: str, advice: str) -> JournalUnusable:
@@ -154,13 +163,16 @@ def _version(connection: sqlite3.Connection, path: Path, site: str, newest: int)
         raise unusable(path, "is the database of another program", "give this site another folder with `state:`")
     if version > newest:
         what = f"is version {version} of such a file, and this program writes version {newest}"
-        raise unusable(path, what, f"start the newer program that wrote it, or {MOVE_AWAY}")
+        raise JournalOfAnother(f"the journal {path} {what}; start the newer program that wrote it, or {MOVE_AWAY}")
     named = connection.execute("SELECT value FROM about WHERE key = 'site'").fetchone()
-    if version < 1 or named is None:
+    if version < 1 or named is None or not isinstance(named[0], str):
         raise unusable(path, "is damaged (it does not say of which site it is)", MOVE_AWAY)
     if named[0] != site:
-        advice = f"name another folder with `state:` in the site file of {site!r}, or {MOVE_AWAY}"
-        raise unusable(path, f"belongs to the site {named[0]!r}", advice)
+        advice = (
+            f"if {site!r} is another building, name another folder with `state:` in its site file; if that is the former name of"
+            f" this one, no journal goes on under another name: {MOVE_AWAY}, and `lift-manager audit --journal FILE` reads this one"
+        )
+        raise JournalOfAnother(f"the journal {path} belongs to the site {named[0]!r}; {advice}")
     return int(version)
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from lift_manager.domain.journal import Row
 from lift_manager.store.journal.chain import Stored, row_hash, seed
-from lift_manager.store.journal.database import Connect, Tail, connect, open_database, tail, unusable
+from lift_manager.store.journal.database import VERSION, Connect, Tail, connect, open_database, tail, unusable
 from lift_manager.store.journal.retention import Aim, Limits, aim, cut_step, overdue, shrink_step
 
 CARRY_OVER_ROWS = 200
@@ -42,6 +42,8 @@ class Tended(NamedTuple):
     """Has to be written before rows may go."""
     log_pages: int = 0
     """How long the log beside the file has grown."""
+    refusal: str = ""
+    """Why nothing is cut on the word of the newest anchor."""
 
 
 class JournalFile:
@@ -80,6 +82,7 @@ class JournalFile:
     def write(self, entries: Sequence[Entry]) -> bool:
         """Return once these rows are on the disk; says whether the file wants to be tended. Raises what `open` raises.
 
+        Without rows it is a trial, for which the disk has to take as much as for a row.
         After a failure it must be called with the same entries first: a commit that failed may have reached the disk.
         """
         self.open()
@@ -135,13 +138,17 @@ class JournalFile:
         rows = chained(last, entries)
         connection.execute("BEGIN IMMEDIATE")
         connection.executemany(_INSERT, rows)
+        if not rows:
+            connection.execute(
+                f"PRAGMA user_version = {VERSION}"
+            )  # what it is already; the page is written all the same
         connection.execute("COMMIT")
         if self._seen() != self._identity:
             what = "was moved, deleted or replaced while the manager had it open"
             raise unusable(self.path, what, "put it back, with the file of its name and `-wal` that was beside it")
         if rows:
             self._tail = Tail(rows[-1].seq, rows[-1].hash)
-        self._since_carried_over += len(rows)
+        self._since_carried_over += max(len(rows), 1)
 
     def _tend(self, now_us: int, *, check: bool) -> Tended:
         connection = self._opened()
@@ -151,13 +158,14 @@ class JournalFile:
             _, log_pages, _ = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
             self._since_carried_over = 0
             return Tended(more=True, log_pages=log_pages)
-        if cut_step(connection) or shrink_step(connection):
+        step = cut_step(connection)
+        if step.cut or shrink_step(connection):
             self._since_carried_over += CARRY_OVER_ROWS // 4
             return Tended(more=True)
         anchor = None if self._aim is None else overdue(connection, self._aim)
         if anchor is None:
             self._aim = None
-        return Tended(more=anchor is not None, anchor=anchor)
+        return Tended(more=anchor is not None, anchor=anchor, refusal=step.refusal)
 
     def _opened(self) -> sqlite3.Connection:
         if self._connection is None:

@@ -16,9 +16,9 @@ from types import TracebackType
 from typing import Any, NoReturn, Self
 
 from lift_manager.domain.journal import RowKind
-from lift_manager.store.errors import StoreError
+from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.journal.chain import Stored
-from lift_manager.store.journal.database import APPLICATION_ID, STEPS
+from lift_manager.store.journal.database import APPLICATION_ID, COLUMNS, VERSION, text_of
 
 BATCH = 2000
 """Rows of one read transaction. Measured on a server of 2.5 GHz: it takes 6 ms."""
@@ -29,29 +29,8 @@ BUSY_S = 5.0
 _Raw = tuple[int, object, object, object, object, object, object, object]
 """SQLite keeps nothing but whole numbers in an INTEGER PRIMARY KEY, and anything in the other columns."""
 
-VERSION = len(STEPS)
-"""Of a journal, as this program writes and reads it."""
-
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_COLUMNS = "seq, at, kind, lift, caller, text, data, hash"
 _TEXTS = ("kind", "lift", "caller", "text", "data")
-
-
-class JournalUnreadable(StoreError):
-    """A journal cannot be read; the message names the file, what is wrong and what to do."""
-
-
-class JournalBusy(JournalUnreadable):
-    """Another program keeps the file locked."""
-
-
-class RowUnreadable(JournalUnreadable):
-    """A row holds what no manager writes."""
-
-    def __init__(self, path: Path, seq: int, what: str) -> None:
-        """Say of a row what is wrong, in words that follow its number."""
-        super().__init__(f"{path}: row {seq} {what}; `lift-manager audit --verify` looks through the whole journal")
-        self.seq, self.what = seq, what
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +101,7 @@ class Reader:
 
     def row(self, seq: int) -> Stored | None:
         """Return one row. Raises RowUnreadable."""
-        raw = self._batch(f"SELECT {_COLUMNS} FROM rows WHERE seq = ?", seq)  # noqa: S608  constants
+        raw = self._batch(f"SELECT {COLUMNS} FROM rows WHERE seq = ?", seq)  # noqa: S608  constants
         return self._stored(raw[0]) if raw else None
 
     def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[Stored]:
@@ -130,7 +109,7 @@ class Reader:
         last = self.last()
         if last is None:
             return
-        query = f"SELECT {_COLUMNS} FROM rows WHERE seq > ? AND seq <= ? ORDER BY seq LIMIT ?"  # noqa: S608  constants
+        query = f"SELECT {COLUMNS} FROM rows WHERE seq > ? AND seq <= ? ORDER BY seq LIMIT ?"  # noqa: S608  constants
         seen = -(2**63) if after is None else after
         while batch := self._batch(query, seen, last, BATCH):
             for raw in batch:
@@ -145,7 +124,7 @@ class Reader:
         last = self.last()
         if last is None:
             return found
-        query = f"SELECT {_COLUMNS} FROM rows WHERE seq <= ? ORDER BY seq DESC LIMIT ?"  # noqa: S608  constants
+        query = f"SELECT {COLUMNS} FROM rows WHERE seq <= ? ORDER BY seq DESC LIMIT ?"  # noqa: S608  constants
         upto = last if upto is None else upto
         while len(found) < count and (batch := self._batch(query, upto, BATCH)):
             for raw in batch:
@@ -343,8 +322,7 @@ def _opened(path: Path, *, immutable: bool, busy_s: float) -> Reader:
     connection = None
     try:
         connection = sqlite3.connect(uri, uri=True, isolation_level=None, timeout=busy_s)
-        # what no manager writes is read as U+FFFD and then has another hash
-        connection.text_factory = _text
+        connection.text_factory = text_of
         _check(path, connection)
         return Reader(path, connection, immutable=immutable)
     except sqlite3.DatabaseError as error:
@@ -355,10 +333,6 @@ def _opened(path: Path, *, immutable: bool, busy_s: float) -> Reader:
         if connection is not None:
             connection.close()
         raise
-
-
-def _text(raw: bytes) -> str:
-    return raw.decode("utf-8", "replace")
 
 
 def _check(path: Path, connection: sqlite3.Connection) -> None:

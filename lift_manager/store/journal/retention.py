@@ -9,13 +9,24 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from lift_manager.domain.journal import Row, RowKind
+from lift_manager.store.errors import JournalUnusable
+from lift_manager.store.journal.chain import Stored, follows
+from lift_manager.store.journal.database import COLUMNS
 
 STEP_ROWS = 500
 """Rows that go at once, each time with an anchor of their own."""
 STEP_PAGES = 50
 """Pages of 4 KiB that go back to the disk at once. Both chosen by measurement: such a step takes a few milliseconds."""
 
+BITE_DAYS = 3
+"""So much goes by age at once. Chosen: a clock that is wrong takes little, and a shorter `keep_days` is reached within weeks."""
+
 _DAY_US = 86_400_000_000
+_BITE_EVERY_US = 20 * _DAY_US // 24
+"""From one cut by age to the next. Chosen: one each day, though checks are an hour apart and starts shift them."""
+_NOTHING = -(2**63)
+_TOO_OLD = "they are too old"
+_TOO_LARGE = "the journal is too large"
 _BELOW = 0.98
 """To this part of the limit a journal is cut that has grown too large, so that it is not cut for a handful of rows."""
 
@@ -37,21 +48,26 @@ class Aim(NamedTuple):
 
 
 def aim(connection: sqlite3.Connection, limits: Limits, now_us: int) -> Aim:
-    """Return what has to go now.
+    """Return what has to go now. Raises JournalUnusable for a row that says nothing of its age.
 
-    By age no more than a day's worth goes in one check: a clock that is wrong for an hour must not wipe out a year.
+    By age only a bite goes, and none soon after another: a clock that is wrong for an hour must not wipe out a year, however
+    often the manager starts in that hour.
     """
-    oldest = connection.execute("SELECT at FROM rows ORDER BY seq LIMIT 1").fetchone()
-    older_than_us = now_us - limits.keep_days * _DAY_US
-    if oldest is not None:
-        older_than_us = min(older_than_us, oldest[0] + _DAY_US)
+    older_than_us = _NOTHING
+    oldest = connection.execute("SELECT seq, at FROM rows ORDER BY seq LIMIT 1").fetchone()
+    if oldest is not None and _may_age(connection, now_us):
+        older_than_us = min(now_us - limits.keep_days * _DAY_US, _time(*oldest) + BITE_DAYS * _DAY_US)
     most = limits.max_mb * 1_000_000
     return Aim(older_than_us, round(_BELOW * most) if _used_bytes(connection) > most else most)
 
 
 def overdue(connection: sqlite3.Connection, aim: Aim) -> Row | None:
-    """Return the anchor that has to be written before the oldest rows may go, or None if nothing has to go."""
-    oldest = connection.execute("SELECT seq, at FROM rows ORDER BY seq LIMIT ?", (STEP_ROWS,)).fetchall()
+    """Return the anchor that has to be written before the oldest rows may go, or None if nothing has to go.
+
+    Raises JournalUnusable for rows that say nothing of their age or their hash.
+    """
+    found = connection.execute("SELECT seq, at FROM rows ORDER BY seq LIMIT ?", (STEP_ROWS,)).fetchall()
+    oldest = [(seq, _time(seq, at)) for seq, at in found]
     # of the first rows those before the first that is young enough
     old = next((index for index, (_, at) in enumerate(oldest) if at >= aim.older_than_us), len(oldest))
     count = max(old, min(len(oldest), _too_many(connection, aim)))
@@ -60,25 +76,43 @@ def overdue(connection: sqlite3.Connection, aim: Aim) -> Row | None:
         return None
     first, through = oldest[0][0], oldest[count - 1][0]
     (hash_,) = connection.execute("SELECT hash FROM rows WHERE seq = ?", (through,)).fetchone()
-    why = "they are too old" if count == old else "the journal is too large"
+    if not isinstance(hash_, bytes):
+        raise _damaged(through)
     return Row(
         RowKind.ANCHOR,
-        f"rows {first} to {through} go: {why}",
+        f"rows {first} to {through} go: {_TOO_OLD if count == old else _TOO_LARGE}",
         data={"through": through, "hash": hash_.hex(), "rows": count, "from": first},
     )
 
 
-def cut_step(connection: sqlite3.Connection) -> bool:
-    """Delete some of the rows that the newest anchor lets go; returns whether there were any."""
-    found = connection.execute("SELECT data FROM rows WHERE kind = 'anchor' ORDER BY seq DESC LIMIT 1").fetchone()
+class CutStep(NamedTuple):
+    """What became of a step of a cut."""
+
+    cut: bool
+    refusal: str = ""
+    """Why the newest anchor is not believed."""
+
+
+def cut_step(connection: sqlite3.Connection) -> CutStep:
+    """Delete some of the rows that the newest anchor lets go, if it is as it was written and fits the rows."""
+    newest = f"SELECT {COLUMNS} FROM rows WHERE kind = 'anchor' ORDER BY seq DESC LIMIT 1"  # noqa: S608  constants
+    found = connection.execute(newest).fetchone()
     if found is None:
-        return False
-    through = json.loads(found[0])["through"]
+        return CutStep(cut=False)
+    anchor = Stored(*found)
     (first,) = connection.execute("SELECT min(seq) FROM rows").fetchone()
+    through = _through(connection, anchor, first)
+    if through is None:
+        text = (
+            f"row {anchor.seq}, an anchor, is not as it was written, so nothing is cut on its word;"
+            " see what `lift-manager audit --verify` says of the journal"
+        )
+        # an anchor that has become the oldest row has nothing to let go
+        return CutStep(cut=False, refusal=text if first < anchor.seq else "")
     if first > through:
-        return False
+        return CutStep(cut=False)
     connection.execute("DELETE FROM rows WHERE seq <= ?", (min(first + STEP_ROWS - 1, through),))
-    return True
+    return CutStep(cut=True)
 
 
 def shrink_step(connection: sqlite3.Connection) -> bool:
@@ -89,6 +123,51 @@ def shrink_step(connection: sqlite3.Connection) -> bool:
     # not `execute`: a page goes with each step of the statement, and that takes one step
     connection.executescript(f"PRAGMA incremental_vacuum({STEP_PAGES})")
     return True
+
+
+def _may_age(connection: sqlite3.Connection, now_us: int) -> bool:
+    """Whether the clock of this computer is believed, and the last cut by age is long enough ago."""
+    newest = connection.execute("SELECT at FROM rows ORDER BY seq DESC LIMIT 1").fetchone()
+    if newest is None or not isinstance(newest[0], int) or newest[0] > now_us:
+        return False
+    last = "SELECT seq FROM rows WHERE kind = 'anchor' AND text LIKE ? ORDER BY seq DESC LIMIT 1"
+    anchor = connection.execute(last, (f"%{_TOO_OLD}",)).fetchone()
+    if anchor is None:
+        return True
+    # the anchor's own time, or, if the clock was set back after it, the time when that was seen first
+    since = "SELECT at FROM rows WHERE seq >= ? AND at <= ? ORDER BY seq LIMIT 1"
+    (cut_us,) = connection.execute(since, (*anchor, now_us)).fetchone()
+    return isinstance(cut_us, int) and now_us - cut_us >= _BITE_EVERY_US
+
+
+def _through(connection: sqlite3.Connection, anchor: Stored, first: int) -> int | None:
+    """Return the newest row that an anchor lets go; None if the anchor is not as it was written, or does not fit the rows."""
+    rows = "SELECT hash FROM rows WHERE seq = ?"
+    before = connection.execute(rows, (anchor.seq - 1,)).fetchone()
+    if before is None or not follows(before[0], anchor):
+        return None
+    try:
+        said = json.loads(anchor.data)
+    except (ValueError, RecursionError):
+        return None
+    match said:
+        case {"through": int(through), "hash": str(digest)} if through < anchor.seq:
+            last = connection.execute(rows, (through,)).fetchone()
+            gone = through < first
+            fits = last is not None and isinstance(last[0], bytes) and last[0].hex() == digest
+            return through if gone or fits else None
+    return None
+
+
+def _time(seq: int, at: object) -> int:
+    if not isinstance(at, int):
+        raise _damaged(seq)
+    return at
+
+
+def _damaged(seq: int) -> JournalUnusable:
+    what = f"row {seq} holds what no manager writes"
+    return JournalUnusable(f"{what}; see what `lift-manager audit --verify` says of it")
 
 
 def _too_many(connection: sqlite3.Connection, aim: Aim) -> int:

@@ -8,23 +8,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lift_manager.domain.journal import RowKind
-from lift_manager.store.errors import StoreError
+from lift_manager.store.errors import ChainBroken, JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.journal.chain import Stored, row_hash, seed
-from lift_manager.store.journal.read import BATCH, JournalBusy, JournalUnreadable, Reader, RowUnreadable
+from lift_manager.store.journal.read import BATCH, Reader
 
-_SEAL = re.compile(r"([0-9]{1,18}):([0-9a-fA-F]{16,64})")
+_SEAL = re.compile(r"([0-9]{1,18}):([0-9a-fA-F]{16,64})(?:\s+from\s+([0-9]{1,18}))?")
 _HASH = re.compile(r"[0-9a-f]{64}")
 _OTHER_SITE = "it was changed, or the journal is not of the site {site!r}"
 _OTHER_ROW = "it was changed, or stands in the place of another"
-
-
-class ChainBroken(StoreError):
-    """The journal is not as it was written. The first bad row is named, and what is wrong with it."""
-
-    def __init__(self, seq: int, what: str) -> None:
-        """Say what is wrong in words that follow the number of a row."""
-        super().__init__(f"row {seq} {what}")
-        self.seq, self.what = seq, what
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +25,8 @@ class Seal:
     seq: int
     hash: str
     """Its first 16 hexadecimal digits or more."""
+    first: int | None = None
+    """The oldest row at that time; None where nobody noted it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +39,8 @@ class Cut:
     """The newest row that was taken out."""
     hash: bytes
     """Of that row."""
+    at: int
+    """When, in microseconds since 1970: the time of the anchor row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +54,17 @@ class Chain:
     """The oldest row; 0 where there is none."""
     cut: Cut | None
     """By which the rows before `first` are gone."""
+    oldest: Stored | None = None
+    """Row `first`; None where there is none."""
 
 
 def read_seal(text: str) -> Seal:
-    """Read `NUMBER:HASH`. Raises ValueError."""
+    """Read `NUMBER:HASH` or `NUMBER:HASH from FIRST`. Raises ValueError."""
     found = _SEAL.fullmatch(text.strip())
     if found is None:
-        raise ValueError("write NUMBER:HASH as --verify has printed it, with 16 digits of the hash or more")
-    return Seal(int(found[1]), found[2].lower())
+        text = "write NUMBER:HASH, or 'NUMBER:HASH from FIRST', as --verify has printed it, with 16 digits of the hash or more"
+        raise ValueError(text)
+    return Seal(int(found[1]), found[2].lower(), None if found[3] is None else int(found[3]))
 
 
 def verify(reader: Reader, site: str, seal: Seal | None = None) -> Chain:
@@ -107,7 +105,9 @@ class _Walk:
         if first < 1:
             raise ChainBroken(first, "was put in: the numbers of a journal begin at 1")
         before = self._beginning(first)
-        rows, newest = 0, None
+        rows = 0
+        oldest: Stored | None = None
+        newest: Stored | None = None
         for row in self._rows(first):
             if before is None or (problem := self._problem(before, row)) is None:
                 pass
@@ -117,10 +117,10 @@ class _Walk:
                 self._broken(ChainBroken(row.seq, problem))
             if self._cut is not None and row.seq == self._cut.through and row.hash != self._cut.hash:
                 self._doubt = ChainBroken(row.seq, f"is not the row at which {self._cut_words()}: {_OTHER_ROW}")
-            before, newest, rows = row.hash, row, rows + 1
+            before, oldest, newest, rows = row.hash, oldest or row, row, rows + 1
         if self._doubt is not None:
             raise self._doubt
-        return Chain(rows, newest, first, self._cut)
+        return Chain(rows, newest, first, self._cut, oldest)
 
     def _beginning(self, first: int) -> bytes | None:
         """Return the hash before the oldest row, None where it is not known."""
@@ -150,8 +150,10 @@ class _Walk:
         except (RowUnreadable, ValueError, RecursionError):
             return None
         match said:
-            case {"through": int(through), "hash": str(digest)} if _HASH.fullmatch(digest) and 1 <= through < anchor:
-                return Cut(anchor, through, bytes.fromhex(digest))
+            case {"through": int(through), "hash": str(digest)} if (
+                row is not None and _HASH.fullmatch(digest) and 1 <= through < anchor
+            ):
+                return Cut(anchor, through, bytes.fromhex(digest), row.at)
         return None
 
     def _rows(self, first: int) -> Iterator[Stored]:
@@ -212,6 +214,9 @@ def _compare(reader: Reader, chain: Chain, seal: Seal) -> None:
             f"has the hash {digest.hex()}, not the one that was noted: it, or a row before it, was written anew since"
         )
         raise ChainBroken(seal.seq, what)
+    if seal.first is not None and chain.first < seal.first:
+        what = f"is there, and was gone when the seal was noted, which begins with row {seal.first}: rows were put in"
+        raise ChainBroken(chain.first, what)
 
 
 def _missing(low: int, high: int) -> str:

@@ -111,7 +111,7 @@ def test_only_the_managers_user_reaches_a_controller_and_it_reaches_nothing_else
 
 
 GATEWAY = """\
-mount -t tmpfs none /run; mkdir /run/netns
+mount -t tmpfs none /run; mkdir /run/netns /run/held
 echo 1 >/proc/sys/net/ipv4/ip_forward
 number=1
 for name in controllers managers clients others; do
@@ -125,7 +125,18 @@ for name in controllers managers clients others; do
 done
 trap 'kill $servers' EXIT
 until [ "$(for name in controllers managers clients others; do ip netns exec $name ss -Hlt; done | wc -l)" -eq 12 ]; do :; done
+# as on a gateway that keeps track of connections already
+nft 'table inet other { chain forward { type filter hook forward priority 0; ct state established counter; }; }'
+holders=""
+while read -r name target port; do
+    ip netns exec $name python3 -c "$5" $target $port "$name $target:$port" & holders="$holders $!"
+done <<END
+$6
+END
+until [ "$(ls /run/held | wc -l)" -eq "$(echo "$6" | wc -l)" ]; do :; done
 nft -f "$1"
+touch /run/loaded
+wait $holders
 echo "$4" | while read -r name target port; do
     ip netns exec $name python3 -c "$2" $target $port && echo "$name $target:$port yes" || echo "$name $target:$port no"
 done
@@ -145,10 +156,32 @@ def test_the_gateway_lets_the_manager_to_the_controllers_and_clients_to_the_mana
     rules.write_text(printed(site, "--nftables-gateway", "--manager", "10.2.0.2", "--clients", "10.3.0.0/24"), "utf-8")
     connect = "import socket, sys; socket.create_connection((sys.argv[1], int(sys.argv[2])), 0.3)"
     serve = dedent("""\
-        import signal, socket
+        import select, signal, socket, threading
         signal.alarm(40)  # ends it whatever becomes of the shell
+        def echo(connection):
+            while data := connection.recv(100):
+                connection.sendall(data)
         held = [socket.create_server(("0.0.0.0", port)) for port in (502, 5003, 22)]
-        signal.pause()
+        while True:
+            for listening in select.select(held, [], [])[0]:
+                threading.Thread(target=echo, args=(listening.accept()[0],), daemon=True).start()
+    """)
+    hold = dedent("""\
+        import os, signal, socket, sys, time
+        signal.alarm(40)
+        with socket.create_connection((sys.argv[1], int(sys.argv[2])), 0.5) as held:
+            held.sendall(b"before")
+            assert held.recv(100) == b"before"
+            open(f"/run/held/{os.getpid()}", "w").close()
+            while not os.path.exists("/run/loaded"):
+                time.sleep(0.01)
+            try:
+                held.sendall(b"after")
+                answer = held.recv(100)
+            except TimeoutError:
+                answer = b""
+        # in one piece: others write at the same time
+        sys.stdout.write(f"held {sys.argv[3]} {'yes' if answer == b'after' else 'no'}\\n")
     """)
     wanted = {
         "managers 10.1.0.2:502": "yes",
@@ -164,11 +197,37 @@ def test_the_gateway_lets_the_manager_to_the_controllers_and_clients_to_the_mana
         "managers 10.4.0.2:22": "no",
         "others 10.3.0.2:22": "yes",
     }
-    tried = "\n".join(each.replace(":", " ") for each in wanted)
-    command = ["unshare", "--net", "--mount", "sh", "-euc", GATEWAY, "sh", str(rules), connect, serve, tried]
+    # connected before the rules are loaded, and asked again afterwards
+    held = {
+        "managers 10.1.0.2:502": "yes",
+        "others 10.1.0.2:502": "no",
+        "clients 10.2.0.2:5003": "yes",
+        "others 10.2.0.2:5003": "no",
+        "controllers 10.4.0.2:22": "no",
+        "others 10.3.0.2:22": "yes",
+    }
+    tried, kept = ("\n".join(each.replace(":", " ") for each in table) for table in (wanted, held))
+    command = [
+        "unshare",
+        "--net",
+        "--mount",
+        "sh",
+        "-euc",
+        GATEWAY,
+        "sh",
+        str(rules),
+        connect,
+        serve,
+        tried,
+        hold,
+        kept,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=40, check=False)
     assert done.returncode == 0, done.stderr
-    assert dict(line.rsplit(" ", 1) for line in done.stdout.splitlines()) == wanted
+    assert dict(line.rsplit(" ", 1) for line in done.stdout.splitlines()) == {
+        **wanted,
+        **{f"held {each}": answer for each, answer in held.items()},
+    }
 
 
 def counters(ruleset: str) -> list[int]:

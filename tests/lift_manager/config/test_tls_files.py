@@ -90,6 +90,11 @@ def exchange(folder: Path, name: str) -> None:
     (folder / name).write_bytes((folder / ("api.key" if name == "link.key" else "link.key")).read_bytes())
 
 
+def pipe(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    os.mkfifo(folder / name)
+
+
 API, PLC = "api.tls", "controllers.plc.tls"
 
 
@@ -102,6 +107,9 @@ API, PLC = "api.tls", "controllers.plc.tls"
         (garble, "link.pem", [(5, f"{PLC}.certificate")], "holds no certificate that can be read"),
         (garble, "api.key", [(3, f"{API}.key")], "holds no private key that can be read"),
         (lock, "link.key", [(5, f"{PLC}.key")], "is protected by a passphrase, and nobody is there to type it"),
+        (pipe, "link.pem", [(5, f"{PLC}.certificate")], "cannot be read: it is no file, but a pipe or a device"),
+        (pipe, "api.key", [(3, f"{API}.key")], "cannot be read: it is no file, but a pipe or a device"),
+        (pipe, "ca.pem", [(3, f"{API}.client_ca"), (5, f"{PLC}.ca")], "cannot be read: it is no file"),
         (exchange, "link.key", [(5, f"{PLC}.key")], "does not belong to the certificate"),
         (exchange, "api.key", [(3, f"{API}.key")], "does not belong to the certificate"),
     ],

@@ -48,12 +48,16 @@ def test_a_lease_that_ends_with_a_robot_aboard_raises_the_alarm() -> None:
     on_bench(check, lease_s=30)
 
 
-def test_stopping_with_a_robot_aboard_raises_the_alarm() -> None:
+def test_stopping_with_a_robot_aboard_lets_go_and_raises_an_alarm() -> None:
     async def check(made: Bench) -> None:
         await boarded(made)
         await made.task.stop()
         await elapse(5)
-        await abandoned(made)
+        assert made.state.holder is None
+        assert made.driver.on == set()
+        assert "robot_left" not in made.presses
+        (alarm,) = await made.alarms()
+        assert alarm.startswith("stopping: the manager ends while a robot of api:fleet/robot1 may be in the car")
 
     on_bench(check)
 

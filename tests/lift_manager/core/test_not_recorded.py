@@ -1,5 +1,10 @@
 """While what is done cannot be written down nothing is pressed, and everything else goes on."""
 
+import logging
+from itertools import cycle
+
+import pytest
+
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Refusal
@@ -84,4 +89,34 @@ def test_a_robot_that_has_begun_keeps_its_session_and_its_next_press_is_told_as_
                 await elapse(1.0)
             assert opened("L3", lift), "its next request presses again"
 
+    run_virtual(main)
+
+
+def test_a_holder_that_asks_for_another_floor_sees_what_it_waits_for_and_the_log_says_it_once(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    journal = ShortJournal()
+
+    async def main() -> None:
+        async with spine(journal=journal) as lift:
+            lift.accept("L2")
+            await lift.until(lambda _: opened("L2", lift))
+            journal.trouble = FULL
+            assert lift.state.restrictions.waiting_for == "", "it has what it asked for"
+            caplog.clear()
+            for floor in cycle(["L1", "L3"]):
+                lift.accept(floor)
+                await elapse(0.1)
+                assert lift.state.restrictions.waiting_for == FULL
+                if len(journal.rows) > 20:
+                    break
+            rejected = [record for record in caplog.records if "rejected" in record.getMessage()]
+            assert len([record for record in rejected if record.levelno >= logging.INFO]) == 1
+            journal.trouble = ""
+            await elapse(5.0)
+            lift.accept("L3")
+            await elapse(1.0)
+            assert lift.state.restrictions.waiting_for == ""
+
+    caplog.set_level(logging.INFO)
     run_virtual(main)

@@ -11,8 +11,10 @@ import pytest
 from drivers.model import Command, CommandKind, Outcome, Result, Written
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
-from lift_manager.core.recording import CALLERS, TOLD_EVERY_S, LiftLog, RecordingBus
+from lift_manager.core.recording import CALLERS, LiftLog, RecordingBus
+from lift_manager.core.sparing import TOLD_EVERY_S
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
+from lift_manager.domain.boarding import KeptBoarding
 from lift_manager.domain.events import (
     Advised,
     Alarm,
@@ -30,7 +32,17 @@ from lift_manager.domain.events import (
 )
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.journal_rows import row_of
-from lift_manager.domain.service import Acknowledged, Advice, Cause, EndReason, ForceReleased, Lockout, LockoutEnded
+from lift_manager.domain.service import (
+    Acknowledged,
+    Advice,
+    Cause,
+    EndReason,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+    Remembered,
+)
+from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from register_maps.words import Mode
 from tests.support.virtual_time import elapse, run_virtual
@@ -212,18 +224,43 @@ def test_a_repeat_with_another_answer_is_a_row_of_its_own() -> None:
     run_virtual(main)
 
 
-def test_what_was_only_counted_is_told_before_something_else_is_asked_or_pressed() -> None:
+HELD = KeptSession(
+    holder=ROBOT,
+    floor="L2",
+    hold_door=True,
+    opened_at=AT,
+    lease_from=AT,
+    holding_since=None,
+    kept_at=AT,
+    stood_open=False,
+    hold_spent=False,
+    pressed=True,
+    boarding=KeptBoarding(),
+)
+
+
+class HeldMemory(SlowMemory):
+    """The lift is held."""
+
+    def recall(self, lift: str) -> Remembered:
+        return Remembered(session=HELD)
+
+
+def test_what_a_holder_repeated_is_told_before_something_is_pressed_for_it_and_what_others_did_is_not() -> None:
     async def main() -> None:
-        d = desk()
-        d.say(ask())
-        d.say(ask())
-        d.say(ask("L3"))
-        d.say(ask("L3"))
-        assert d.log.before(GO, ("0106",)).done()
-        kinds = [row.kind for row in d.journal.rows]
-        assert kinds == [RowKind.REQUEST] * 4 + [RowKind.PRESS]
-        assert "again" in d.texts[1]
-        assert "again" in d.texts[3]
+        journal = ShortJournal()
+        log = LiftLog("east", journal, HeldMemory())
+        for what in (ask(), ask(), ask("L3", holder=OTHER), ask("L3", holder=OTHER)):
+            log.asked(what)
+            log.answered(what, YES)
+        assert log.before(GO, ("0106",)).done()
+        assert [(row.kind, row.caller) for row in journal.rows] == [
+            (RowKind.REQUEST, "workshop"),
+            (RowKind.REQUEST, "rmf:fleet/r1"),
+            (RowKind.REQUEST, "workshop"),
+            (RowKind.PRESS, "workshop"),
+        ]
+        assert "again, 1 times" in journal.rows[2].text
 
     run_virtual(main)
 
@@ -287,7 +324,7 @@ def test_writes_mode_and_link_have_rows_and_only_changes_do() -> None:
         d.log.wrote(Written("go_to", "release", (), "no answer within 0.5 s"))
         for mode in (Mode.NORMAL, Mode.NORMAL, Mode.FIRE):
             d.log.mode(mode)
-        for trouble in ("", "", "no answer", "another reason", ""):
+        for trouble in ("waits for its alive counter", "", "", "no answer", "another reason", ""):
             d.log.link("plc (192.0.2.10:502)", trouble)
         assert d.texts == [
             "press of go_to was answered",

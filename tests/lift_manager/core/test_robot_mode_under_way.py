@@ -1,10 +1,32 @@
 """Robot mode is not dropped while the car moves, whether or not the lift tells that it is on."""
 
+import asyncio
+from asyncio import Future
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
 import pytest
 
+from lift_manager.core.journal import ShortJournal
+from lift_manager.core.memory import ShortMemory
+from lift_manager.domain.journal import Row
 from register_maps.words import Motion
-from tests.support.spine import Spine, on_spine
-from tests.support.virtual_time import elapse
+from simulator.controller import Inputs
+from tests.lift_manager.core.scripted import AT_L2, PLAIN, Bench, on_bench
+from tests.support.spine import Spine, on_spine, spine
+from tests.support.virtual_time import elapse, run_virtual
+
+AT = datetime(2026, 3, 2, 12, tzinfo=UTC)
+WITH_MODE = replace(
+    PLAIN,
+    commands=PLAIN.commands | {"robot_mode"},
+    signals=PLAIN.signals | {"robot_mode_on", "motion"},
+    levels=PLAIN.levels | {"robot_mode"},
+    evidence="motion_stopped",
+)
+UNDER_WAY = replace(AT_L2, floor=None, flags={"robot_mode_on": True}, motion=Motion.UP)
+MODE = frozenset({"robot_mode"})
 
 
 @pytest.mark.parametrize("name", ["generic-registers", "robotnik-il-eth"])
@@ -23,3 +45,121 @@ def test_a_robot_that_lets_go_under_way_leaves_robot_mode_on_until_the_car_stand
         assert "robot_mode" not in made.face.asked
 
     on_spine(check, name)
+
+
+class SlowJournal(ShortJournal):
+    """Every row takes two seconds."""
+
+    def before(self, row: Row) -> Future[str | None]:
+        done: Future[str | None] = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().call_later(2.0, done.set_result, None)
+        return done
+
+
+@pytest.mark.parametrize("ends", ["force_release", "lock_out"])
+def test_robot_mode_that_waits_for_its_row_is_not_pressed_after_its_session(ends: str) -> None:
+    async def main() -> None:
+        async with spine("robotnik-il-eth", journal=SlowJournal()) as made:
+            made.people(Inputs(car_buttons=frozenset({len(made.task.options.floors) - 1})))
+            await elapse(3)
+            assert made.face.picture.motion is not Motion.STOPPED
+            made.accept(made.task.options.floors[0])
+            await elapse(1)
+            end = made.task.force_release if ends == "force_release" else made.task.lock_out
+            end("M. Weber", "ropes")
+            for _ in range(100):
+                assert made.face.asked == {}
+                await elapse(0.1)
+
+    run_virtual(main)
+
+
+async def riding(made: Bench) -> None:
+    made.grants_robot_mode()
+    made.accept("L3")
+    await elapse(0.5)
+    made.driver.values = UNDER_WAY
+    await elapse(0.5)
+    assert "robot_mode" in made.driver.on
+
+
+async def forced(made: Bench) -> None:
+    await riding(made)
+    made.task.force_release("M. Weber", "ropes")
+    await elapse(1)
+    assert "robot_mode" in made.driver.on
+
+
+async def locked_out(made: Bench) -> None:
+    await riding(made)
+    made.task.lock_out("M. Weber", "ropes")
+
+
+async def released(made: Bench) -> None:
+    await riding(made)
+    made.accept("L3", hold=False)
+    made.task.force_release("M. Weber", "ropes")
+
+
+@pytest.mark.parametrize(
+    ("before", "off_s"),
+    [(forced, 2), (locked_out, 2), (released, 2), (riding, 400)],
+    ids=["forced", "locked out", "released", "lease over"],
+)
+def test_robot_mode_that_outlived_its_session_is_kept_over_a_restart_until_the_car_stands(
+    before: Callable[[Bench], Awaitable[None]], off_s: float
+) -> None:
+    memory = ShortMemory()
+
+    async def after(made: Bench) -> None:
+        assert made.state.holder is None
+        await elapse(10)
+        assert made.driver.log == []
+        assert made.driver.renewed["robot_mode"] > 9
+        made.driver.values = replace(UNDER_WAY, floor="L3", motion=Motion.STOPPED)
+        await elapse(1)
+        assert made.driver.log == ["let go robot_mode"]
+        assert memory.recall("lift").robot_mode_until is None
+
+    on_bench(before, WITH_MODE, memory=memory, clock=lambda: AT)
+    on_bench(
+        after,
+        WITH_MODE,
+        memory=memory,
+        clock=lambda: AT + timedelta(seconds=off_s),
+        found=UNDER_WAY,
+        left_on=MODE,
+    )
+
+
+def test_it_is_dropped_when_its_time_is_over_and_not_kept_by_a_start_after_that() -> None:
+    memory = ShortMemory()
+
+    async def after(made: Bench) -> None:
+        await elapse(WITH_MODE.arrive_within_s - 62)
+        assert made.driver.log == []
+        await elapse(5)
+        assert made.driver.log == ["let go robot_mode"]
+        assert [text for text in await made.alarms() if "nobody has seen the car come to rest" in text]
+
+    async def much_later(made: Bench) -> None:
+        assert made.driver.adopted == set()
+
+    on_bench(forced, WITH_MODE, memory=memory, clock=lambda: AT)
+    kept = memory.recall("lift")
+    assert kept.robot_mode_until == AT + timedelta(seconds=WITH_MODE.arrive_within_s)
+    again = AT + timedelta(seconds=60)
+    on_bench(after, WITH_MODE, memory=memory, clock=lambda: again, found=UNDER_WAY, left_on=MODE)
+    memory.keep("lift", kept)
+    on_bench(much_later, WITH_MODE, memory=memory, clock=lambda: AT + timedelta(hours=1), left_on=MODE)
+
+
+def test_it_is_not_kept_after_a_fire() -> None:
+    memory = ShortMemory()
+
+    async def after(made: Bench) -> None:
+        assert made.driver.adopted == set()
+
+    on_bench(forced, WITH_MODE, memory=memory, clock=lambda: AT)
+    memory.keep("lift", replace(memory.recall("lift"), fire_since=AT))
+    on_bench(after, WITH_MODE, memory=memory, clock=lambda: AT, found=UNDER_WAY, left_on=MODE)

@@ -248,7 +248,8 @@ def test_a_robot_that_got_out_unheard_by_the_lift_is_told_of_with_its_next_word(
         assert made.presses == []
         made.accept("L3", RobotWord.LEFT)
         await elapse(1)
-        assert made.presses == ["robot_left"]
+        assert made.presses[0] == "robot_left"
+        assert made.presses.count("robot_left") == 1
 
     at_l3 = replace(OPEN_AT_L1, floor="L3", flags={"may_leave": True})
     restarted(before, after, PERMITTING, found=at_l3)
@@ -268,16 +269,37 @@ def test_another_caller_that_is_heard_first_gets_a_car_in_which_no_robot_can_be(
     restarted(asked, after, found=UNDER_WAY)
 
 
-def test_another_caller_that_is_heard_first_is_refused_a_car_that_may_hold_a_robot() -> None:
+def test_another_caller_that_is_heard_first_takes_nothing_from_a_car_that_may_hold_a_robot() -> None:
     async def after(made: Bench) -> None:
-        assert made.refuse("L3", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
-        assert held_by(made) is None
-        assert made.driver.on == set()
-        assert [text for text in await made.alarms() if text.startswith("maybe_occupied")]
+        for _ in range(40):
+            refused = made.refuse("L3", holder=OTHER)
+            assert refused.code is Refusal.HELD
+            assert "its robot may be in the car" in refused.message
+            assert "`lift-manager release lift --by NAME --reason TEXT`" in refused.message
+            await elapse(1)
+        assert held_by(made) == ROBOT
+        assert made.driver.log == []
+        assert made.robot_door() is RobotDoor.OPEN
+        (alarm,) = await made.alarms()
+        assert alarm.startswith("silent_holder: api:fleet/robot1 holds the lift and has not been heard for 3")
         made.accept("L1")
+        assert "since a restart" not in made.refuse("L3", holder=OTHER).message
+
+    restarted(open_at_l1, after, left_on=frozenset({HOLD}), takeover_after_s=10.0)
+
+
+def test_a_caller_whose_floor_no_command_reaches_ends_no_session() -> None:
+    able = replace(PERMITTING, commands=PERMITTING.commands - {"go", "robot_in_place"})
+
+    async def after(made: Bench) -> None:
+        made.ask("L2", RobotWord.IN_PLACE, holder=OTHER)
         assert held_by(made) == ROBOT
 
-    restarted(open_at_l1, after, left_on=frozenset({HOLD}))
+    async def calls(made: Bench) -> None:
+        made.accept("L3")
+        await elapse(0.5)
+
+    restarted(calls, after, able, found=UNDER_WAY)
 
 
 def test_a_holder_that_was_heard_keeps_the_lift_against_others() -> None:
@@ -406,8 +428,14 @@ def test_an_orderly_end_lets_go_of_everything_and_the_session_goes_on_after_it()
         await open_at_l1(made)
         await made.task.stop()
         assert made.driver.on == set()
-        (ended,) = only(await heard(made.heard), SessionEnded)
+        events = await heard(made.heard)
+        (ended,) = only(events, SessionEnded)
         assert ended.reason is EndReason.STOPPING
+        (alarm,) = only(events, Alarm)
+        for text in (ended.text, alarm.text):
+            assert "session is kept" in text
+            assert "goes on at the next start" in text
+            assert "ack" not in text
         assert made.refuse("L1").code is Refusal.STOPPING
         assert made.task.hand_over(ROBOT, OTHER) != Accepted()
 

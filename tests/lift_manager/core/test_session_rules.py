@@ -139,6 +139,25 @@ def test_a_silent_holder_is_an_alarm_once_for_each_who_asks() -> None:
     on_bench(check, PLAIN)
 
 
+def test_a_new_silence_is_a_new_alarm_and_so_is_that_of_the_next_holder() -> None:
+    async def check(made: Bench) -> None:
+        made.accept("L2")
+        for _ in range(2):
+            await elapse(40)
+            made.refuse("L3", holder=OTHER)
+            made.refuse("L3", holder=OTHER)
+            made.accept("L2")
+        assert len(silent(await made.alarms())) == 2
+        third = Holder("rmf", "fleet/robot3")
+        assert made.task.hand_over(ROBOT, third) == Accepted()
+        await elapse(40)
+        made.refuse("L3", holder=OTHER)
+        (told,) = silent(await made.alarms())
+        assert "rmf:fleet/robot3 holds the lift" in told
+
+    on_bench(check, PLAIN)
+
+
 def test_a_holder_that_is_heard_raises_no_alarm_and_loses_nothing() -> None:
     async def check(made: Bench) -> None:
         made.accept("L2")

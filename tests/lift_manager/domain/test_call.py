@@ -147,6 +147,66 @@ def test_a_lift_that_opens_for_a_call_is_called_where_it_stands_with_its_door_sh
     assert calls.seen(wanted, sight("L2", door=Door.OPEN), opens, 0.1).phase is CallPhase.ARRIVED
 
 
+HOLDS = replace(ABLE, evidence="door_open", signals=frozenset({"car_floor", "door.front"}), same_floor_call=True)
+"""The open door is the evidence that the car stands, and a call keeps it open."""
+
+
+def stands_open() -> Sight:
+    return sight("L2", door=Door.OPEN)
+
+
+def shows_shut() -> Sight:
+    return replace(sight("L2"), standing=False)
+
+
+def test_an_open_door_does_not_fulfil_a_call_that_has_to_hold_it_before_that_call_is_pressed() -> None:
+    wanted = calls.want(None, "L2", 0.0)
+    assert calls.seen(wanted, stands_open(), HOLDS, 0.1, is_hold=True) is wanted
+    assert calls.may_press(wanted, stands_open(), HOLDS, 0.1, is_hold=True)
+    assert calls.may_press(wanted, stands_open(), replace(HOLDS, same_floor_call=False), 0.1, is_hold=True)
+    failed = calls.failed(wanted, "lost", 1.0)
+    assert calls.seen(failed, stands_open(), HOLDS, 9.0, is_hold=True) is failed
+    assert calls.seen(calls.pressed(wanted, 0.1), stands_open(), HOLDS, 0.2, is_hold=True).phase is CallPhase.ARRIVED
+    assert calls.seen(wanted, stands_open(), HOLDS, 0.1).phase is CallPhase.ARRIVED
+
+
+def test_a_door_that_shuts_where_it_is_the_evidence_is_found_by_more_than_one_reading() -> None:
+    arrived = calls.seen(confirmed(), stands_open(), HOLDS, 9.0)
+    glimpsed = calls.seen(arrived, shows_shut(), HOLDS, 10.0)
+    still = calls.seen(glimpsed, shows_shut(), HOLDS, 10.0 + HOLDS.max_age_s)
+    assert still.phase is CallPhase.ARRIVED
+    assert calls.seen(still, shows_shut(), HOLDS, 10.1 + HOLDS.max_age_s).reason == "the door shut"
+    reopened = calls.seen(still, stands_open(), HOLDS, 10.5)
+    assert calls.seen(reopened, shows_shut(), HOLDS, 10.1 + HOLDS.max_age_s).phase is CallPhase.ARRIVED
+    closing = calls.seen(still, replace(shows_shut(), values=sight("L2", door=Door.CLOSING).values), HOLDS, 10.5)
+    assert calls.seen(closing, shows_shut(), HOLDS, 10.1 + HOLDS.max_age_s).phase is CallPhase.ARRIVED
+
+
+def test_a_call_is_reached_until_its_car_leaves_whatever_becomes_of_the_call() -> None:
+    lost = calls.failed(calls.seen(confirmed(), stands_open(), HOLDS, 9.0), "lost", 9.5)
+    assert not confirmed().reached
+    assert calls.seen(lost, shows_shut(), HOLDS, 10.0, is_hold=True).reached
+    assert not calls.seen(lost, sight("L1"), HOLDS, 10.0, is_hold=True).reached
+
+
+def test_a_call_that_is_dropped_again_and_again_is_pressed_more_and_more_rarely() -> None:
+    call, at, pauses = confirmed(), 10.0, []
+    for _ in range(6):
+        call = calls.seen(call, stands_open(), HOLDS, at, is_hold=True)
+        call = calls.failed(call, "dropped", at + 1)
+        pauses.append(call.not_before - at - 1)
+        at = call.not_before
+        call = calls.pressed(calls.want(call, "L2", at), at)
+    assert pauses == [2, 4, 8, 16, 30, 30]
+    arrived = calls.seen(call, stands_open(), HOLDS, at, is_hold=True)
+    assert calls.seen(arrived, stands_open(), HOLDS, at + 31, is_hold=True).failures == 0
+
+
+def test_a_call_that_a_restart_finds_off_is_pressed_by_the_next_request_without_a_pause() -> None:
+    found_off = calls.off(calls.restored("L2", pressed=True, now=5.0), "off", 5.0)
+    assert calls.want(found_off, "L2", 5.0).phase is CallPhase.WANTED
+
+
 def test_a_map_says_how_long_its_door_may_take_to_open() -> None:
     slow = replace(ABLE, same_floor_call=True, door_opens_within_s=25.0)
     arrived = Call("L2", CallPhase.ARRIVED, 0.0)

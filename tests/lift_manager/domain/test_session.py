@@ -1,7 +1,10 @@
 """Sessions over time and over restarts: whatever the clocks do, none lasts longer than it may."""
 
-from datetime import UTC, datetime, timedelta
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta, tzinfo
+from zoneinfo import ZoneInfo
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +20,7 @@ from lift_manager.domain.session import (
     lease_ends_at,
     restored,
     silent_for,
+    unclaimed,
 )
 from lift_manager.domain.state import Holder
 
@@ -78,7 +82,9 @@ def test_a_request_of_the_holder_makes_a_restored_session_an_ordinary_one() -> N
     again = admit(session, Ask("lift", ONE, "L1", hold_door=True), number=8, now=6.0)
     assert isinstance(again, Session)
     assert (again.number, again.restored, silent_for(again, 9.0)) == (7, False, 3.0)
-    assert silent_for(session, 9.0) is None
+    assert not unclaimed(again)
+    assert unclaimed(session)
+    assert silent_for(session, 9.0) == 4.0
 
 
 def test_another_caller_is_told_who_holds_it_and_since_when() -> None:
@@ -98,3 +104,23 @@ def test_a_face_that_cannot_renew_has_a_limit_and_no_lease() -> None:
     session = opened(RMF)
     assert lease_ends_at(session, LEASE_S) == float("inf")
     assert ends_at(session, 3600.0) == 3700.0
+
+
+@pytest.mark.parametrize("zone", [UTC, ZoneInfo("Europe/Berlin")])
+@pytest.mark.parametrize("hour", [datetime(2026, 10, 25, 1, 5, tzinfo=UTC), datetime(2026, 3, 29, 1, 5, tzinfo=UTC)])
+def test_a_session_counts_the_same_seconds_when_the_clocks_change(hour: datetime, zone: tzinfo) -> None:
+    at = hour.astimezone(zone)
+    session = replace(opened(at=0.0), holding_since=300.0)
+    written = kept(session, KeptBoarding(), pressed=True, at=at, now=600.0)
+    assert written.opened_at == hour - timedelta(seconds=600)
+    again = restored(written, number=1, at=(hour + timedelta(seconds=2)).astimezone(zone), now=1000.0)
+    assert (again.opened_at, again.lease_from, again.holding_since) == (398.0, 398.0, 698.0)
+
+
+def test_a_manager_that_is_off_while_the_clocks_change_counts_the_seconds_that_passed() -> None:
+    berlin, before = ZoneInfo("Europe/Berlin"), datetime(2026, 10, 25, 0, 59, tzinfo=UTC)
+    session = opened(at=0.0)
+    written = kept(session, KeptBoarding(), pressed=True, at=before.astimezone(berlin), now=0.0)
+    written = replace(written, kept_at=before.astimezone(berlin))
+    again = restored(written, number=1, at=(before + timedelta(seconds=120)).astimezone(berlin), now=1000.0)
+    assert again.opened_at == 880.0

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.model import Capabilities, LiftReading, LiftValues
 from lift_manager.domain import sight as sights
-from lift_manager.domain.sight import Sight, barred, on_fire, permissions, robot_door
+from lift_manager.domain.sight import Sight, barred, left, on_fire, permissions, robot_door
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Mode, Motion, Side
 from tests.lift_manager.domain.test_call import ABLE
@@ -58,6 +58,18 @@ def test_a_position_counts_only_after_it_has_stood_still_long_enough() -> None:
         sight = see(sight, reading(still, tenth / 10), STABLE)
         assert door(sight) is RobotDoor.MOVING
     assert door(see(sight, reading(still, 1.0), STABLE)) is RobotDoor.OPEN
+
+
+def test_a_car_has_left_when_it_is_seen_elsewhere_or_moving_but_not_while_it_levels_at_an_open_door() -> None:
+    def seen(values: LiftValues) -> Sight:
+        return see(None, reading(values, 0.0), STABLE)
+
+    nowhere = replace(OPEN, floor=None, motion=None)
+    assert left(seen(OPEN), "L1")
+    assert left(seen(replace(CLOSED, motion=Motion.UP)), "L2")
+    assert left(seen(replace(nowhere, motion=Motion.DOWN)), "L2")
+    for values in (OPEN, CLOSED, nowhere, replace(CLOSED, motion=None), replace(OPEN, motion=Motion.UP)):
+        assert not left(seen(values), "L2")
 
 
 def test_a_sight_is_settled_only_when_another_reading_would_tell_nothing_new() -> None:

@@ -10,6 +10,8 @@ import pytest
 
 from lift_manager.store.errors import JournalUnusable
 from lift_manager.store.journal.database import APPLICATION_ID, STEPS, VERSION, Step, open_database
+from lift_manager.store.journal.file import JournalFile
+from lift_manager.store.journal.retention import Limits
 from lift_manager.store.place import journal_path, state_path
 from tests.lift_manager.store.journal_disk import SITE, journal, opened_raw, stored, write_presses, written
 
@@ -21,7 +23,7 @@ def path(tmp_path: Path) -> Path:
 
 def refused(path: Path) -> str:
     with pytest.raises(JournalUnusable) as found:
-        journal(path)
+        JournalFile(path, SITE, Limits(400, 500)).open()
     assert f"the journal {path} " in str(found.value)
     return str(found.value)
 
@@ -91,7 +93,7 @@ def other_site(path: Path) -> None:
         (pragma("DELETE FROM rows WHERE seq = 2"), "was changed: row 3 does not follow from the row"),
         (
             other_site,
-            "belongs to the site 'Harbour office'; name another folder with `state:` in the site file of 'Main",
+            "belongs to the site 'Harbour office'; if 'Main hospital' is another building, name another folder with `state:`",
         ),
     ],
 )
@@ -102,6 +104,27 @@ def test_what_is_no_journal_of_this_site_is_refused_in_words_and_left_as_it_is(
     before = path.read_bytes()
     assert words in refused(path)
     assert path.read_bytes() == before
+
+
+def test_a_renamed_site_is_told_how_its_former_journal_is_read(path: Path) -> None:
+    other_site(path)
+    words = refused(path)
+    assert (
+        "if that is the former name of this one, no journal goes on under another name: move it to another folder"
+        in words
+    )
+    assert "`lift-manager audit --journal FILE` reads this one" in words
+
+
+def test_a_journal_that_begins_beside_another_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    first, second = tmp_path / "old-name.journal.db", tmp_path / "site.journal.db"
+    journal(first)
+    assert caplog.messages == []
+    journal(second)
+    (line,) = caplog.messages
+    assert line.startswith(f"the journal {second} begins; another journal lies beside it: {first}; ")
+    journal(second)
+    assert len(caplog.messages) == 1
 
 
 def test_a_folder_in_the_place_of_the_journal_is_trouble_and_no_journal(path: Path) -> None:
@@ -125,12 +148,14 @@ def test_a_journal_torn_at_any_sector_is_refused_or_goes_on_after_its_newest_row
     damaged = 0
     for length in range(512, len(whole), 512):
         path.write_bytes(whole[:length])
+        file = JournalFile(path, SITE, Limits(400, 500))
         try:
-            journal(path)
+            file.open()
         except JournalUnusable as error:
             assert "damaged" in str(error)  # noqa: PT017  either is right
             damaged += 1
         else:
+            file.close()
             with opened_raw(path) as connection:
                 assert connection.execute("SELECT max(seq) FROM rows").fetchone() == (60,)
     assert damaged >= len(whole) // 512 // 2

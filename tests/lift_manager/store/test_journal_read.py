@@ -9,16 +9,14 @@ from pathlib import Path
 import pytest
 
 from lift_manager.domain.journal import RowKind
+from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.journal.chain import Stored
 from lift_manager.store.journal.file import Entry, JournalFile
 from lift_manager.store.journal.read import (
     ALL,
     BATCH,
     Follower,
-    JournalBusy,
-    JournalUnreadable,
     News,
-    RowUnreadable,
     Wanted,
     microseconds,
     open_journal,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.store.journal.file import Entry, JournalFile, Tended
-from lift_manager.store.journal.retention import STEP_ROWS, Limits
+from lift_manager.store.journal.retention import BITE_DAYS, STEP_ROWS, Limits
 from lift_manager.store.journal.writer import SqliteJournal
 from tests.lift_manager.store.journal_disk import SITE, journal, opened_raw, press, stored, writing
 
@@ -66,13 +66,42 @@ def test_nothing_goes_where_nothing_is_too_old_or_too_much(path: Path) -> None:
     assert len(stored(path)) == 9
 
 
-def test_a_clock_that_runs_wild_takes_a_day_at_most_in_one_check(path: Path) -> None:
-    fill(path, [START + number * DAY / 4 for number in range(40)])
+def test_a_clock_that_runs_wild_takes_a_bite_and_no_more_however_often_the_manager_starts(path: Path) -> None:
+    fill(path, [START + number * DAY / 4 for number in range(80)])
     wild = START.replace(year=2099)
-    tended(path, Limits(400, 500), wild)
-    assert stored(path)[0].seq == 5
-    tended(path, Limits(400, 500), wild)
-    assert stored(path)[0].seq == 9
+    for seconds in range(0, 20, 2):  # as systemd starts it
+        tended(path, Limits(400, 500), wild + timedelta(seconds=seconds))
+        assert stored(path)[0].seq == 1 + 4 * BITE_DAYS
+    tended(path, Limits(400, 500), wild + timedelta(hours=21))
+    assert stored(path)[0].seq == 1 + 8 * BITE_DAYS
+
+
+def test_a_clock_that_is_before_the_newest_row_is_not_believed(path: Path) -> None:
+    fill(path, [START - 500 * DAY, START, START + DAY])
+    tended(path, Limits(400, 500), START)
+    assert stored(path)[0].seq == 1
+    tended(path, Limits(400, 500), START + DAY)
+    assert stored(path)[0].seq == 2
+
+
+def test_after_a_clock_that_ran_wild_was_set_right_rows_go_by_age_as_before(path: Path) -> None:
+    fill(path, [START + number * DAY for number in range(20)])
+    tended(path, Limits(400, 500), START.replace(year=2099))
+    first = stored(path)[0].seq
+    right = START + 401 * DAY
+    fill(path, [right])
+    for after, goes in ((timedelta(hours=1), 0), (timedelta(hours=21), 1)):
+        tended(path, Limits(397, 500), right + after)
+        assert (stored(path)[0].seq > first) is bool(goes)
+
+
+def test_rows_that_went_by_size_keep_none_from_going_by_age(path: Path) -> None:
+    fill(path, [START] * 3_000, "x" * 1_000)
+    fill(path, [START + 20 * DAY])
+    tended(path, Limits(400, 1), START + 20 * DAY)
+    assert stored(path)[-1].text.endswith("too large")
+    tended(path, Limits(19, 500), START + 20 * DAY)
+    assert stored(path)[-1].text.endswith("too old")
 
 
 def test_rows_from_before_the_clock_was_set_right_keep_nothing_from_going(path: Path) -> None:

@@ -14,11 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.journal.chain import Stored
 from lift_manager.store.journal.file import Entry, JournalFile
-from lift_manager.store.journal.read import ALL, JournalUnreadable, Reader, Wanted, open_journal
+from lift_manager.store.journal.read import ALL, Reader, Wanted, open_journal
 from lift_manager.store.journal.retention import Limits
-from lift_manager.store.journal.verify import Chain, ChainBroken, Seal, read_seal, verify
+from lift_manager.store.journal.verify import Chain, Seal, read_seal, verify
 
 SITE = "Main hospital"
 T0 = 1_795_200_000_000_000
@@ -289,6 +290,17 @@ def test_a_row_that_was_noted_earlier_is_compared() -> None:
     assert found(CUT_ROWS, f"{CUT}:{'0' * 64}").seq == CUT
 
 
+def test_rows_that_were_gone_when_a_seal_was_noted_must_not_be_back() -> None:
+    rows = rows_of(LAST, anchors={ANCHOR: CUT})
+    noted = f"{sealed(rows[-1])} from {CUT + 1}"
+    assert holds(CUT_ROWS, noted).first == CUT + 1
+    assert holds(CUT_ROWS, f"{sealed(rows[-1])} from 1").first == CUT + 1
+    back = found(rows, noted)
+    assert (
+        str(back) == "row 1 is there, and was gone when the seal was noted, which begins with row 6: rows were put in"
+    )
+
+
 def test_only_a_row_that_was_noted_shows_that_the_end_is_gone_or_that_everything_was_written_anew() -> None:
     rows = rows_of(LAST)
     noted = sealed(rows[-1])
@@ -305,7 +317,20 @@ def test_only_a_row_that_was_noted_shows_that_the_end_is_gone_or_that_everything
 
 @pytest.mark.parametrize(
     "text",
-    ["", "5", "5:", ":ab", "5:abcd", f"-5:{'0' * 64}", f"5:{'g' * 64}", f"5:{'0' * 65}", f"{'9' * 19}:{'0' * 64}"],
+    [
+        "",
+        "5",
+        "5:",
+        f"5:{'0' * 64} from",
+        f"5:{'0' * 64}from 1",
+        f"5:{'0' * 64} from x",
+        ":ab",
+        "5:abcd",
+        f"-5:{'0' * 64}",
+        f"5:{'g' * 64}",
+        f"5:{'0' * 65}",
+        f"{'9' * 19}:{'0' * 64}",
+    ],
 )
 def test_a_seal_that_is_none_is_refused_in_words(text: str) -> None:
     with pytest.raises(ValueError, match="write NUMBER:HASH"):
@@ -314,6 +339,7 @@ def test_a_seal_that_is_none_is_refused_in_words(text: str) -> None:
 
 def test_a_seal_is_read_in_capitals_too() -> None:
     assert read_seal(f" 12:{'AB' * 8}\n") == Seal(12, "ab" * 8)
+    assert read_seal(f"12:{'ab' * 8}  from 7") == Seal(12, "ab" * 8, 7)
 
 
 def test_bytes_that_are_no_text_are_found(tmp_path: Path) -> None:

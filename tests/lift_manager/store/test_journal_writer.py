@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.journal.writer import ANSWER_S
+from lift_manager.store.journal.writer import ANSWER_S, END_S, SqliteJournal
 from tests.lift_manager.store.journal_disk import (
     WITHIN_S,
     Disk,
@@ -33,6 +33,7 @@ from tests.lift_manager.store.journal_disk import (
     writing,
     written,
 )
+from tests.support.programs import eventually
 
 LARGE = "x" * 20_000
 """More than the two pages that a full disk still has."""
@@ -42,6 +43,11 @@ LARGE = "x" * 20_000
 def path(tmp_path: Path) -> Path:
     """A file in a folder that is not there yet."""
     return tmp_path / "var" / "lib" / "site.journal.db"
+
+
+async def trouble(kept: SqliteJournal, words: str) -> None:
+    """Wait until it says so."""
+    await asyncio.to_thread(eventually, lambda: words in kept.trouble, WITHIN_S)
 
 
 @pytest.fixture
@@ -168,7 +174,7 @@ def test_a_disk_that_refuses_is_told_once_and_everything_is_written_when_it_take
 
     asyncio.run(main())
     rows = stored(path)
-    assert [row.kind for row in rows] == ["press", "press", "outcome", "press"]
+    assert [row.kind for row in rows] == ["press", "press", "outcome", "alarm", "press"]
     assert numbers(path) == [0, 1, 3]
 
 
@@ -185,7 +191,7 @@ def test_a_disk_that_is_full_at_the_start_keeps_nobody_from_starting(path: Path)
             assert await kept.before(press(1)) is None
 
     asyncio.run(main())
-    assert [row.kind for row in stored(path)] == ["manager", "press"]
+    assert [row.kind for row in stored(path)] == ["manager", "alarm", "press"]
 
 
 def test_a_disk_that_is_read_only_is_known_before_the_first_press(path: Path) -> None:
@@ -238,7 +244,7 @@ def test_a_disk_that_hangs_is_told_in_time_and_what_it_writes_in_the_end_is_ther
 
     asyncio.run(main())
     assert numbers(path) == [0, 1, 3]
-    assert [row.kind for row in stored(path)] == ["press", "press", "outcome", "press"]
+    assert [row.kind for row in stored(path)] == ["press", "press", "outcome", "alarm", "press"]
 
 
 def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(path: Path, hanging: Hanging) -> None:
@@ -255,6 +261,22 @@ def test_a_disk_that_hangs_holds_up_neither_the_loop_nor_the_end(path: Path, han
     begun = time.monotonic()
     asyncio.run(main())
     assert time.monotonic() - begun < 5
+
+
+def test_a_disk_that_was_waited_for_already_is_not_waited_for_again_at_the_end(path: Path, hanging: Hanging) -> None:
+    async def main() -> float:
+        kept = journal(path, Disk(hanging))
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            kept.note(press(1))
+            await asyncio.to_thread(hanging.hung.wait)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(kept.settled(), END_S)
+            ends = time.monotonic()
+        return time.monotonic() - ends
+
+    assert asyncio.run(main()) < END_S / 2
 
 
 def test_a_commit_that_is_under_way_at_the_end_is_waited_for_and_answered(path: Path, hanging: Hanging) -> None:
@@ -335,7 +357,7 @@ def test_another_file_in_the_place_of_the_journal_is_not_mixed_with_its_log(path
             await asyncio.to_thread(copy.replace, path)
             assert "was moved, deleted or replaced while the manager had it open" in str(await kept.before(press(3)))
             await told.get()
-            assert "is another file than the one that this manager wrote to" in await told.get()
+            await trouble(kept, "is another file than the one that this manager wrote to")
             assert await asyncio.to_thread(path.read_bytes) == before
             await asyncio.to_thread(right.replace, path)
             assert await told.get() == ""
@@ -359,9 +381,9 @@ def test_an_older_copy_without_a_log_is_not_gone_on_with(path: Path) -> None:
             await asyncio.to_thread(copy.replace, path)
             refused = await kept.before(press(3))
             assert refused == await told.get()
-            why = await told.get()
-            assert "is not as this manager left it: its newest row is 2, and row 3 was written" in why
-            assert "put the right file back, or restart the manager to go on with this one" in why
+            await trouble(kept, "is not as this manager left it: its newest row is 2, and row 3 was written")
+            assert "put the right file back, or restart the manager to go on with this one" in kept.trouble
+            assert told.empty(), "it is the same trouble in other words"
 
     asyncio.run(main())
     assert numbers(path) == [0, 1]

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import stat
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from lift_manager.domain.access import Role
 from lift_manager.domain.journal import Row
 from lift_manager.domain.keys import Key, Secret
 from lift_manager.store.errors import KeysUnusable
-from lift_manager.store.keys import KeyFile, keys_path, make_key, read_keys, revoke_key
+from lift_manager.store.keys import KeyFile, keys_path, make_key, may_own, read_keys, revoke_key
 from lift_manager.store.place import replace_file
 from tests.support.programs import eventually
 
@@ -191,6 +192,52 @@ def spoil(path: Path, damage: str) -> None:
             path.write_bytes(path.read_bytes()[:-20])
         case _:
             path.chmod(0o666)
+
+
+@pytest.mark.parametrize(("open_without", "said"), [(True, "is let in without a key"), (False, "is refused")])
+def test_a_file_that_is_gone_at_a_start_although_there_were_keys_is_a_warning(
+    path: Path, said: str, caplog: pytest.LogCaptureFixture, *, open_without: bool
+) -> None:
+    watched(path)
+    assert caplog.records == []
+    made(path)
+    path.unlink()
+    watched(path, open_without=open_without)
+    (warning,) = caplog.records
+    assert warning.levelname == "WARNING"
+    assert f"{path} is gone" in warning.message
+    assert said in warning.message
+
+
+@pytest.mark.parametrize(
+    ("owner", "me", "folder", "may"),
+    [
+        (7, 7, 7, True),
+        (0, 7, 7, True),
+        (8, 7, 7, False),
+        (8, 7, 8, False),
+        (0, 0, 8, True),
+        (8, 0, 8, True),
+        (8, 0, 0, False),
+    ],
+)
+def test_a_file_may_be_of_the_manager_of_root_and_for_root_of_the_user_of_its_folder(
+    owner: int, me: int, folder: int, *, may: bool
+) -> None:
+    assert may_own(owner, me=me, folder=folder) is may
+
+
+def test_a_file_of_another_user_is_refused(path: Path) -> None:
+    made(path)
+    if os.geteuid() == 0:
+        os.chown(path, 12345, 12345)
+        expected = "belongs to another user"
+    else:
+        # nobody but root can give a file away; this is the nearest to it
+        path.chmod(0o666)
+        expected = "can be written by others"
+    with pytest.raises(KeysUnusable, match=expected):
+        read_keys(path, SITE)
 
 
 @pytest.mark.parametrize("damage", ["gone", "damaged", "open to others"])

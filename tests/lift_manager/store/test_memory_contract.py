@@ -20,6 +20,8 @@ EVERYTHING = Remembered(
     fire_since=AT,
     lockout=Lockout("Jürgen O'Neill", 'door "front" is being replaced', AT.astimezone(SINGAPORE)),
     occupied=Occupied(Holder("rmf", "fleet/robot1"), True, AT),
+    left_untold=AT,
+    robot_mode_until=AT + timedelta(seconds=120),
     acknowledged=Acknowledged("王", AT, (Cause.FIRE, Cause.OCCUPIED)),
     session=KeptSession(
         holder=Holder("rmf", "fleet/robot1"),
@@ -32,7 +34,7 @@ EVERYTHING = Remembered(
         stood_open=True,
         hold_spent=False,
         pressed=True,
-        boarding=KeptBoarding(Who.ABOARD, sent_on=True, may_leave_at="G", in_place_told=True, left_untold=False),
+        boarding=KeptBoarding(Who.ABOARD, sent_on=True, may_leave_at="G", in_place_told=True),
     ),
 )
 VALUES = [
@@ -42,6 +44,8 @@ VALUES = [
     Remembered(lockout=EVERYTHING.lockout),
     Remembered(occupied=Occupied(Holder("workshop", "workshop"), False, AT)),
     Remembered(acknowledged=EVERYTHING.acknowledged),
+    Remembered(left_untold=AT),
+    Remembered(robot_mode_until=AT.astimezone(SINGAPORE)),
     Remembered(session=EVERYTHING.session),
 ]
 LIFTS = ("east", "Güter / 2")

@@ -1,7 +1,6 @@
 """A manager for the tests of the web face, and ways to ask the application something."""
 
 import asyncio
-import ssl
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -13,12 +12,13 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
 from lift_manager.domain.keys import Keys
 from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
+from lift_manager.web.tls import ServerCertificates
 from register_maps.words import Mode, Motion
 
 BASE = "/open-rmf/demo-lift"
@@ -54,11 +54,13 @@ class FakeManager:
     lifts: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE, "Güter": replace(IDLE, lift="Güter")})
     answer: Accepted | Refused = field(default_factory=Accepted)
     asked: list[Ask] = field(default_factory=list)
-    trouble: str = ""
+    unwritten: frozenset[str] = frozenset()
     refused: Refused | None = None
     """What people are told."""
     said: list[tuple[str, ...]] = field(default_factory=list)
     """What people said."""
+    away: list[TurnedAway] = field(default_factory=list)
+    """Whom the face refused by itself."""
 
     def lift_names(self) -> tuple[str, ...]:
         return tuple(self.lifts)
@@ -69,6 +71,9 @@ class FakeManager:
     def request(self, ask: Ask) -> Accepted | Refused:
         self.asked.append(ask)
         return self.answer
+
+    def turned_away(self, who: TurnedAway) -> None:
+        self.away.append(who)
 
     def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:
         self.said.append(("acknowledge", lift, by))
@@ -114,7 +119,7 @@ def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
 
 
 @asynccontextmanager
-async def serving(app: ASGIApp, tls: ssl.SSLContext | None = None) -> AsyncIterator[int]:
+async def serving(app: ASGIApp, tls: ServerCertificates | None = None) -> AsyncIterator[int]:
     """The application on a free port of 127.0.0.1."""
     sock = listen("127.0.0.1", 0)
     port: int = sock.getsockname()[1]

@@ -260,3 +260,42 @@ def test_a_refusal_is_logged_with_its_address_and_without_what_was_sent(caplog: 
     assert "a request from 127.0.0.1 was refused: its key does not count" in caplog.messages
     assert "a request from 127.0.0.1 was refused: the key the viewer may not do this" in caplog.messages
     assert RIGHT[12:40] not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("headers", "url", "code", "lift", "caller"),
+    [
+        ({}, REQUEST, "key_needed", "", ""),
+        ({"Authorization": f"Bearer {RIGHT[:-1]}x"}, REQUEST, "bad_key", "", ""),
+        (bearing(Role.VIEWER), REQUEST, "not_allowed", "lift", "workshop:the viewer"),
+        (bearing(Role.ROBOT), f"{BASE}/lift_request?lift_name=cellar", "not_allowed", "cellar", "workshop:the robot"),
+        (bearing(Role.ROBOT), LOCKOUT, "not_allowed", "lift", "the robot"),
+        (
+            bearing(Role.OPERATOR),
+            f"{BASE}/lift_request?lift_name=cellar",
+            "unknown_lift",
+            "cellar",
+            "workshop:the operator",
+        ),
+    ],
+)
+def test_whoever_is_turned_away_is_written_down_with_the_name_of_its_key_and_never_the_key(
+    headers: Mapping[str, str], url: str, code: str, lift: str, caller: str
+) -> None:
+    facade = FakeManager()
+    ask(facade, "POST", url, keys=ring(Role.VIEWER, Role.ROBOT, Role.OPERATOR), headers=headers, content=CALL)
+    (away,) = facade.away
+    assert (away.code, away.lift, away.caller, away.address) == (code, lift, caller, "127.0.0.1")
+    assert "lm_" not in str(away)
+
+
+def test_a_word_of_a_person_from_elsewhere_is_written_down_as_refused() -> None:
+    facade = FakeManager()
+    ask(facade, "POST", LOCKOUT, json=WORDS, headers={"Via": "1.1 a proxy"})
+    assert [(away.code, away.lift) for away in facade.away] == [("other_computer", "lift")]
+
+
+def test_a_request_that_is_served_is_turned_away_by_nobody() -> None:
+    facade = FakeManager()
+    ask(facade, "POST", REQUEST, keys=ring(Role.ROBOT), headers=bearing(Role.ROBOT), content=CALL)
+    assert (len(facade.asked), facade.away) == (1, [])

@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 
+import pytest
+
 from lift_manager.domain.access import Role
 from lift_manager.domain.state import Quality
 from tests.lift_manager.web.fake import IDLE, FakeManager, ask
 from tests.lift_manager.web.keyed import ring
 
-FULL = "the journal /var/lib/lift-manager/east.journal.db has no room: the disk is full"
+UNWRITTEN = frozenset({"journal", "state"})
 
 
 def test_a_process_that_answers_is_alive_whatever_its_lifts_and_its_disk_do() -> None:
-    facade = FakeManager({"lift": replace(IDLE, quality=Quality.OFFLINE)}, trouble=FULL)
+    facade = FakeManager({"lift": replace(IDLE, quality=Quality.OFFLINE)}, unwritten=UNWRITTEN)
     answer = ask(facade, "GET", "/healthz")
     assert (answer.status_code, answer.json()) == (200, {"status": "ok"})
 
@@ -20,14 +22,18 @@ def test_a_manager_that_can_write_down_what_it_does_is_ready_and_a_dead_lift_is_
     facade = FakeManager({"a": IDLE, "b": replace(IDLE, lift="b", quality=Quality.OFFLINE)})
     answer = ask(facade, "GET", "/readyz")
     assert answer.status_code == 200
-    assert answer.json() == {"ready": True, "journal": "written", "lifts": 2, "live": 1}
+    assert answer.json() == {"ready": True, "journal": "written", "state": "written", "lifts": 2, "live": 1}
 
 
-def test_a_full_disk_turns_the_health_red_and_tells_nobody_where_it_is() -> None:
-    answer = ask(FakeManager(trouble=FULL), "GET", "/readyz")
+@pytest.mark.parametrize("file", sorted(UNWRITTEN))
+def test_what_cannot_be_written_turns_the_health_red_and_is_named_without_its_path(file: str) -> None:
+    answer = ask(FakeManager(unwritten=frozenset({file})), "GET", "/readyz")
     assert answer.status_code == 503
-    assert answer.json()["ready"] is False
-    assert "/var" not in answer.text
+    said = answer.json()
+    assert said["ready"] is False
+    assert said.pop(file).startswith("not written: nothing is pressed")
+    assert "written" in said.values()
+    assert "/" not in answer.text
 
 
 def test_no_key_is_needed_for_either() -> None:

@@ -11,10 +11,10 @@ import uvicorn
 from uvicorn.server import ServerState
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.web.accepting import CONNECTIONS_LIMIT
 from lift_manager.web.app import make_app
 from lift_manager.web.body import KEYS_LIMIT, LIMIT_BYTES
 from lift_manager.web.http_protocol import (
-    CONNECTIONS_LIMIT,
     HEAD_LIMIT_BYTES,
     HEAD_WITHIN_S,
     HEADERS_LIMIT,

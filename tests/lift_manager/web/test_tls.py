@@ -2,10 +2,12 @@
 
 import asyncio
 import os
+import socket
 import ssl
 import subprocess
 import time
 from collections.abc import Callable, Coroutine
+from contextlib import AsyncExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -14,10 +16,11 @@ import pytest
 import uvloop
 from cryptography import x509
 
+from lift_manager.web.accepting import CONNECTIONS_LIMIT, HANDSHAKE_WITHIN_S
 from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
-from lift_manager.web.tls import ServerTls, server_context
-from tests.lift_manager.web.fake import STATE, FakeManager, serving
+from lift_manager.web.tls import ServerCertificates, ServerTls
+from tests.lift_manager.web.fake import STATE, FakeManager, connected, serving
 from tests.support.certificates import Authority, Shown
 
 Run = Callable[[Coroutine[Any, Any, None]], None]
@@ -64,7 +67,7 @@ def test_curl_reads_a_lift_over_https_and_believes_the_ca_alone(
     run: Run, tmp_path: Path, authority: Authority, files: ServerTls
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), server_context(files)) as port:
+        async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
             assert await curl(port, "--cacert", authority.file) == (0, "200 0", "")
             code, _, complaint = await curl(port, "--cacert", Authority(tmp_path / "other", "other").file)
             assert (code, "certificate" in complaint) == (60, True)
@@ -84,7 +87,7 @@ def test_with_a_client_ca_only_its_clients_are_heard(
     stranger = authority.issue("stranger", "stranger")
 
     async def main() -> None:
-        tls = server_context(replace(files, client_ca=members.file))
+        tls = ServerCertificates(replace(files, client_ca=members.file))
         async with serving(make_app(manager), tls) as port:
             options: list[str | Path] = ["--cacert", authority.file, "--tls-max", newest]
             assert (await curl(port, *options, *shown_by(members.issue("robot", "robot"))))[:2] == (0, "200 0")
@@ -101,13 +104,17 @@ def test_renewed_files_are_shown_to_the_next_client(
     run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), server_context(files)) as port:
+        tls = ServerCertificates(files)
+        async with serving(make_app(FakeManager()), tls) as port:
             before = await names_shown(port, authority)
             renewed = authority.issue("later", "127.0.0.1", "renewed")
             # as it happens in the middle of a renewal: a certificate whose key is not there yet
             files.certificate.write_bytes(renewed.certificate.read_bytes())
+            tls.renew()
+            tls.renew()
             between = await names_shown(port, authority)
             files.key.write_bytes(renewed.key.read_bytes())
+            tls.renew()
             after = await names_shown(port, authority)
         assert ("lift-pc" in before, "lift-pc" in between, "renewed" in after) == (True, True, True)
 
@@ -128,15 +135,80 @@ def test_a_renewed_client_ca_counts_for_the_next_client(
     believed.write_bytes(old.file.read_bytes())
 
     async def main() -> None:
-        tls = server_context(replace(files, client_ca=believed))
+        tls = ServerCertificates(replace(files, client_ca=believed))
         async with serving(make_app(FakeManager()), tls) as port:
             was, will_be = old.issue("robot", "robot"), new.issue("robot", "robot")
             before = [await is_heard(port, authority, each) for each in (was, will_be)]
             believed.write_bytes(new.file.read_bytes())
+            tls.renew()
             after = [await is_heard(port, authority, each) for each in (was, will_be)]
         assert (before, after) == ([True, False], [False, True])
 
     run(main())
+
+
+@pytest.mark.parametrize("newest", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+@pytest.mark.parametrize("renewed", [True, False], ids=["another CA", "the same CA"])
+def test_with_a_client_ca_no_session_is_resumed(
+    run: Run, tmp_path: Path, authority: Authority, files: ServerTls, newest: ssl.TLSVersion, *, renewed: bool
+) -> None:
+    old, new = Authority(tmp_path / "old", "old"), Authority(tmp_path / "new", "new")
+    believed = tmp_path / "clients.pem"
+    believed.write_bytes(old.file.read_bytes())
+    context = client_side(authority)
+    context.maximum_version = newest
+    robot = old.issue("robot", "robot")
+    context.load_cert_chain(robot.certificate, robot.key)
+
+    async def main() -> None:
+        tls = ServerCertificates(replace(files, client_ca=believed))
+        async with serving(make_app(FakeManager()), tls) as port:
+            status, _, session = await asyncio.to_thread(asked, port, context, None)
+            assert status == b"HTTP/1.1 200"
+            if renewed:
+                believed.write_bytes(new.file.read_bytes())
+                tls.renew()
+            status, reused, _ = await asyncio.to_thread(asked, port, context, session)
+        assert (status == b"HTTP/1.1 200", reused) == (not renewed, False)
+
+    run(main())
+
+
+@pytest.mark.parametrize("newest", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+def test_without_a_client_ca_a_session_is_resumed_until_the_certificate_is_renewed(
+    run: Run, authority: Authority, files: ServerTls, newest: ssl.TLSVersion
+) -> None:
+    context = client_side(authority)
+    context.maximum_version = newest
+
+    async def main() -> None:
+        tls = ServerCertificates(files)
+        async with serving(make_app(FakeManager()), tls) as port:
+            _, _, session = await asyncio.to_thread(asked, port, context, None)
+            _, reused, _ = await asyncio.to_thread(asked, port, context, session)
+            authority.issue("manager", "127.0.0.1", "renewed")
+            tls.renew()
+            status, again, _ = await asyncio.to_thread(asked, port, context, session)
+        assert (status, reused, again) == (b"HTTP/1.1 200", True, False)
+
+    run(main())
+
+
+def asked(
+    port: int, context: ssl.SSLContext, session: ssl.SSLSession | None
+) -> tuple[bytes, bool | None, ssl.SSLSession | None]:
+    """What comes back, whether the session was resumed, and the session; on sockets, for asyncio takes no session."""
+    reused = None
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", port), 5) as plain,
+            context.wrap_socket(plain, server_hostname="127.0.0.1", session=session) as secured,
+        ):
+            reused = secured.session_reused
+            secured.sendall(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
+            return secured.recv(12), reused, secured.session
+    except OSError:
+        return b"", reused or False, None
 
 
 async def is_heard(port: int, authority: Authority, client: Shown) -> bool:
@@ -168,7 +240,7 @@ def test_the_server_is_out_within_a_second_though_a_client_keeps_its_connection_
     run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), server_context(files)) as port:
+        async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
             reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=client_side(authority))
             writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
             assert await reader.read(12) == b"HTTP/1.1 200"
@@ -188,7 +260,7 @@ def test_a_client_without_tls_and_one_that_hangs_up_early_make_no_noise(
     run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), server_context(files)) as port:
+        async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
             reader, plain = await asyncio.open_connection("127.0.0.1", port)
             plain.write(b"GET / HTTP/1.1\r\n\r\n")
             assert await reader.read() == b""
@@ -204,4 +276,66 @@ def test_a_client_without_tls_and_one_that_hangs_up_early_make_no_noise(
 def test_files_that_do_not_fit_are_refused_before_anybody_is_served(authority: Authority, files: ServerTls) -> None:
     other = authority.issue("other", "other")
     with pytest.raises(ListenError, match=r"api\.tls: .* cannot be used with .*other\.key"):
-        server_context(replace(files, key=other.key))
+        ServerCertificates(replace(files, key=other.key))
+
+
+@pytest.mark.parametrize("sent", [b"", b"\x16\x03\x01\x02\x00\x01"], ids=["nothing", "half a hello"])
+def test_whoever_does_not_finish_the_handshake_counts_as_a_connection_and_makes_room_after_a_second(
+    run: Run, authority: Authority, files: ServerTls, sent: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        tls = ServerCertificates(files)
+        async with serving(make_app(FakeManager()), tls) as port, AsyncExitStack() as stack:
+            assert "lift-pc" in await names_shown(port, authority)
+            halves = [await stack.enter_async_context(connected(port)) for _ in range(CONNECTIONS_LIMIT)]
+            for _, writer in halves:
+                writer.write(sent)
+            with pytest.raises(OSError):  # noqa: PT011  which one depends on the loop
+                await names_shown(port, authority)
+            async with asyncio.timeout(5):
+                await until_shown(port, authority)
+            async with asyncio.timeout(5):
+                with suppress(ConnectionError):
+                    assert await halves[0][0].read() == b""
+            # no more than had to
+            gone = [reader.at_eof() or reader.exception() is not None for reader, _ in halves]
+            assert gone.count(True) <= 2
+
+    run(main())
+    assert caplog.messages == []
+
+
+async def until_shown(port: int, authority: Authority) -> None:
+    while True:
+        with suppress(OSError):
+            assert "lift-pc" in await names_shown(port, authority)
+            return
+
+
+def test_a_handshake_that_failed_leaves_its_place(
+    run: Run, tmp_path: Path, authority: Authority, files: ServerTls
+) -> None:
+    stranger = Authority(tmp_path / "stranger", "stranger")
+
+    async def main() -> None:
+        tls = ServerCertificates(replace(files, client_ca=authority.file))
+        async with serving(make_app(FakeManager()), tls) as port:
+            for _ in range(CONNECTIONS_LIMIT + 1):
+                with suppress(OSError):
+                    await names_shown(port, stranger)
+            assert await is_heard(port, authority, authority.issue("robot", "robot"))
+
+    run(main())
+
+
+def test_a_handshake_has_as_long_as_a_head(run: Run, authority: Authority, files: ServerTls) -> None:
+    async def main() -> None:
+        tls = ServerCertificates(files)
+        async with serving(make_app(FakeManager()), tls) as port, connected(port) as (reader, _):
+            began = time.monotonic()
+            async with asyncio.timeout(HANDSHAKE_WITHIN_S + 5):
+                with suppress(ConnectionError):
+                    assert await reader.read() == b""
+            assert HANDSHAKE_WITHIN_S - 1 < time.monotonic() - began < HANDSHAKE_WITHIN_S + 3
+
+    run(main())

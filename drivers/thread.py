@@ -36,7 +36,7 @@ async def in_thread(work: Callable[[], None]) -> None:
             loop.call_soon_threadsafe(finish, failed)
 
     try:
-        threading.Thread(target=run, name="lift-manager-store", daemon=True).start()
+        threading.Thread(target=run, name="lift-manager-files", daemon=True).start()
     except RuntimeError as error:
         raise OSError(errno.EAGAIN, f"this computer is too busy: {error}") from error
     await done

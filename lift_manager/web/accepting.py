@@ -1,0 +1,127 @@
+"""Taking connections: few enough to leave descriptors to the controllers and to the disk, counted from the first moment on."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import ssl
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from typing import NamedTuple
+
+CONNECTIONS_LIMIT = 250
+"""Chosen: a site has tens of robots, and of the 1024 descriptors that a process has by default the controllers need theirs."""
+HANDSHAKE_WITHIN_S = 10.0
+"""Chosen: as long as a head may take; a handshake is three packets."""
+YIELDS_AFTER_S = 1.0
+"""When no place is left, a handshake that has taken this long makes room for the next client. Chosen: above what a slow network needs."""
+GOODBYE_WITHIN_S = 10.0
+"""How long a client has for the end of TLS, which it should confirm."""
+_AT_ONCE = 64
+"""Chosen: whoever floods the port waits for what else the loop has to do."""
+_AGAIN_AFTER_S = 1.0
+
+_log = logging.getLogger(__name__)
+
+NextContext = Callable[[], ssl.SSLContext]
+"""Returns the TLS of one connection."""
+
+
+class _Coming(NamedTuple):
+    """A connection that has not shaken hands yet."""
+
+    protocol: asyncio.BaseProtocol
+    since: float
+
+
+class Acceptor:
+    """Hands every connection that a listening socket gets to a protocol of its own, until `close`.
+
+    Not asyncio's own server: that tells a protocol nothing before the handshake, and nothing at all if it fails, so those
+    who never finish it could not be counted.
+    """
+
+    def __init__(
+        self,
+        sock: socket.socket,
+        make: Callable[[], asyncio.Protocol],
+        connected: Collection[asyncio.BaseProtocol],
+        next_context: NextContext | None,
+    ) -> None:
+        """Begin. `connected`: the protocols whose connection is made and not lost yet, kept by them."""
+        self._loop = asyncio.get_running_loop()
+        self._sock = sock
+        self._make = make
+        self._connected = connected
+        self._next_context = next_context
+        self._coming: dict[asyncio.Task[None], _Coming] = {}
+        self._again: asyncio.TimerHandle | None = None
+        self._is_short = False
+        self._loop.add_reader(sock, self._accept)
+
+    def close(self) -> None:
+        """Take nobody else, and hang up on whoever has not shaken hands. May be repeated; the socket stays open."""
+        if self._again is not None:
+            self._again.cancel()
+        self._loop.remove_reader(self._sock)
+        for task in self._coming:
+            task.cancel()
+
+    def _accept(self) -> None:
+        for _ in range(_AT_ONCE):
+            try:
+                connection, _ = self._sock.accept()
+            except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+                return
+            except OSError as error:
+                self._pause(error)
+                return
+            self._is_short = False
+            if self._has_room():
+                self._take(connection)
+            else:
+                connection.close()
+
+    def _has_room(self) -> bool:
+        """Whether there is a place, or one that could be cleared."""
+        # one set, because a protocol is in both for a moment
+        taken = {*(coming.protocol for coming in self._coming.values()), *self._connected}
+        if len(taken) < CONNECTIONS_LIMIT:
+            return True
+        for task, oldest in self._coming.items():
+            if self._loop.time() < oldest.since + YIELDS_AFTER_S:
+                return False
+            del self._coming[task]
+            task.cancel()
+            return True
+        return False
+
+    def _take(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
+        protocol = self._make()
+        task = self._loop.create_task(self._hand_over(connection, protocol))
+        self._coming[task] = _Coming(protocol, self._loop.time())
+        task.add_done_callback(lambda done: self._coming.pop(done, None))
+
+    async def _hand_over(self, connection: socket.socket, protocol: asyncio.Protocol) -> None:
+        # whoever does not get through the handshake is told so by TLS, and is no trouble of ours
+        with suppress(OSError):
+            if self._next_context is None:
+                await self._loop.connect_accepted_socket(lambda: protocol, connection)
+                return
+            await self._loop.connect_accepted_socket(
+                lambda: protocol,
+                connection,
+                ssl=self._next_context(),
+                ssl_handshake_timeout=HANDSHAKE_WITHIN_S,
+                ssl_shutdown_timeout=GOODBYE_WITHIN_S,
+            )
+
+    def _pause(self, error: OSError) -> None:
+        """Wait a little where this computer has no room for a connection: the socket would call again at once."""
+        if not self._is_short:
+            self._is_short = True
+            _log.error("api: this computer takes no client at the moment: %s", error.strerror or error)
+        self._loop.remove_reader(self._sock)
+        self._again = self._loop.call_later(_AGAIN_AFTER_S, self._loop.add_reader, self._sock, self._accept)

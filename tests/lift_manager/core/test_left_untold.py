@@ -1,0 +1,181 @@
+"""A lift that has not taken the word that a robot left is told over restarts, and a person can end it."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from drivers.model import Result
+from lift_manager.core.memory import ShortMemory
+from lift_manager.domain.asking import Refused, RobotWord
+from lift_manager.domain.service import Acknowledged, Cause
+from register_maps.words import Door, Mode
+from tests.lift_manager.core.scripted import FRONT, OTHER, PERMITTING, Bench, boarded, on_bench
+from tests.support.virtual_time import elapse
+
+LEFT = RobotWord.LEFT
+AT = datetime(2026, 3, 2, 12, tzinfo=UTC)
+
+
+async def at_its_floor(made: Bench, answer: Result) -> None:
+    await boarded(made)
+    await made.ridden_to("L3")
+    made.driver.answers["robot_left"] = answer
+
+
+async def released(made: Bench) -> None:
+    """The robot is out, and the manager ends before the lift has been told."""
+    await at_its_floor(made, Result.CONFIRMED)
+    made.accept("L3", LEFT, hold=False)
+    assert "robot_left" not in made.presses
+
+
+async def released_in_vain(made: Bench) -> None:
+    await at_its_floor(made, Result.REJECTED)
+    made.accept("L3", LEFT, hold=False)
+    await elapse(1)
+
+
+async def released_offline_and_stopped(made: Bench) -> None:
+    await at_its_floor(made, Result.CONFIRMED)
+    made.driver.silent = True
+    await elapse(3)
+    made.accept("L3", LEFT, hold=False)
+    await elapse(3)
+    await made.task.stop()
+
+
+async def stopped_as_it_was_pressed(made: Bench) -> None:
+    await at_its_floor(made, Result.CONFIRMED)
+    made.driver.delay_s = 1.0
+    made.accept("L3", LEFT, hold=False)
+    await elapse(0.5)
+    await made.task.stop()
+
+
+async def keeps_the_door(made: Bench) -> None:
+    """The robot is out and wants the door held; its session is over by the next start."""
+    await at_its_floor(made, Result.REJECTED)
+    made.accept("L3", LEFT)
+    await elapse(1)
+
+
+@pytest.mark.parametrize(
+    ("before", "off_s"),
+    [
+        (released, 2),
+        (released_in_vain, 2),
+        (released_offline_and_stopped, 2),
+        (stopped_as_it_was_pressed, 2),
+        (keeps_the_door, 400),
+    ],
+)
+def test_a_lift_that_was_not_told_that_the_robot_left_is_told_after_the_start(
+    before: Callable[[Bench], Awaitable[None]], off_s: float
+) -> None:
+    memory = ShortMemory()
+
+    async def after(made: Bench) -> None:
+        await elapse(1)
+        assert made.state.holder is None
+        assert made.presses == ["robot_left"]
+        assert memory.recall("lift").left_untold is None
+        made.accept("L1", holder=OTHER)
+        await elapse(60)
+        assert made.presses == ["robot_left", "call L1"]
+
+    on_bench(before, memory=memory, clock=lambda: AT)
+    assert memory.recall("lift").left_untold == AT
+    on_bench(after, memory=memory, clock=lambda: AT + timedelta(seconds=off_s))
+
+
+def test_it_is_told_again_until_it_takes_it_after_a_second_start_too() -> None:
+    memory = ShortMemory()
+
+    def refuses(made: Bench) -> None:
+        made.driver.answers["robot_left"] = Result.UNCONFIRMED
+
+    async def in_vain(made: Bench) -> None:
+        await elapse(20)
+        assert made.presses == ["robot_left"] * 4
+        assert [text for text in await made.alarms() if "robot_left was not taken" in text]
+
+    async def taken(made: Bench) -> None:
+        assert made.presses == ["robot_left"]
+
+    on_bench(released, memory=memory)
+    on_bench(in_vain, memory=memory, at_once=refuses)
+    on_bench(taken, memory=memory)
+    assert memory.recall("lift").left_untold is None
+
+
+@pytest.mark.parametrize("waiting", [False, True])
+def test_a_person_who_has_seen_to_the_lift_ends_it(*, waiting: bool) -> None:
+    async def check(made: Bench) -> None:
+        await released_in_vain(made)
+        await made.car("L3", Door.CLOSED)
+        if waiting:
+            made.accept("L1", holder=OTHER)
+            await elapse(1)
+            assert "a person has seen to the lift" in made.state.restrictions.waiting_for
+        told = len(made.presses)
+        said = made.task.acknowledge("M. Weber")
+        assert isinstance(said, Acknowledged)
+        assert said.what == (Cause.OCCUPIED,)
+        assert made.task.remembered().left_untold is None
+        made.accept("L1", holder=OTHER)
+        await elapse(30)
+        assert made.presses[told:] == ["call L1"]
+        assert isinstance(made.task.acknowledge("M. Weber"), Refused)
+
+    on_bench(check)
+
+
+def test_a_fire_that_is_acknowledged_leaves_it_to_be_told() -> None:
+    async def check(made: Bench) -> None:
+        await released_in_vain(made)
+        await made.mode(Mode.FIRE)
+        made.driver.answers.clear()
+        await made.mode(Mode.NORMAL)
+        await elapse(60)
+        told = len(made.presses)
+        said = made.task.acknowledge("M. Weber")
+        assert isinstance(said, Acknowledged)
+        assert said.what == (Cause.FIRE,)
+        await elapse(31)
+        assert made.presses[told:] == ["robot_left"]
+
+    on_bench(check)
+
+
+def test_a_lockout_puts_it_off() -> None:
+    async def check(made: Bench) -> None:
+        await at_its_floor(made, Result.CONFIRMED)
+        made.driver.delay_s = 1.0
+        made.accept("L3", LEFT, hold=False)
+        await elapse(0.5)
+        made.task.lock_out("M. Weber", "ropes")
+        await elapse(60)
+        assert "robot_left" not in made.presses
+        made.task.end_lockout("M. Weber")
+        await elapse(35)
+        assert made.presses[-1] == "robot_left"
+        assert made.task.remembered().left_untold is None
+
+    on_bench(check)
+
+
+def test_a_lift_without_that_word_is_owed_none() -> None:
+    able = replace(PERMITTING, commands=PERMITTING.commands - {"robot_left"}, until={"call": "robot_in_place"})
+    memory = ShortMemory()
+
+    async def check(made: Bench) -> None:
+        await boarded(made)
+        await made.ridden_to("L3")
+        made.accept("L3", LEFT, hold=False)
+        await elapse(1)
+        assert made.driver.values.doors == {FRONT: Door.OPEN}
+        assert memory.recall("lift").left_untold is None
+
+    on_bench(check, able, memory=memory)

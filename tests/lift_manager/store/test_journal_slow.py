@@ -1,0 +1,208 @@
+"""A disk that is slow rather than broken: one trouble, told once, and one row of it when it is over."""
+
+import asyncio
+import json
+import sqlite3
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC
+from pathlib import Path
+
+import pytest
+
+from lift_manager.core.bus import Subscription
+from lift_manager.core.journal import Hears, ShortJournal
+from lift_manager.core.manager import LiftManager
+from lift_manager.core.memory import wall_clock
+from lift_manager.core.recording import RecordingBus
+from lift_manager.domain.events import Alarm, Event
+from lift_manager.domain.journal import Row, RowKind
+from lift_manager.store.journal.file import JournalFile
+from lift_manager.store.journal.retention import Limits
+from lift_manager.store.journal.spell import CALM_COMMITS
+from lift_manager.store.journal.writer import SqliteJournal
+from tests.lift_manager.store.journal_disk import SITE, Disk, journal, press, read_only, stored, usual, writing
+from tests.support.spine import spine
+from tests.support.virtual_time import run_virtual
+
+BOUND_S = 0.15
+SLOW_S, QUICK_S = 3 * BOUND_S, 0.0
+
+
+@dataclass
+class Slow:
+    """Takes so long for each commit, and then `then_s` for every other; `done` is set once they are used up."""
+
+    commits: list[float] = field(default_factory=list)
+    then_s: float = QUICK_S
+    count: int = 0
+    done: threading.Event = field(default_factory=threading.Event)
+
+    def __call__(self, connection: sqlite3.Connection, sql: str) -> None:
+        if sql != "COMMIT":
+            return
+        self.count += 1
+        if not self.commits:
+            self.done.set()
+        threading.Event().wait(self.commits.pop(0) if self.commits else self.then_s)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "site.journal.db"
+
+
+def bounded(path: Path, disk: Disk) -> SqliteJournal:
+    """A journal that waits less long for its disk, so that a test need not."""
+    return SqliteJournal(JournalFile(path, SITE, Limits(400, 500), disk), wall_clock(UTC), answer_s=BOUND_S)
+
+
+async def busy_until_over(kept: SqliteJournal) -> None:
+    """Note a row for each commit, so that nobody waits for a trial."""
+    while kept.trouble:
+        kept.note(press(100))
+        await kept.settled()
+
+
+def told_by(path: Path, commits: Sequence[float]) -> list[str]:
+    """Note one row on a disk that takes so long for its commits; returns what is told until it is over."""
+
+    async def main() -> list[str]:
+        disk = Disk()
+        kept = bounded(path, disk)
+        heard: list[str] = []
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            disk.hook = Slow(list(commits))
+            kept.note(press(1))
+            heard.append(await told.get())
+            await busy_until_over(kept)
+            while not told.empty():
+                heard.append(told.get_nowait())
+        return heard
+
+    return asyncio.run(main())
+
+
+def test_a_commit_that_ended_too_late_is_no_recovery_and_nobody_has_to_hear_of_it_again(path: Path) -> None:
+    async def main() -> None:
+        disk = Disk()
+        kept = bounded(path, disk)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            disk.hook = slow = Slow([SLOW_S] * 3, then_s=SLOW_S)
+            kept.note(press(1))
+            assert "the disk has not answered for" in await told.get()
+            for number in range(4):
+                kept.note(press(2 + number))
+                await kept.settled()
+            assert slow.done.is_set()
+            assert kept.before(press(2)).result() == kept.trouble != ""
+            assert told.empty()
+
+    asyncio.run(main())
+    assert {row.kind for row in stored(path)} == {"press"}
+
+
+def test_a_disk_that_is_slow_every_other_time_does_not_flicker(path: Path) -> None:
+    quick = [QUICK_S] * (CALM_COMMITS - 1)
+    why, end = told_by(path, [SLOW_S, *quick, SLOW_S, *quick, QUICK_S])
+    assert ("the disk has not answered" in why, end) == (True, "")
+
+
+def test_a_disk_that_is_silent_again_soon_has_to_be_in_time_twice_as_often(path: Path) -> None:
+    async def main() -> list[int]:
+        disk = Disk()
+        kept = bounded(path, disk)
+        needed = []
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            for number in range(2):
+                disk.hook = slow = Slow([SLOW_S])
+                kept.note(press(number + 1))
+                assert await told.get()
+                await busy_until_over(kept)
+                assert await told.get() == ""
+                needed.append(slow.count - 1)
+                await kept.settled()
+        return needed
+
+    assert asyncio.run(main()) == [CALM_COMMITS, 2 * CALM_COMMITS]
+
+
+def test_a_trouble_that_is_over_is_one_row_for_the_site_and_says_from_when_to_when_and_why(path: Path) -> None:
+    async def main() -> None:
+        disk = Disk()
+        kept = journal(path, disk)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            disk.hook = read_only
+            kept.note(press(1))
+            assert "may only read it" in await told.get()
+            disk.hook = usual
+            assert await told.get() == ""
+            await kept.settled()
+
+    asyncio.run(main())
+    rows = stored(path)
+    assert [(row.kind, row.lift) for row in rows] == [("press", "east"), ("press", "east"), ("alarm", "")]
+    assert rows[-1].text.startswith("no row could be written for ")
+    assert "this user may only read it" in rows[-1].text
+    data = json.loads(rows[-1].data)
+    assert rows[1].at <= data["from"] <= data["to"] <= rows[-1].at
+
+
+def test_while_nothing_waits_it_is_tried_with_a_real_write(path: Path) -> None:
+    """A commit of nothing never reaches the disk, and would say that a slow one has recovered."""
+    log = path.with_name(f"{path.name}-wal")
+
+    async def main() -> None:
+        disk = Disk()
+        kept = bounded(path, disk)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            before = log.stat().st_size
+            disk.hook = Slow([SLOW_S])
+            kept.note(press(1))
+            assert await told.get()
+            assert await told.get() == ""
+            page_and_head = 4096 + 24
+            assert log.stat().st_size >= before + (1 + CALM_COMMITS) * page_and_head
+
+    asyncio.run(main())
+
+
+class Troubled(ShortJournal):
+    """Tells of trouble and of its end as soon as it runs."""
+
+    async def run(self, hears: Hears) -> None:
+        hears("the disk is full")
+        hears("")
+
+
+def test_listeners_hear_of_each_lift_and_the_journal_does_not_write_of_itself() -> None:
+    heard: list[Event] = []
+    journal = Troubled()
+
+    async def main() -> None:
+        async with spine(journal=journal) as lift:
+            bus = RecordingBus(journal)
+            manager = LiftManager([lift.task], bus, None, journal)
+            noted = len(journal.rows)
+            with bus.listen() as subscription:
+                await manager.record()
+                heard.extend([await next_of(subscription), await next_of(subscription)])
+            assert journal.rows[noted:] == []
+            bus.publish(Alarm("lift", "the door is blocked"))
+            assert journal.rows[noted:] == [Row(RowKind.ALARM, "the door is blocked", "lift")]
+
+    run_virtual(main)
+    assert [event.text for event in heard if isinstance(event, Alarm)] == [
+        "the disk is full",
+        "journal: rows are written again; robots are taken as before",
+    ]
+
+
+async def next_of(subscription: Subscription[Event]) -> Event:
+    return await subscription.next()
