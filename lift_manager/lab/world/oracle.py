@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from drivers.model import Command, CommandKind, FloorName, Result
+from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
 from lift_manager.commissioning.detection import Lie
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import CommandEnded, Event
@@ -50,12 +50,17 @@ long as it lasts, which is a ride where a robot's word is kept on."""
 SETTLES_S = 2.0
 """How long what a fault has spoiled may show after its end: two readings, and the age of the last wrong one."""
 
+_CALLS = frozenset({CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO})
 DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 """Faults under which nobody can let go of an output, as nobody can on a wire that fails."""
 
 
-_Claim = tuple[float, float, Command, str]
-"""When a command was said to be confirmed, when it was pressed, which it is, and what to say."""
+MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped"})
+"""Faults under which a car may look like one that goes, or has come, although it has not moved."""
+
+
+_Claim = tuple[float, float, Outcome]
+"""When a command was said to be confirmed, when it was pressed, and what was said."""
 
 
 @dataclass(slots=True)
@@ -201,9 +206,9 @@ class Oracle:
     def heard(self, at: float, event: Event) -> None:
         """See whether what is said to be confirmed has happened."""
         if isinstance(event, CommandEnded) and event.outcome.result is Result.CONFIRMED:
-            command, watched = event.outcome.command, self._lifts[event.lift]
-            text = f"{command} is said to be confirmed by {event.outcome.proof}, and had no effect"
-            watched.claims.append((at, watched.pressed_at.get(command.name, at - KEPT_S), command, text))
+            watched = self._lifts[event.lift]
+            pressed_at = watched.pressed_at.get(event.outcome.command.name, at - KEPT_S)
+            watched.claims.append((at, pressed_at, event.outcome))
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
         """Know since when the lift is wanted where it is: no press for that floor is older."""
@@ -325,26 +330,49 @@ class Oracle:
         return not name.startswith("hold_door") or on_s <= watched.about.max_session_hold_s
 
     def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
-        claimed_at, pressed_at, command, text = claim
-        if not self._had_effect(watched, command, pressed_at, at):
-            since = min(pressed_at, watched.floor_asked_at)
-            self.find(claimed_at, lift, "confirmed without effect", text, Lie.EFFECT, since=since)
+        claimed_at, pressed_at, outcome = claim
+        if self._had_effect(watched, outcome.command, pressed_at, at):
+            return
+        text = f"{outcome.command} is said to be confirmed by {outcome.proof}, and had no effect"
+        since = min(pressed_at, watched.floor_asked_at)
+        by_motion = outcome.proof is Proof.EFFECT and outcome.command.kind in _CALLS
+        # a car that moves for somebody else may look like the answer to a lost call; one that stands does not
+        only = MISREAD if by_motion and self._stood(watched, pressed_at, claimed_at) else None
+        self.find(claimed_at, lift, "confirmed without effect", text, Lie.EFFECT, since=since, only=only)
+
+    @staticmethod
+    def _stood(watched: _Watched, pressed_at: float, claimed_at: float) -> bool:
+        """Whether the car stood still, from the reading before a press to the claim."""
+        truths = list(watched.history.during(pressed_at - watched.about.max_age_s, claimed_at))
+        return all(truth.standing for truth in truths) and len({truth.passed for truth in truths}) == 1
 
     def _had_effect(self, watched: _Watched, command: Command, since: float, at: float) -> bool:
         truths = list(watched.history.during(since, at))
-        if command.kind in (CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO):
+        if command.kind in _CALLS:
             came = truths[-1].passed != command.floor == truths[0].passed
             return came or any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
         return any(command.name in truth.commands for truth in truths)
 
     def find(
-        self, at: float, lift: str, rule: str, text: str, lie: Lie | None = None, *, since: float | None = None
+        self,
+        at: float,
+        lift: str,
+        rule: str,
+        text: str,
+        lie: Lie | None = None,
+        *,
+        since: float | None = None,
+        only: frozenset[str] | None = None,
     ) -> None:
-        """Note a finding, unless a fault excuses this kind of lie: one that is present, or was at some time after `since`."""
+        """Note a finding, unless a fault excuses this kind of lie: one that is present, or was at some time after `since`.
+
+        `only` names the faults that may; None: any.
+        """
         began = at if since is None else since
         watched = self._lifts[lift]
         for excuse in (*watched.active, *watched.excuses):
-            if lie in excuse.lies and excuse.since - ROUNDING_S <= at and began <= excuse.until:
+            may = only is None or excuse.fault in only
+            if may and lie in excuse.lies and excuse.since - ROUNDING_S <= at and began <= excuse.until:
                 key = (lift, rule, excuse.fault)
                 self.excused[key] = self.excused.get(key, 0) + 1
                 return

@@ -313,6 +313,20 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
     assert rules(oracle) == ["confirmed without effect"]
 
 
+def test_a_lost_call_is_no_excuse_for_a_confirmation_while_the_car_stands() -> None:
+    lost = {"lost_press": Detection("lost_press", None, (Lie.EFFECT,), "")}
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
+    for car, found in ((STANDS_OPEN, ["confirmed without effect"]), (DRIVES, [])):
+        oracle = judge(detections=lost)
+        polled(oracle, 5.0, STANDS_OPEN)
+        oracle.struck(5.0, Struck("lift", LostPress(), began=True))
+        oracle.pressed(6.0, "lift", frozenset({"go_to"}))
+        polled(oracle, 7.0, car, since=5.2)
+        oracle.heard(7.1, CommandEnded("lift", outcome))
+        polled(oracle, 9.0, STANDS_OPEN, since=8.0)
+        assert rules(oracle) == found
+
+
 def test_what_a_fault_left_on_unseen_is_let_pass_only_until_it_has_been_off_once() -> None:
     lies = {"frozen_registers": Detection("frozen_registers", None, (Lie.OUTPUT,), "")}
     oracle = judge(detections=lies)
