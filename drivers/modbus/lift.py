@@ -79,24 +79,8 @@ class ModbusLift:
         notes = Notes(log, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._lines, settings, notes)
         self._presses = Presses(tuple(settings.floors))
-        self._permissions = Permissions(
-            codec,
-            self._outputs,
-            self._presses,
-            self._lines,
-            self._heartbeat,
-            values=lambda: self._values,
-            is_unread=self._is_unread,
-        )
-        self._watch = Watch(
-            codec,
-            self._outputs,
-            self._lines,
-            settings,
-            is_unread=self._is_unread,
-            tripped=self._permissions.is_tripped,
-            clear=self._clear,
-        )
+        self._permissions = self._new_permissions()
+        self._watch = self._new_watch()
         self._notices = self._watch.notices
         self._carrier = Carrier(
             settings.name,
@@ -113,6 +97,28 @@ class ModbusLift:
         self._check_floors()
         self._loop: asyncio.AbstractEventLoop | None = None
         self.capabilities = capabilities(codec, self._blocks, settings)
+
+    def _new_permissions(self) -> Permissions:
+        return Permissions(
+            self._codec,
+            self._outputs,
+            self._presses,
+            self._lines,
+            self._heartbeat,
+            values=lambda: self._values,
+            is_unread=self._is_unread,
+        )
+
+    def _new_watch(self) -> Watch:
+        return Watch(
+            self._codec,
+            self._outputs,
+            self._lines,
+            self._settings,
+            is_unread=self._is_unread,
+            tripped=self._permissions.is_tripped,
+            clear=self._clear,
+        )
 
     def _check_floors(self) -> None:
         """Raise ValueError for a floor of the site that some call of the map cannot express."""
