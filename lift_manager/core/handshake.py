@@ -330,6 +330,7 @@ class Handshake:
     def _forget_left(self, _: float) -> None:
         self._left.forget()
         self._driver.let_go(self._left.command)
+        self._after_left()
 
     def restore(self, kept: KeptBoarding, floor: FloorName, permit: Permit, now: float) -> None:
         """Go on with the robot of a session from before a restart. What the lift was told is not said again."""

@@ -144,7 +144,8 @@ class LiftTask:
         session, now = self._keeper.session, _now()
         if (trouble := self._log.trouble) and not is_release and session is None:
             # one that has begun keeps its session: its robot may be in the car
-            return Refused(Refusal.NOT_RECORDED, f"{self.options.name} takes no robots now: {trouble}")
+            text = f"{self.options.name} takes no robots now: {trouble}"
+            return self._people.locked_out() or Refused(Refusal.NOT_RECORDED, text)
         had = None if session is None else (session.holder, session.floor, session.hold_door)
         anew = not is_release and had != (ask.holder, ask.floor, ask.hold_door)
         if anew and (wait_s := self._turns.wait_s(ask.holder, now)) > 0:

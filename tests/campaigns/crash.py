@@ -93,6 +93,8 @@ class Victim:
         self._judged = 0
         """Writes that were compared with the journal."""
         self._lives = 0
+        self._killed_at = 0.0
+        """When the manager can have written for the last time."""
 
     @property
     def _journal(self) -> Path:
@@ -102,28 +104,29 @@ class Victim:
     def live_and_die(self) -> None:
         """Start the manager, look at what the start did, ask for things, and kill it somewhere in between."""
         self._lives += 1
-        before, last_write = self._lift.truth, time.monotonic()
+        before = self._lift.truth
         seen = len(self._lift.writes)
         with self._process() as program:
             if self._random.random() < 0.15:
                 self._tally.in_startup += 1
                 threading.Event().wait(self._random.uniform(0.0, 1.2))
                 self._kill(program)
+                self._after_kill()
                 return
             port = int(program.says(r"127\.0\.0\.1:(\d+)/docs", STARTS_WITHIN_S)[1])
             with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=2.0, trust_env=False) as http:
                 eventually(lambda: self._state_of(http), STARTS_WITHIN_S)
                 threading.Event().wait(QUIET_S)
-                self._judge_restart(before.given, seen, quick=time.monotonic() - last_write < WATCHDOG_S)
-                killer = threading.Timer(self._random.uniform(0.0, self._lives_s), program.end)
+                self._judge_restart(before.given, seen, quick=time.monotonic() - self._killed_at < WATCHDOG_S)
+                killer = threading.Timer(self._random.uniform(0.0, self._lives_s), self._kill, (program,))
                 killer.start()
                 self._ask_until_killed(http, killer)
                 killer.join()
         self._after_kill()
 
     def _kill(self, program: Program) -> None:
+        self._killed_at = time.monotonic()
         program.end()
-        self._after_kill()
 
     def _after_kill(self) -> None:
         self._tally.kills += 1

@@ -8,10 +8,12 @@ import pytest
 
 from drivers.model import Result
 from lift_manager.core.memory import ShortMemory
-from lift_manager.domain.asking import Refused, RobotWord
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.service import Acknowledged, Cause
+from lift_manager.domain.state import RobotDoor
 from register_maps.words import Door, Mode
 from tests.lift_manager.core.scripted import FRONT, OTHER, PERMITTING, Bench, boarded, on_bench
+from tests.support.spine import WORKSHOP, Spine, on_spine
 from tests.support.virtual_time import elapse
 
 LEFT = RobotWord.LEFT
@@ -179,3 +181,20 @@ def test_a_lift_without_that_word_is_owed_none() -> None:
         assert memory.recall("lift").left_untold is None
 
     on_bench(check, able, memory=memory)
+
+
+def test_a_person_who_ends_the_word_on_its_way_ends_the_call_that_was_on_until_then() -> None:
+    async def check(lift: Spine) -> None:
+        first, last = lift.task.options.floors[0], lift.task.options.floors[-1]
+        lift.accept(first)
+        await lift.until(lambda state: state.robot_door is RobotDoor.OPEN)
+        assert lift.task.request(Ask("lift", WORKSHOP, last, hold_door=True, robot=RobotWord.IN_PLACE)) == Accepted()
+        await lift.until(lambda state: state.robot_door is RobotDoor.OPEN and state.floor == last)
+        assert "go" in lift.face.asked
+        assert lift.task.request(Ask("lift", WORKSHOP, last, hold_door=False, robot=RobotWord.LEFT)) == Accepted()
+        await elapse(0.05)
+        assert isinstance(lift.task.acknowledge("A. Novak"), Acknowledged)
+        await elapse(8)
+        assert "go" not in lift.face.asked
+
+    on_spine(check, "seer-siemens-chengdu")
