@@ -1,92 +1,59 @@
-"""The command line: parses words and calls lab, app, config or commissioning."""
+"""The command line: which word calls what. Each command is imported when it is asked for, for the whole program takes two seconds."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from importlib import import_module
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command, get_group
 
-from lift_manager.cli import audit, keys, maps, network, operate, scenario, serving
-from lift_manager.cli.common import (
-    Floors,
-    MapName,
-    fail,
-    loaded_map,
-    out,
-    read_floors,
-    refused,
-    say,
-)
-from lift_manager.cli.loop import log_to_stderr, run
-from lift_manager.config.load import check_file
-from lift_manager.lab.demo import run_demo
-from lift_manager.lab.simulate import run_simulation
-from lift_manager.web.errors import ListenError
-from lift_manager.web.server import listen
-from register_maps.errors import MapFileError
+from register_maps.plain import closest
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    help="Connect robots to real lifts over Modbus/TCP.",
-)
-app.add_typer(keys.app, name="keys")
-app.add_typer(maps.app, name="maps")
-app.add_typer(scenario.app, name="scenario")
-app.command()(serving.serve)
-app.command()(operate.ack)
-app.command()(operate.lockout)
-app.command()(operate.release)
-app.command()(audit.audit)
-app.command("network")(network.show)
-
-Speed = Annotated[
-    float, typer.Option(min=0.1, max=100, help="How much faster than real the simulated car and doors move.")
-]
+COMMANDS = {
+    "demo": "trying:demo",
+    "serve": "serving:serve",
+    "check": "trying:check",
+    "simulate": "trying:simulate",
+    "keys": "keys:app",
+    "ack": "operate:ack",
+    "lockout": "operate:lockout",
+    "release": "operate:release",
+    "audit": "audit:audit",
+    "maps": "maps:app",
+    "network": "network:show",
+    "scenario": "scenario:app",
+}
+"""Module of this package, and the function or the group in it, by the word; in the order of the help."""
 
 
-@app.command()
-def demo(
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the manager; 0 takes any free one.")] = 5003,
-    speed: Speed = 1.0,
-) -> None:
-    """Run three simulated lifts and a manager, with nothing to configure."""
-    log_to_stderr()
-    try:
-        sock = listen("127.0.0.1", port)
-    except ListenError as error:
-        raise fail(str(error)) from error
-    if not run(run_demo(sock, speed=speed, console=out)):
-        raise typer.Exit(1)
+class Commands(TyperGroup):
+    """Finds its commands in the table."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Name every command."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Import one command. A word that is none ends the program with the nearest one."""
+        if cmd_name not in COMMANDS:
+            ctx.fail(f"No such command {cmd_name!r}{closest(cmd_name, COMMANDS)}")
+        module, _, name = COMMANDS[cmd_name].partition(":")
+        found = getattr(import_module(f"lift_manager.cli.{module}"), name)
+        if isinstance(found, typer.Typer):
+            command: Any = get_group(found)
+        else:
+            alone = typer.Typer(add_completion=False)
+            alone.command(cmd_name)(found)
+            command = get_command(alone)
+        command.name = cmd_name
+        return command
 
 
-@app.command()
-def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="A site file or a register map.")]) -> None:
-    """Find every mistake in a site file or a register map; exits 2 if there is one."""
-    try:
-        say(check_file(file))
-    except MapFileError as error:
-        raise refused(error) from error
+app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
 
-@app.command()
-def simulate(
-    map_name: MapName,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the simulated controller; 0 takes any free one.")
-    ] = 5020,
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    floors: Floors = "",
-    speed: Speed = 1.0,
-) -> None:
-    """Serve one simulated lift that any Modbus/TCP tool can read and command."""
-    source = loaded_map(map_name).map
-    try:
-        run(run_simulation(source, host=host, port=port, floors=read_floors(floors), speed=speed, console=out))
-    except ValueError as error:
-        raise fail(str(error)) from error
-    except OSError as error:
-        advice = "give an address of this machine with --host, or another port with --port"
-        raise fail(f"cannot listen on {host}:{port}: {error.strerror or error}; {advice}") from error
+@app.callback()
+def lift_manager() -> None:
+    """Connect robots to real lifts over Modbus/TCP."""

@@ -48,6 +48,8 @@ class Acceptor:
         make: Callable[[], asyncio.Protocol],
         connected: Collection[asyncio.BaseProtocol],
         next_context: NextContext | None,
+        *,
+        handshake_s: float,
     ) -> None:
         """Begin. `connected`: the protocols whose connection is made and not lost yet, kept by them."""
         self._loop = asyncio.get_running_loop()
@@ -55,6 +57,7 @@ class Acceptor:
         self._make = make
         self._connected = connected
         self._next_context = next_context
+        self._handshake_s = handshake_s
         self._coming: dict[asyncio.Task[None], _Coming] = {}
         self._again: asyncio.TimerHandle | None = None
         self._is_short = False
@@ -114,7 +117,7 @@ class Acceptor:
                 lambda: protocol,
                 connection,
                 ssl=self._next_context(),
-                ssl_handshake_timeout=HANDSHAKE_WITHIN_S,
+                ssl_handshake_timeout=self._handshake_s,
                 ssl_shutdown_timeout=GOODBYE_WITHIN_S,
             )
 

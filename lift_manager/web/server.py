@@ -11,7 +11,7 @@ from collections.abc import Generator
 import uvicorn
 from starlette.types import ASGIApp
 
-from lift_manager.web.accepting import Acceptor, NextContext
+from lift_manager.web.accepting import HANDSHAKE_WITHIN_S, Acceptor, NextContext
 from lift_manager.web.errors import ListenError
 from lift_manager.web.http_protocol import JsonHttpProtocol
 from lift_manager.web.tls import ServerCertificates
@@ -75,7 +75,13 @@ def _advice(error: OSError, host: str, port: int) -> str:
             return f"cannot listen on {host} port {port} ({error.strerror}); choose another with --host or --port"
 
 
-async def serve(app: ASGIApp, sock: socket.socket, *, tls: ServerCertificates | None = None) -> None:
+async def serve(
+    app: ASGIApp,
+    sock: socket.socket,
+    *,
+    tls: ServerCertificates | None = None,
+    handshake_s: float = HANDSHAKE_WITHIN_S,
+) -> None:
     """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed; HTTPS alone with `tls`.
 
     Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
@@ -95,7 +101,7 @@ async def serve(app: ASGIApp, sock: socket.socket, *, tls: ServerCertificates | 
     )
     # the annotation says int, but the number goes straight to asyncio.wait_for
     config.timeout_graceful_shutdown = CANCEL_AFTER_S  # type: ignore[assignment]
-    server = _Server(config, None if tls is None else tls.next_context)
+    server = _Server(config, None if tls is None else tls.next_context, handshake_s)
     try:
         await server.serve(sockets=[sock])
     except asyncio.CancelledError:
@@ -109,16 +115,20 @@ async def serve(app: ASGIApp, sock: socket.socket, *, tls: ServerCertificates | 
 class _Server(uvicorn.Server):
     """uvicorn's server as a part of a program, not as its owner, and with our own way of taking connections."""
 
-    def __init__(self, config: uvicorn.Config, tls: NextContext | None) -> None:
+    def __init__(self, config: uvicorn.Config, tls: NextContext | None, handshake_s: float) -> None:
         super().__init__(config)
         self.servers = []
         self._tls = tls
+        self._handshake_s = handshake_s
         self._acceptors: list[Acceptor] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Take connections."""
         connected = self.server_state.connections
-        self._acceptors += [Acceptor(sock, self._protocol, connected, self._tls) for sock in sockets or ()]
+        self._acceptors += [
+            Acceptor(sock, self._protocol, connected, self._tls, handshake_s=self._handshake_s)
+            for sock in sockets or ()
+        ]
         self.started = True
 
     def _protocol(self) -> JsonHttpProtocol:

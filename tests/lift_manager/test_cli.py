@@ -4,13 +4,15 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from lift_manager.cli.main import COMMANDS
 from register_maps.load import MAPS
-from tests.support.programs import run, run_each, running
+from tests.support.programs import ROOT, call, run, run_each, running
 
 
 def plain(text: str) -> str:
@@ -235,3 +237,19 @@ def test_a_simulated_controller_does_not_mind_a_client_that_talks_nonsense_or_le
             assert client.recv(64) == bytes.fromhex("0007 0000 0005 01 03 02 0001")
         code, _ = program.stop(signal.SIGINT)
         assert (code, program.err) == (0, "")
+
+
+def test_every_word_of_the_help_leads_to_a_command_of_that_name() -> None:
+    for word in COMMANDS:
+        done = call(word, "--help")
+        assert done.returncode == 0
+        assert f" {word} " in done.stdout
+
+
+def test_a_word_to_a_running_manager_imports_neither_a_web_server_nor_a_driver() -> None:
+    program = (
+        "import sys; from lift_manager.cli.main import app; from typer.testing import CliRunner;"
+        "CliRunner().invoke(app, ['ack', '--help']); print([name for name in ('fastapi', 'pymodbus') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"

@@ -244,7 +244,7 @@ def test_test_runs_the_linters_and_then_the_tests(machine: Machine) -> None:
         "ruff format --check --quiet",
         "mypy ",
         "lint-imports ",
-        "venv -m pytest -n 2 --dist loadfile",
+        "venv -m pytest -n 2 --dist loadfile --no-loadscope-reorder",
     ]
 
 
@@ -258,7 +258,7 @@ def test_a_linter_that_complains_does_not_hide_the_tests_but_fails_the_run(machi
     done = machine.run("test", more={"FAILING_TOOL": "mypy"})
     assert done.returncode == 1
     assert done.stderr.endswith("Failed: mypy\n")
-    assert machine.lines("venv -m pytest") == ["venv -m pytest -n 2 --dist loadfile"]
+    assert machine.lines("venv -m pytest") == ["venv -m pytest -n 2 --dist loadfile --no-loadscope-reorder"]
 
 
 def test_what_ros_puts_into_the_environment_does_not_reach_the_program(machine: Machine) -> None:

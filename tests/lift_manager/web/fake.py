@@ -16,6 +16,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAw
 from lift_manager.domain.keys import Keys
 from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.web.accepting import HANDSHAKE_WITHIN_S
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
 from lift_manager.web.tls import ServerCertificates
@@ -119,11 +120,13 @@ def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
 
 
 @asynccontextmanager
-async def serving(app: ASGIApp, tls: ServerCertificates | None = None) -> AsyncIterator[int]:
+async def serving(
+    app: ASGIApp, tls: ServerCertificates | None = None, *, handshake_s: float = HANDSHAKE_WITHIN_S
+) -> AsyncIterator[int]:
     """The application on a free port of 127.0.0.1."""
     sock = listen("127.0.0.1", 0)
     port: int = sock.getsockname()[1]
-    task = asyncio.create_task(serve(app, sock, tls=tls))
+    task = asyncio.create_task(serve(app, sock, tls=tls, handshake_s=handshake_s))
     try:
         yield port
     finally:
