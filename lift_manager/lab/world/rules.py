@@ -184,7 +184,8 @@ class Rules:
             book.floor = ask.floor
             book.calls.clear()
         lets_go = not ask.hold_door and book.truth is not None and book.truth.at in (ask.floor, None)
-        book.asked_since |= not lets_go
+        # between floors it is a call, if the manager has not seen the car where it is let go of
+        book.asked_since |= not lets_go or (book.truth is not None and book.truth.at is None)
         if lets_go or ask.robot is not None:
             return
         if ask.hold_door:  # without, a floor that the car has just left may be let go of as well
