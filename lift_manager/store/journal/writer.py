@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from drivers.thread import Worker
 from lift_manager.core.journal import Hears
 from lift_manager.core.memory import Clock, wall_clock
 from lift_manager.domain.journal import Json, Row, RowKind
@@ -24,7 +25,6 @@ from lift_manager.store.journal.file import LOG_PAGES_WORTH_TELLING, Entry, Jour
 from lift_manager.store.journal.retention import Limits
 from lift_manager.store.journal.spell import CALM_COMMITS, MOST_COMMITS, RELAPSE_S, Spell
 from lift_manager.store.journal.words import crowded, in_words, late, silent, uncut
-from lift_manager.store.journal.worker import Worker
 
 _log = logging.getLogger(__name__)
 
