@@ -50,7 +50,11 @@ class Bus(Generic[Item]):
         return bool(self._listeners)
 
     def publish(self, item: Item) -> None:
-        """Give an event to all listeners."""
+        """Let an event be known."""
+        self.hand_out(item)
+
+    def hand_out(self, item: Item) -> None:
+        """Give an event to all listeners, and do no more."""
         for listener in self._listeners:
             listener.put(item)
 

@@ -175,8 +175,8 @@ class LiftManager:
     def _not_recorded(self, text: str) -> None:
         for lift in self._lifts:
             alarm = Alarm(lift, text or "journal: rows are written again; robots are taken as before")
-            # to listeners, past a bus that writes down: the journal has a row of its own for the whole site
-            Bus.publish(self._bus, alarm)
+            # not published: the journal has a row of its own for the whole site
+            self._bus.hand_out(alarm)
 
     def _not_written(self, lift: str, text: str) -> None:
         self._bus.publish(Alarm(lift, text))

@@ -12,16 +12,13 @@ from drivers.model import Command, Written
 from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal
 from lift_manager.core.memory import Memory
-from lift_manager.core.sparing import Sparing
+from lift_manager.core.sparing import Sparing, newest
 from lift_manager.domain import journal_rows as rows
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.journal import Row
 from lift_manager.domain.state import Holder
 from register_maps.words import Mode
-
-CALLERS = 64
-"""Callers whose last request is remembered, for one lift. Chosen: far more robots than wait for one lift."""
 
 REQUESTS = 30
 """Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
@@ -46,7 +43,7 @@ class RecordingBus(Bus[Event]):
         row = rows.row_of(item)
         if row is not None:
             self._journal.note(row)
-        super().publish(item)
+        self.hand_out(item)
 
 
 class _Caller:
@@ -108,11 +105,9 @@ class RequestLog:
                 self._tell(holder, caller, now)
 
     def _caller(self, holder: Holder) -> _Caller:
-        caller = self._callers.setdefault(holder, _Caller())
-        self._callers.move_to_end(holder)
-        if len(self._callers) > CALLERS:
-            silent, gone = self._callers.popitem(last=False)
-            self._tell(silent, gone, _now())
+        caller, gone = newest(self._callers, holder, _Caller)
+        if gone is not None:
+            self._tell(*gone, _now())
         return caller
 
     def _begin(self, caller: _Caller, ask: Ask, now: float) -> None:

@@ -6,13 +6,10 @@ import asyncio
 from collections import OrderedDict
 
 from lift_manager.core.journal import Journal
-from lift_manager.core.sparing import Sparing
+from lift_manager.core.sparing import Sparing, newest
 from lift_manager.domain import journal_rows as rows
 from lift_manager.domain.asking import Refused, TurnedAway
 from lift_manager.domain.journal import Row, RowKind
-
-CALLERS = 64
-"""Callers that are told apart. Those without a key are one, and so are people: they sign with any name."""
 
 REFUSALS = 10
 """Refusals of one caller that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
@@ -24,6 +21,7 @@ class RefusalLog:
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self._sparing: OrderedDict[tuple[RowKind, str], Sparing] = OrderedDict()
+        """By caller. Those without a key are one, and so are people: they sign with any name."""
 
     def turned_away(self, who: TurnedAway) -> None:
         """Note a request that reached no lift."""
@@ -42,10 +40,9 @@ class RefusalLog:
 
     def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
         now = asyncio.get_running_loop().time()
-        sparing = self._sparing.setdefault(whose, Sparing(REFUSALS))
-        self._sparing.move_to_end(whose)
-        if len(self._sparing) > CALLERS:
-            self._tell(*self._sparing.popitem(last=False), now)
+        sparing, gone = newest(self._sparing, whose, lambda: Sparing(REFUSALS))
+        if gone is not None:
+            self._tell(*gone, now)
         if sparing.admits((row.lift, row.caller, row.text), now):
             self._tell(whose, sparing, now)
             self._journal.note(row)

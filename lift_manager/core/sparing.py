@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter, OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
+from typing import TypeVar
 
 TOLD_EVERY_S = 60.0
 """How long something is counted before a row tells of it. Chosen: robots repeat themselves once a second, and one row a minute shows
@@ -69,13 +70,24 @@ class Sparing:
         return counted, now - self._since
 
 
+CALLERS = 64
+"""Callers that are told apart. Chosen: far more robots than wait for one lift."""
+
+Key = TypeVar("Key", bound=Hashable)
+Kept = TypeVar("Kept")
+
+
+def newest(kept: OrderedDict[Key, Kept], key: Key, make: Callable[[], Kept]) -> tuple[Kept, tuple[Key, Kept] | None]:
+    """Return what is kept of one, made if there is nothing, and who went for it: the one that was silent for longest."""
+    found = kept.setdefault(key, make())
+    kept.move_to_end(key)
+    return found, kept.popitem(last=False) if len(kept) > CALLERS else None
+
+
 TURNS = 30
 TURN_EVERY_S = 3.0
 """So often one caller may begin a session or change its floor: `TURNS` at once, then one in so many seconds. Chosen: a ride takes longer,
 and whoever wants another floor 900 times a second has neither the lift nor the journal worn out."""
-
-CALLERS = 64
-"""Callers that are told apart, for one lift."""
 
 
 class Turns:
@@ -91,10 +103,9 @@ class Turns:
 
     def take(self, caller: Hashable, now: float) -> None:
         """Use a turn up."""
-        self._used[caller] = (self._spent(caller, now) + 1, now)
-        self._used.move_to_end(caller)
-        if len(self._used) > CALLERS:
-            self._used.popitem(last=False)
+        spent = self._spent(caller, now) + 1
+        newest(self._used, caller, lambda: (0.0, now))
+        self._used[caller] = (spent, now)
 
     def _spent(self, caller: Hashable, now: float) -> float:
         used, at = self._used.get(caller, (0.0, now))

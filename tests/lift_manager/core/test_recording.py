@@ -11,8 +11,8 @@ import pytest
 from drivers.model import Command, CommandKind, Outcome, Result, Written
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
-from lift_manager.core.recording import CALLERS, LiftLog, RecordingBus
-from lift_manager.core.sparing import TOLD_EVERY_S
+from lift_manager.core.recording import LiftLog, RecordingBus
+from lift_manager.core.sparing import CALLERS, TOLD_EVERY_S
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.boarding import KeptBoarding
 from lift_manager.domain.events import (
