@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 import time
@@ -17,10 +16,10 @@ from zoneinfo import ZoneInfo
 import typer
 
 from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
-from lift_manager.cli.common import err, fail, loaded_site, out, say
+from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, state_path_of
 from lift_manager.config.site import Site
 from lift_manager.domain.journal import RowKind
-from lift_manager.store.errors import ChainBroken, JournalUnreadable, StateUnusable
+from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.journal.chain import Stored
 from lift_manager.store.journal.read import (
     ALL,
@@ -31,7 +30,7 @@ from lift_manager.store.journal.read import (
     time_of,
 )
 from lift_manager.store.journal.verify import Chain, Seal, read_seal, verify
-from lift_manager.store.place import journal_path, state_path
+from lift_manager.store.place import journal_path
 
 LAST = 50
 """Rows of a table, where nobody says how many."""
@@ -151,7 +150,7 @@ def _show(source: Source, wanted: Wanted, last: int | None) -> None:
         found = reader.newest(wanted, count + 1)
     rows = found[-count:] if count else []
     if not rows:
-        err.print(_nothing(source, wanted, any_rows=bool(found)), markup=False, highlight=False, soft_wrap=True)
+        say_aside(_nothing(source, wanted, any_rows=bool(found)))
         return
     if len(found) > count and last is None:
         err.print(f"the newest {count} rows; --last N shows more", style="dim", highlight=False)
@@ -269,11 +268,7 @@ def _source(site: Path | None, journal: Path | None) -> Source:
     loaded = loaded_site(site)
     if journal is not None:
         return Source(journal, loaded.site, copy=True)
-    try:
-        kept = state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
-    except StateUnusable as error:
-        raise fail(str(error)) from error
-    return Source(journal_path(kept), loaded.site, copy=False)
+    return Source(journal_path(state_path_of(loaded)), loaded.site, copy=False)
 
 
 def _lifts(source: Source) -> Iterable[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -13,6 +14,8 @@ import typer
 from rich.console import Console
 
 from lift_manager.config.load import LoadedSite, load_site
+from lift_manager.store.errors import StateUnusable
+from lift_manager.store.place import state_path
 from register_maps.errors import MapFileError
 from register_maps.load import LoadedMap, load
 
@@ -42,16 +45,21 @@ def say_json(found: DataclassInstance | Sequence[DataclassInstance]) -> None:
     say([json.dumps(data, indent=2)])
 
 
+def say_aside(text: str) -> None:
+    """Print to stderr as it is: what is no part of the answer."""
+    err.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
 def fail(text: str) -> typer.Exit:
     """Print one sentence to stderr; raise what this returns."""
-    err.print(text, markup=False, highlight=False, soft_wrap=True)
+    say_aside(text)
     return typer.Exit(1)
 
 
 def refused(error: MapFileError) -> typer.Exit:
     """Print every mistake of a file to stderr, and their number; raise what this returns."""
     for finding in error.findings:
-        err.print(str(finding), markup=False, highlight=False, soft_wrap=True)
+        say_aside(str(finding))
     count = len(error.findings)
     err.print(f"{count} mistake{'' if count == 1 else 's'}", highlight=False)
     return typer.Exit(2)
@@ -71,6 +79,14 @@ def loaded_site(path: Path) -> LoadedSite:
         return load_site(path)
     except MapFileError as error:
         raise refused(error) from error
+
+
+def state_path_of(loaded: LoadedSite) -> Path:
+    """Return the file beside which everything of a site is kept, or say why there is none and exit with 1."""
+    try:
+        return state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
+    except StateUnusable as error:
+        raise fail(str(error)) from error
 
 
 def read_floors(text: str) -> dict[str, int] | None:

@@ -6,18 +6,16 @@ import getpass
 import os
 import re
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import SiteFile, err, fail, loaded_site, out, say
+from lift_manager.cli.common import SiteFile, fail, loaded_site, out, say, say_aside, state_path_of
 from lift_manager.config.load import LoadedSite
 from lift_manager.domain.access import Role
 from lift_manager.domain.keys import Key, holds_key
-from lift_manager.store.errors import KeysUnusable, StateUnusable
+from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyEntry, keys_path, make_key, read_keys, revoke_key
-from lift_manager.store.place import state_path
 
 app = typer.Typer(no_args_is_help=True, help="Make, list and revoke the keys of a site.")
 
@@ -48,17 +46,17 @@ def make(
     """Make a key and print it, this once: the key on stdout, all else on stderr."""
     loaded = loaded_site(site)
     key = Key("", _checked(name), role, _lifts(loaded, role, lift or []))
-    path = _path(loaded)
+    path = keys_path(state_path_of(loaded))
     try:
         first = not read_keys(path, loaded.site.name).live
         made = make_key(path, loaded.site.name, key, by=_me(), at=datetime.now(UTC))
     except KeysUnusable as error:
         raise fail(str(error)) from error
-    _tell(f"{key.name}: a key with the role {role}, kept as a hash in {path}; {RUNNING}")
-    _tell("this is the only time that it is shown; send it in the header `Authorization: Bearer ...`")
+    say_aside(f"{key.name}: a key with the role {role}, kept as a hash in {path}; {RUNNING}")
+    say_aside("this is the only time that it is shown; send it in the header `Authorization: Bearer ...`")
     if first:
-        _tell("it is the first key of this site: from now on every request needs one, on this computer too")
-        _tell(
+        say_aside("it is the first key of this site: from now on every request needs one, on this computer too")
+        say_aside(
             "a robot that rides without a key is locked out in the middle of its ride: with a key it has another name, so it"
             " is refused until its old session is over. Make the first key when no robot rides; if one does, wait until it is"
             " outside, or end its session with `lift-manager release` and, once a person has looked into the car, say"
@@ -71,7 +69,7 @@ def make(
 def list_keys(site: SiteFile) -> None:
     """List the keys of a site, live and revoked; never the keys themselves."""
     loaded = loaded_site(site)
-    path = _path(loaded)
+    path = keys_path(state_path_of(loaded))
     try:
         keys = read_keys(path, loaded.site.name).keys
     except KeysUnusable as error:
@@ -87,21 +85,14 @@ def revoke(
 ) -> None:
     """Revoke a key; it is refused within a second. A session that it holds ends with its lease, or by `lift-manager release`."""
     loaded = loaded_site(site)
-    path = _path(loaded)
+    path = keys_path(state_path_of(loaded))
     try:
         left = revoke_key(path, loaded.site.name, name, by=_me(), at=datetime.now(UTC))
     except KeysUnusable as error:
         raise fail(str(error)) from error
     say([f"{name}: revoked; {RUNNING}"])
     if not left.live:
-        _tell("it was the last live key: where the site is open without keys, as on 127.0.0.1, it is open again")
-
-
-def _path(loaded: LoadedSite) -> Path:
-    try:
-        return keys_path(state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ))
-    except StateUnusable as error:
-        raise fail(str(error)) from error
+        say_aside("it was the last live key: where the site is open without keys, as on 127.0.0.1, it is open again")
 
 
 def _checked(name: str) -> str:
@@ -143,7 +134,3 @@ def _me() -> str:
         return getpass.getuser()
     except (KeyError, OSError):
         return f"user {os.getuid()}"
-
-
-def _tell(text: str) -> None:
-    err.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from socket import socket
@@ -14,13 +13,13 @@ import typer
 
 from drivers.errors import ControllerTaken
 from lift_manager import app as running
-from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused
+from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, state_path_of
 from lift_manager.cli.loop import log_to_stderr, run
 from lift_manager.config.load import LoadedSite
 from lift_manager.store.errors import StoreError
 from lift_manager.store.journal.writer import SqliteJournal, opened_journal
 from lift_manager.store.keys import KeyFile, keys_path
-from lift_manager.store.place import journal_path, state_path
+from lift_manager.store.place import journal_path
 from lift_manager.store.state_file import StateFile, opened
 from lift_manager.web.errors import ListenError
 from lift_manager.web.origin import is_loopback
@@ -70,14 +69,6 @@ def serve(
             raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)
-
-
-def state_path_of(loaded: LoadedSite) -> Path:
-    """Return the file beside which everything of a site is kept, or say why there is none and exit with 1."""
-    try:
-        return state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
-    except StoreError as error:
-        raise fail(str(error)) from error
 
 
 def _journal(loaded: LoadedSite, place: Path) -> SqliteJournal:
