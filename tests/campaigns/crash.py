@@ -50,7 +50,6 @@ class Tally:
 
     kills: int = 0
     presses: int = 0
-    rows: int = 0
     restored: int = 0
     """Restarts after which a session was taken up."""
     in_startup: int = 0
@@ -225,7 +224,6 @@ class Victim:
     def _press_rows(self) -> Counter[tuple[str, str | None]]:
         with closing(self._open()) as journal:
             found = journal.execute("SELECT data FROM rows WHERE kind = 'press'").fetchall()
-            (self._tally.rows,) = journal.execute("SELECT max(seq) FROM rows").fetchone()
         said = [json.loads(data) for (data,) in found]
         return Counter((row["command"], row["floor"]) for row in said)
 

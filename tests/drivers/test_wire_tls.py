@@ -12,7 +12,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-import uvloop
 
 from drivers.errors import ConnectProblem, ControllerException, PointsRefused
 from drivers.modbus.link import Link, LinkSettings
@@ -29,17 +28,11 @@ from tests.drivers.secured import (
     Run,
     opened,
     refusal,
-    run_quietly,
     server_side,
 )
 from tests.support.certificates import Authority
 
 NO_TIME = timedelta(days=-1)
-
-
-@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
-def run(request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture) -> Run:
-    return lambda test: run_quietly(test, request.param, caplog)
 
 
 @contextmanager
@@ -66,17 +59,6 @@ def in_a_thread(
         yield listener.getsockname()[1]
         thread.join(LIMIT_S)
         assert not thread.is_alive()
-
-
-@pytest.fixture
-def authority(tmp_path: Path) -> Authority:
-    return Authority(tmp_path)
-
-
-@pytest.fixture
-def tls(authority: Authority) -> LinkTls:
-    ours = authority.issue("manager", "lift-manager")
-    return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key)
 
 
 @pytest.mark.parametrize("newest", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])

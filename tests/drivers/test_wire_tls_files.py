@@ -23,26 +23,9 @@ from tests.drivers.secured import (
     Run,
     opened,
     refusal,
-    run_quietly,
     server_side,
 )
 from tests.support.certificates import Authority
-
-
-@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
-def run(request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture) -> Run:
-    return lambda test: run_quietly(test, request.param, caplog)
-
-
-@pytest.fixture
-def authority(tmp_path: Path) -> Authority:
-    return Authority(tmp_path)
-
-
-@pytest.fixture
-def tls(authority: Authority) -> LinkTls:
-    ours = authority.issue("manager", "lift-manager")
-    return LinkTls(ca=authority.file, certificate=ours.certificate, key=ours.key)
 
 
 def test_a_missing_file_is_named(run: Run, tls: LinkTls, tmp_path: Path) -> None:
