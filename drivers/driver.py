@@ -6,7 +6,7 @@ from asyncio import Future
 from collections.abc import Callable
 from typing import Protocol
 
-from drivers.model import Capabilities, Command, LiftReading, Outcome, Written
+from drivers.model import Capabilities, Command, LiftReading, Outcome, SignalValue, Written
 
 Permit = Callable[[], str | None]
 """Called immediately before the bytes of a press leave; a text refuses it and says why."""
@@ -41,6 +41,10 @@ class LiftDriver(Protocol):
     @property
     def source(self) -> str:
         """Where it is, for messages: controller name and address."""
+        ...
+
+    def signals(self, now: float) -> tuple[SignalValue, ...]:
+        """Return every signal of the map as it was read last, with its age at the monotonic time `now`; decoded when asked for."""
         ...
 
     async def read(self) -> LiftReading:

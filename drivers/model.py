@@ -137,6 +137,22 @@ class LiftReading(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class SignalValue:
+    """One signal as it was read last, for people who look at the wires."""
+
+    name: str
+    """As the map names it, such as `door.front`."""
+    value: str | bool | float | None
+    """As the map decodes it; None where the raw value is not in its table, or nothing was read."""
+    raw: int | None
+    """Bits and words as read, before scale and table; None where nothing was read."""
+    addresses: tuple[str, ...]
+    """Where it is, as the map writes it, such as `holding:12`."""
+    age_s: float | None
+    """Of the block that it came with; None where nothing was read."""
+
+
+@dataclass(frozen=True, slots=True)
 class Capabilities:
     """What this lift, with this map, can say and be told."""
 

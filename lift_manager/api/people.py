@@ -4,68 +4,45 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
-from pydantic_core import PydanticCustomError
+from pydantic import AwareDatetime, Field
 
+from lift_manager.api.parts import Part, ShortName, Words
 from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded
 
-_JOINERS = "\u200c\u200d"
-"""Unseen, but Persian and Indian scripts cannot be written without them."""
-
-
-def _printable(text: str) -> str:
-    text = text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
-    if not text.translate(dict.fromkeys(map(ord, _JOINERS))).isprintable():
-        raise PydanticCustomError("printable", "must be text on one line, without control characters")
-    return text
-
-
-Name = Annotated[
-    str,
-    StringConstraints(strip_whitespace=True, min_length=1, max_length=64),
-    AfterValidator(_printable),
-    Field(description="The person who says so.", examples=["M. Weber"]),
-]
-_Words = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(_printable)
-]
-Reason = Annotated[_Words, Field(description="Why robots stay off.", examples=["door operator is being replaced"])]
+Name = Annotated[ShortName, Field(description="The person who says so.", examples=["M. Weber"])]
+Reason = Annotated[Words, Field(description="Why robots stay off.", examples=["door operator is being replaced"])]
 ReleaseReason = Annotated[
-    _Words, Field(description="Why the lift is taken from its holder.", examples=["the robot was carried away"])
+    Words, Field(description="Why the lift is taken from its holder.", examples=["the robot was carried away"])
 ]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class AcknowledgeRequest(_Part):
+class AcknowledgeRequest(Part):
     """The lift was checked after a fire, or its car was looked into."""
 
     by: Name
 
 
-class LockoutRequest(_Part):
+class LockoutRequest(Part):
     """No robot may command the lift."""
 
     by: Name
     reason: Reason
 
 
-class EndLockoutRequest(_Part):
+class EndLockoutRequest(Part):
     """Robots may command the lift again."""
 
     by: Name
 
 
-class ForceReleaseRequest(_Part):
+class ForceReleaseRequest(Part):
     """The session ends, whoever holds the lift."""
 
     by: Name
     reason: ReleaseReason
 
 
-class AcknowledgedAnswer(_Part):
+class AcknowledgedAnswer(Part):
     """What was acknowledged."""
 
     lift: str
@@ -81,7 +58,7 @@ class AcknowledgedAnswer(_Part):
         return cls(lift=lift, by=said.by, at=said.at, acknowledged=said.what)
 
 
-class LockoutAnswer(_Part):
+class LockoutAnswer(Part):
     """A lockout that is in force."""
 
     lift: str
@@ -95,7 +72,7 @@ class LockoutAnswer(_Part):
         return cls(lift=lift, by=lockout.by, reason=lockout.reason, since=lockout.since)
 
 
-class LockoutEndedAnswer(_Part):
+class LockoutEndedAnswer(Part):
     """A lockout that is over."""
 
     lift: str
@@ -109,7 +86,7 @@ class LockoutEndedAnswer(_Part):
         return cls(lift=lift, by=ended.by, at=ended.at, lockout=LockoutAnswer.of(lift, ended.lockout))
 
 
-class ForceReleasedAnswer(_Part):
+class ForceReleasedAnswer(Part):
     """A session that a person ended."""
 
     lift: str

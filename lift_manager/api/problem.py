@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict
 
+from lift_manager.domain.asking import Blocking
+from register_maps.words import Mode
+
 MEDIA_TYPE = "application/problem+json"
 
 
@@ -22,9 +25,26 @@ class Problem(BaseModel):
     """Stable, for programs."""
     field: str | None = None
     """The key of the body that is wrong."""
+    holder: str | None = None
+    """Who holds the lift."""
+    mode: Mode | None = None
+    """The mode in which the lift takes no robots."""
+    since_s: float | None = None
+    """For how long the holder has held it, or the mode has lasted."""
+    age_s: float | None = None
+    """How old the last whole reading of the lift is."""
+    ahead: int | None = None
+    """How many wait before."""
 
     @classmethod
-    def of(cls, status: int, code: str, title: str, detail: str, field: str | None = None) -> Problem:
+    def of(
+        cls, status: int, code: str, title: str, detail: str, field: str | None = None, blocking: Blocking | None = None
+    ) -> Problem:
         """Make one; its type follows from its code."""
         kind = f"urn:lift-manager:problem:{code}"
-        return cls(type=kind, title=title, status=status, detail=detail, code=code, field=field)
+        said = cls(type=kind, title=title, status=status, detail=detail, code=code, field=field)
+        if blocking is None:
+            return said
+        holder = None if blocking.holder is None else str(blocking.holder)
+        told = {"holder": holder, "mode": blocking.mode, "since_s": blocking.since_s, "age_s": blocking.age_s}
+        return said.model_copy(update={**told, "ahead": blocking.ahead})

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Protocol
 
-from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, TurnedAway
+from lift_manager.domain.description import LiftDescription, LiftSignals, WireFrame
+from lift_manager.domain.events import Occurrence
+from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionOpened, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
 
 
@@ -23,6 +29,14 @@ class LiftFacade(Protocol):
 
     def state(self, lift: str) -> LiftState | None:
         """The newest state, from memory; None when the site has no such lift."""
+        ...
+
+    def describe(self, lift: str) -> LiftDescription | None:
+        """What a lift can say and be told, and what the site allows; None when the site has no such lift."""
+        ...
+
+    def signals(self, lift: str) -> LiftSignals | None:
+        """Every signal as it was read last, from memory; None when the site has no such lift."""
         ...
 
     def request(self, ask: Ask) -> Accepted | Refused:
@@ -56,3 +70,103 @@ class LiftFacade(Protocol):
     def remembered(self, lift: str) -> Remembered | None:
         """What people said about a lift, and what outlives the manager; None when the site has no such lift."""
         ...
+
+
+class SessionFacade(Protocol):
+    """Sessions that their holder opens and closes. Each answer is from memory and at once."""
+
+    def open_session(self, wish: OpenSession) -> SessionOpened | Refused:
+        """Take the lift for a caller; nothing is called by it."""
+        ...
+
+    def session(self, lift: str, session: str, holder: Holder | None) -> SessionInfo | Refused:
+        """A session by its id, or one that was over not long ago; `holder` None reads whosesoever it is."""
+        ...
+
+    def renew_session(self, lift: str, session: str, holder: Holder, ttl_s: float | None) -> SessionInfo | Refused:
+        """Begin its lease anew; a session from before a restart goes on. `ttl_s` as in `OpenSession`."""
+        ...
+
+    def close_session(self, lift: str, session: str, holder: Holder, robot: RobotWord | None) -> SessionInfo | Refused:
+        """End it at its holder's word, the car where it is; one that is over already is returned as it is."""
+        ...
+
+    def hand_session_over(self, lift: str, session: str, holder: Holder, to: Holder) -> SessionInfo | Refused:
+        """Give it to another caller at its holder's word. It gets a new id: the old one ends."""
+        ...
+
+    def ask_within(self, request: SessionRequest) -> Followed | Refused:
+        """Take a request of a session's holder; what becomes of it is to be had from `followed`."""
+        ...
+
+    def followed(self, lift: str, session: str, holder: Holder | None, number: str) -> Followed | Refused:
+        """A request within a session by its id, as it is now."""
+        ...
+
+    async def until_ended(
+        self, lift: str, session: str, holder: Holder | None, number: str, within_s: float
+    ) -> Followed | Refused:
+        """The same, once it is no longer pending or `within_s` has passed."""
+        ...
+
+
+class RideFacade(Protocol):
+    """Rides: the manager does the whole dance. Each answer is from memory and at once."""
+
+    def plan_ride(self, wish: RideRequest) -> RidePlan | Refused:
+        """Say what a ride would come to now; nothing is begun, pressed or kept."""
+        ...
+
+    def begin_ride(self, wish: RideRequest) -> RideBegun | Refused:
+        """Begin one, or queue it."""
+        ...
+
+    def ride(self, ride: str) -> Ride | None:
+        """A ride by its id, or one that ended not long ago; None for one that nobody remembers."""
+        ...
+
+    def rides(self) -> tuple[Ride, ...]:
+        """Every ride that goes on, and those that ended not long ago; the oldest first."""
+        ...
+
+    def ride_word(self, ride: str, word: RideWord, caller: Holder | None) -> Ride | Refused:
+        """Take the robot's word; `caller` None is an operator, who may speak for every robot."""
+        ...
+
+    def cancel_ride(self, ride: str, caller: Holder | None, reason: str) -> Ride | Refused:
+        """End it safely: a robot that may be inside is let out first, and somebody is told. Twice is once."""
+        ...
+
+
+class EventSource(Protocol):
+    """What happens, as it happens."""
+
+    @property
+    def boot(self) -> str:
+        """What the ids of this process's events begin with."""
+        ...
+
+    @property
+    def newest(self) -> int:
+        """The number of the newest event; 0 before the first."""
+        ...
+
+    def tap(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:
+        """Call `hear` with every event for as long as the context lasts, at once and in order. It must neither wait nor raise."""
+        ...
+
+
+class FrameSource(Protocol):
+    """What goes over the wires, for tools."""
+
+    def link_names(self) -> tuple[str, ...]:
+        """Every controller of the site file by its name there."""
+        ...
+
+    def tap_frames(self, link: str, hear: Callable[[WireFrame], None]) -> AbstractContextManager[None]:
+        """Call `hear` with every frame of a link for as long as the context lasts. It must neither wait nor raise."""
+        ...
+
+
+class Facade(LiftFacade, SessionFacade, RideFacade, EventSource, Protocol):
+    """Everything a face may use."""

@@ -7,6 +7,7 @@ from enum import StrEnum, unique
 
 from drivers.model import FloorName
 from lift_manager.domain.state import Holder
+from register_maps.words import Mode
 
 
 @unique
@@ -58,6 +59,34 @@ class Refusal(StrEnum):
     """What would be done cannot be written down, so nothing is pressed."""
     TOO_OFTEN = "too_often"
     """The caller changed its mind so often that people and the journal have to be spared."""
+    QUEUED = "queued"
+    """The lift is free, and others who waited for it come first."""
+    NO_SUCH_SESSION = "no_such_session"
+    """There is none of that id here; one that was is remembered for a while."""
+    SESSION_OVER = "session_over"
+    """The session of that id is over; the message says why."""
+    NO_SUCH_COMMAND = "no_such_command"
+    UNKNOWN_RIDE = "unknown_ride"
+    NOT_YOUR_RIDE = "not_your_ride"
+    """Only the caller that began it, or an operator, may speak for it."""
+    NOT_NOW = "not_now"
+    """It makes no sense where the session or the ride is; the message says where that is."""
+    TOO_MANY = "too_many"
+    """More rides wait than this manager keeps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Blocking:
+    """What stands in the way of a request, as values for programs; None for what does not."""
+
+    holder: Holder | None = None
+    mode: Mode | None = None
+    since_s: float | None = None
+    """For how long the holder has held the lift, or the mode has lasted."""
+    age_s: float | None = None
+    """How old the last whole reading of the lift is."""
+    ahead: int | None = None
+    """How many wait before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +95,7 @@ class Refused:
 
     code: Refusal
     message: str
+    blocking: Blocking | None = None
 
 
 @dataclass(frozen=True, slots=True)

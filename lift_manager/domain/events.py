@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.model import Outcome
+from lift_manager.domain.ride import Ride
 from lift_manager.domain.service import Acknowledged, Advice, EndReason, ForceReleased, Lockout, LockoutEnded
+from lift_manager.domain.session_requests import Followed
 from lift_manager.domain.state import Holder, LiftState
 
 
@@ -121,6 +123,23 @@ class Alarm:
     """Whose session it concerns."""
 
 
+@dataclass(frozen=True, slots=True)
+class RequestFollowed:
+    """A request within a session was taken, or has ended."""
+
+    lift: str
+    followed: Followed
+
+
+@dataclass(frozen=True, slots=True)
+class RideChanged:
+    """A ride has begun, changed in more than the passing of time, or ended."""
+
+    lift: str
+    """The lift that it is on now."""
+    ride: Ride
+
+
 Event = (
     StateChanged
     | SessionOpened
@@ -134,4 +153,18 @@ Event = (
     | ReleasedByPerson
     | CommandEnded
     | Alarm
+    | RequestFollowed
+    | RideChanged
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Occurrence:
+    """An event as it was published."""
+
+    id: str
+    """`<boot>-<number>`: the number rises by one with each event of one process, the boot tells processes apart. The same in log,
+    journal and event stream."""
+    at: float
+    """Monotonic seconds of the event loop."""
+    event: Event

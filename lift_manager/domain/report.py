@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from drivers.model import Capabilities, FloorName
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, moving, permissions, robot_door
-from lift_manager.domain.state import LiftState, Quality, Restrictions, RobotDoor
+from lift_manager.domain.state import PERMISSIONS, LiftState, Quality, Restrictions, RobotDoor
 from register_maps.words import Mode, Motion, Side
 
 _SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
@@ -73,6 +73,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         doors=sight.values.doors,
         motion=_motion(sight),
         mode=sight.values.mode,
+        permissions={name: flags[name] for name in PERMISSIONS if name in (flags := sight.values.flags)},
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum, unique
 
 from drivers.model import FloorName
@@ -53,6 +53,10 @@ class Restrictions:
     """What the session waits for before anything is pressed; empty when it does not."""
 
 
+PERMISSIONS = ("may_enter", "may_leave", "robot_mode_on", "robots_allowed", "ready")
+"""Flags of a lift that say what a robot may do."""
+
+
 @dataclass(frozen=True, slots=True)
 class LiftState:
     """One lift at one moment, as every face shows it."""
@@ -80,3 +84,5 @@ class LiftState:
     not_visible: Mapping[str, str]
     """Safety signals this lift's interface does not show, with the reason."""
     restrictions: Restrictions = Restrictions()
+    permissions: Mapping[str, bool] = field(default_factory=dict)
+    """What the lift itself says of robots: those of `PERMISSIONS` that it tells."""

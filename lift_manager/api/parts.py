@@ -1,0 +1,43 @@
+"""What the models of /api/v1 share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
+from pydantic_core import PydanticCustomError
+
+_JOINERS = "\u200c\u200d"
+"""Unseen, but Persian and Indian scripts cannot be written without them."""
+
+
+def printable(text: str) -> str:
+    """Return text as it may be shown and written down; raises PydanticCustomError for what is not one line of it."""
+    text = text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
+    if not text.translate(dict.fromkeys(map(ord, _JOINERS))).isprintable():
+        raise PydanticCustomError("printable", "must be text on one line, without control characters")
+    return text
+
+
+Words = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(printable)
+]
+"""A line of text from a caller."""
+ShortName = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=64), AfterValidator(printable)
+]
+"""A name from a caller."""
+Token = Annotated[str, StringConstraints(min_length=1, max_length=128, pattern=r"^[\x21-\x7e]+$")]
+"""An idempotency key: printable ASCII without blanks."""
+
+
+class Part(BaseModel):
+    """Any object of /api/v1: immutable, nothing unknown in it, nothing coerced."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Answer(BaseModel):
+    """An object that the manager sends. A client takes one with more in it: a newer manager may say more."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")

@@ -1,0 +1,125 @@
+"""Rides: one robot from one floor to another."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AwareDatetime, Field, model_validator
+
+from lift_manager.api.parts import Answer, Part, Words
+from lift_manager.api.sessions import IdempotencyKey, RobotName
+from lift_manager.domain import ride as rides
+from lift_manager.domain.ride import Guidance, Phase, RidePlan
+from lift_manager.domain.service import Advice
+from register_maps.words import Side
+
+_Floor = Annotated[str, Field(max_length=200, examples=["L1"])]
+_Limit = Annotated[float, Field(ge=1.0, le=3600.0)]
+
+ANY = "any"
+"""Any lift that serves both floors. A lift of that name cannot be asked for by name."""
+
+
+class Limits(Part):
+    """How long each phase may take, in seconds."""
+
+    queued_s: _Limit = 600.0
+    called_s: _Limit = 300.0
+    boarding_s: _Limit = 120.0
+    riding_s: _Limit = 300.0
+    alighting_s: _Limit = 300.0
+
+
+class RideRequest(Part):
+    """Bring a robot from one floor to another."""
+
+    lift: str = Field(
+        max_length=200, description="A lift of the site, or `any` for one that serves both floors.", examples=["any"]
+    )
+    from_: _Floor = Field(alias="from", description="Where the robot waits.")
+    to: _Floor = Field(description="Where it wants to be.", examples=["L3"])
+    door: Side | None = Field(
+        default=None, description="By which door it boards; only lifts with this door there are taken."
+    )
+    robot: RobotName
+    idempotency_key: IdempotencyKey
+    limits: Limits = Limits()
+    dry_run: bool = Field(default=False, description="Say what it would come to, and begin nothing.")
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> RideRequest:
+        if self.from_ == self.to:
+            raise ValueError("from and to are the same floor")
+        return self
+
+
+class CancelRequest(Part):
+    """The ride is not wanted any more."""
+
+    reason: Words = Field(default="cancelled", examples=["the order was withdrawn"])
+
+
+class Ride(Answer):
+    """A ride, and what its robot is to do now."""
+
+    id: str
+    lift: str
+    any_lift: bool = Field(description="The manager chose the lift, and may choose another while the ride is queued.")
+    from_: str = Field(alias="from")
+    to: str
+    door: Side | None
+    robot: str
+    caller: str = Field(examples=["ride:amr-7"])
+    phase: Phase
+    guidance: Guidance = Field(description="`enter` and `leave` stand only while the door is open for this robot.")
+    reason: str
+    advice: Advice | None
+    ahead: int | None = Field(description="How many wait before it; null once it is not queued any more.")
+    phase_ends_in_s: float | None
+    maybe_aboard: bool = Field(description="The robot may be in the car.")
+    begun_at: AwareDatetime
+    changed_at: AwareDatetime
+
+    @classmethod
+    def of(cls, ride: rides.Ride) -> Ride:
+        """Return it as it is now."""
+        return cls.model_validate(
+            {
+                "id": ride.id,
+                "lift": ride.lift,
+                "any_lift": ride.any_lift,
+                "from": ride.start,
+                "to": ride.destination,
+                "door": ride.door,
+                "robot": ride.robot,
+                "caller": str(ride.caller),
+                "phase": ride.phase,
+                "guidance": ride.guidance,
+                "reason": ride.reason,
+                "advice": ride.advice,
+                "ahead": ride.ahead,
+                "phase_ends_in_s": ride.phase_ends_in_s,
+                "maybe_aboard": ride.maybe_aboard,
+                "begun_at": ride.begun_at,
+                "changed_at": ride.changed_at,
+            }
+        )
+
+
+class Rides(Answer):
+    """Rides that go on, and those that ended not long ago."""
+
+    rides: tuple[Ride, ...]
+
+
+class Plan(Answer):
+    """What a ride would come to."""
+
+    lift: str
+    ahead: int
+    reason: str = Field(description="Why it would have to wait; empty where it would begin at once.")
+
+    @classmethod
+    def of(cls, plan: RidePlan) -> Plan:
+        """Return it."""
+        return cls(lift=plan.lift, ahead=plan.ahead, reason=plan.reason)

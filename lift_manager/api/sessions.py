@@ -1,0 +1,186 @@
+"""Sessions: who commands a lift, what is asked within them, and what became of it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AwareDatetime, Field, model_validator
+
+from lift_manager.api.parts import Answer, Part, ShortName, Token
+from lift_manager.domain.asking import RobotWord
+from lift_manager.domain.boarding import Who
+from lift_manager.domain.service import Advice, EndReason
+from lift_manager.domain.session_requests import Do, Followed, SessionInfo, Status
+from register_maps.words import Side
+
+Ttl = Annotated[
+    float | None,
+    Field(
+        default=None,
+        ge=1.0,
+        le=86400.0,
+        description="The lease in seconds; the site's `lease_s` is the longest, and what is given where this is left out.",
+        examples=[60.0],
+    ),
+]
+RobotName = Annotated[
+    ShortName | None,
+    Field(
+        default=None,
+        description="Tells the robots of one key apart, and callers without a key; shown to people.",
+        examples=["amr-7"],
+    ),
+]
+IdempotencyKey = Annotated[
+    Token | None,
+    Field(
+        default=None,
+        description="Made up by the caller, one for each wish: the same one again gives the same answer and begins nothing.",
+        examples=["3f1c9a"],
+    ),
+]
+
+
+class OpenSessionRequest(Part):
+    """The lift for one caller alone. Nothing is called by it."""
+
+    robot: RobotName
+    ttl_s: Ttl
+    idempotency_key: IdempotencyKey
+
+
+class RenewRequest(Part):
+    """The lease begins anew."""
+
+    ttl_s: Ttl
+
+
+class CloseRequest(Part):
+    """The session is over."""
+
+    robot: RobotWord | None = Field(
+        default=None,
+        description="`left`: the robot is outside and clear of the door, which a lift that asks for it is told.",
+    )
+
+
+class HandOverRequest(Part):
+    """Another caller goes on with it."""
+
+    to: ShortName = Field(
+        description="The name of a key, or of a robot where the site has no keys.", examples=["amr-8"]
+    )
+    robot: RobotName
+
+
+class CommandRequest(Part):
+    """One thing to do within a session."""
+
+    do: Do
+    floor: str | None = Field(default=None, max_length=200, description="With `go_to`.", examples=["L2"])
+    hold_door: bool = Field(default=True, description="With `go_to`: hold the door once the car is there.")
+    door: Side | None = Field(
+        default=None, description="With `close_door`: one door; all of the floor where it is left out."
+    )
+    clear: Literal[True] | None = Field(
+        default=None, description="With `close_door`, which needs it: nothing stands in the doorway."
+    )
+    idempotency_key: IdempotencyKey
+
+    @model_validator(mode="after")
+    def _fits(self) -> CommandRequest:
+        needs = {"floor": self.do is Do.GO_TO, "clear": self.do is Do.CLOSE_DOOR}
+        for name, needed in needs.items():
+            given = getattr(self, name) is not None
+            if needed and not given:
+                raise ValueError(f"{self.do} needs {name}")
+            if given and not needed:
+                raise ValueError(f"{name} does not go with {self.do}")
+        if self.door is not None and self.do is not Do.CLOSE_DOOR:
+            raise ValueError(f"door does not go with {self.do}")
+        return self
+
+
+class Over(Answer):
+    """Why a session is over."""
+
+    reason: EndReason
+    text: str
+    advice: Advice | None = Field(description="What its robot does best; null where its holder ended it.")
+    at: AwareDatetime
+
+
+class Session(Answer):
+    """A session as its holder sees it."""
+
+    id: str = Field(description="Whoever knows it, and has the holder's key, commands the lift.")
+    lift: str
+    holder: str = Field(examples=["api:amr-7"])
+    floor: str | None
+    hold_door: bool
+    opened_at: AwareDatetime
+    lease_ends_in_s: float | None
+    ends_in_s: float | None = Field(description="However often it is renewed.")
+    hold_ends_in_s: float | None = Field(
+        description="The door is let go then whatever the holder wants; null while it is not held."
+    )
+    arrived: bool
+    door_held: bool
+    robot: Who
+    waiting_for: str
+    restored: bool = Field(description="From before a restart: nothing is pressed before its holder is heard.")
+    over: Over | None = Field(description="null while it goes on.")
+
+    @classmethod
+    def of(cls, info: SessionInfo) -> Session:
+        """Return it as the manager has it."""
+        over = info.over
+        return cls(
+            id=info.id,
+            lift=info.lift,
+            holder=str(info.holder),
+            floor=info.floor,
+            hold_door=info.hold_door,
+            opened_at=info.opened_at,
+            lease_ends_in_s=info.lease_ends_in_s,
+            ends_in_s=info.ends_in_s,
+            hold_ends_in_s=info.hold_ends_in_s,
+            arrived=info.arrived,
+            door_held=info.door_held,
+            robot=info.robot,
+            waiting_for=info.waiting_for,
+            restored=info.restored,
+            over=None if over is None else Over(reason=over.reason, text=over.text, advice=over.advice, at=over.at),
+        )
+
+
+class Command(Answer):
+    """A request within a session, and what has become of it."""
+
+    id: str
+    lift: str
+    do: Do
+    floor: str | None
+    status: Status
+    reason: str = Field(description="Why it is not confirmed; while pending, what it waits for.")
+    proof: str = Field(
+        description="What confirmed it: `readback`, `lamp` or `effect`; `none` where the lift need not be told.",
+        examples=["lamp"],
+    )
+    asked_at: AwareDatetime
+    ended_at: AwareDatetime | None
+
+    @classmethod
+    def of(cls, followed: Followed) -> Command:
+        """Return it as it is now."""
+        return cls(
+            id=followed.id,
+            lift=followed.lift,
+            do=followed.do,
+            floor=followed.floor,
+            status=followed.status,
+            reason=followed.reason,
+            proof=followed.proof,
+            asked_at=followed.asked_at,
+            ended_at=followed.ended_at,
+        )
