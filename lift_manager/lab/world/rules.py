@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from drivers.model import FloorName
 from lift_manager.commissioning.detection import Lie
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import (
     Event,
     HandedOver,
@@ -184,8 +184,9 @@ class Rules:
             book.floor = ask.floor
             book.calls.clear()
         lets_go = not ask.hold_door and book.truth is not None and book.truth.at in (ask.floor, None)
-        # between floors it is a call, if the manager has not seen the car where it is let go of
-        book.asked_since |= not lets_go or (book.truth is not None and book.truth.at is None)
+        # between floors it is a call, if the manager has not seen the car where it is let go of; a robot inside lets go of nothing
+        between = book.truth is not None and book.truth.at is None
+        book.asked_since |= not lets_go or between or ask.robot is RobotWord.IN_PLACE
         if lets_go or ask.robot is not None:
             return
         if ask.hold_door:  # without, a floor that the car has just left may be let go of as well

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from lift_manager.domain.asking import Accepted, Ask
+from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import (
     HandedOver,
     LockedOut,
@@ -222,6 +222,24 @@ def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> 
     assert found(oracle) == ["pressed by a restart"]
     rules.asked(5.0, ask(), Accepted())
     rules.pressed(6.0, "lift", frozenset({"hold_door.front"}))
+    assert found(oracle) == ["pressed by a restart"]
+
+
+def test_a_robot_that_says_it_is_inside_has_asked_for_the_lift() -> None:
+    oracle, rules = book()
+    rules.looked(2.0, "lift", STANDS_OPEN)
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(5.0, replace(ask("L2"), hold_door=False, robot=RobotWord.IN_PLACE), Accepted())
+    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
+    assert found(oracle) == []
+
+
+def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
+    oracle, rules = book()
+    rules.looked(2.0, "lift", STANDS_OPEN)
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(5.0, replace(ask("L2"), hold_door=False, robot=RobotWord.LEFT), Accepted())
+    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
 
 
