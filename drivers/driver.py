@@ -83,6 +83,10 @@ class LiftDriver(Protocol):
         """Whether this hold is on and verified."""
         ...
 
+    def at_rest(self, command: Command) -> bool:
+        """Whether nothing of it is on or wanted, and that is verified; True for a command that the map does not have."""
+        ...
+
     async def release_all(self) -> None:
         """Let everything go and return once it is verified; while a controller is away it waits, so bound it."""
         ...

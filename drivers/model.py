@@ -149,7 +149,9 @@ class SignalValue:
     addresses: tuple[str, ...]
     """Where it is, as the map writes it, such as `holding:12`."""
     age_s: float | None
-    """Of the block that it came with; None where nothing was read."""
+    """Of the block that it came with, the oldest where it came with several; None where nothing was read."""
+    wire: tuple[str, ...] = ()
+    """The same places on the wire, where the first one is 0, moved by the lift's offset: `holding 11 bits 4 to 5`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,6 +106,16 @@ class Reader:
             self.values = self.values | changed
         return frozenset(changed)
 
+    def raw(self) -> dict[str, int]:
+        """Every signal's raw integer in the newest poll, before scale and table; empty before the first."""
+        if not self._payloads:
+            return {}
+        bits = self._bits
+        return {
+            name: reduce(or_, ((bits >> shift & mask) << to for shift, mask, to in places))
+            for name, places in zip(self._names, self._places, strict=True)
+        }
+
 
 def compile_map(source: RegisterMap, *, offset: Mapping[Table, int] | None = None) -> Codec:
     """Compile a checked map; `offset` moves every address of a table of the controller, for one lift of several on it."""

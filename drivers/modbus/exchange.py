@@ -6,6 +6,7 @@ It ends with its connection; `link` makes a new one for the next.
 from __future__ import annotations
 
 import asyncio
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 
@@ -22,14 +23,17 @@ from drivers.errors import (
     PressRefused,
     UnitOffline,
 )
+from drivers.modbus.histogram import BOUNDS_S
 from drivers.modbus.latency import Latency
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import Wire
 from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request, check, describe_answer, frame, tid_of
 
-_Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int]
-"""(whom to tell, what to ask, whether it may leave, how often it may still be asked again)."""
+_Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int, float]
+"""(whom to tell, what to ask, whether it may leave, how often it may still be asked again, since when it waits)."""
+_AT_ONCE = -1.0
+"""Of a request that need not wait: nobody looks at the clock for it."""
 
 _HIGHEST_TID = 65535
 _REMEMBERED = 256
@@ -124,20 +128,34 @@ class Exchange:
         """
         return self._strikes > 0
 
+    @property
+    def in_flight(self) -> bool:
+        """Whether a request has left and its answer is awaited."""
+        return self._job is not None
+
+    @property
+    def waiting(self) -> tuple[int, int]:
+        """How many requests wait for their turn: (reads, commands)."""
+        return len(self._reads), len(self._commands)
+
     def read(self, request: Request) -> asyncio.Future[bytes]:
         """Ask in the read lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
-        self._reads.append((future, request, None, self._settings.busy_retries))
-        if self._job is None and self._gap is None:
+        if self._job is None and self._gap is None and self._busy_pause is None:
+            self._reads.append((future, request, None, self._settings.busy_retries, _AT_ONCE))
             self._next()
+            return future
+        self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time()))
         return future
 
     def command(self, request: Request, permit: Permit | None) -> asyncio.Future[bytes]:
         """Ask in the command lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
-        self._commands.append((future, request, permit, self._settings.busy_retries))
         if self._job is None and self._gap is None:
+            self._commands.append((future, request, permit, self._settings.busy_retries, _AT_ONCE))
             self._next()
+            return future
+        self._commands.append((future, request, permit, self._settings.busy_retries, self._loop.time()))
         return future
 
     def stop(self, reason: str, down: Callable[[], DriverError]) -> None:
@@ -169,15 +187,22 @@ class Exchange:
             future = job[0]
             if not future.done():
                 future.set_result(payload)
+        now, stats = self._loop.time(), self._stats
+        took_s = now - self._sent_at
+        stats.answered_at = now
+        # not `add`: this runs with every answer, and the call costs as much as the rest of it
+        trips = stats.round_trips
+        trips.counts[bisect_left(BOUNDS_S, took_s)] += 1
+        trips.total_s += took_s
         latency = self._latency
         latency.unmeasured += 1
         if latency.unmeasured >= _MEASURED or self._timeouts_in_a_row or self._silent or not self.proved:
-            self._measure(job[1].unit)
+            self._measure(job[1].unit, took_s)
         self._finish()
 
-    def _measure(self, unit: int) -> None:
+    def _measure(self, unit: int, took_s: float) -> None:
         """Take an honest answer for what it says of the controller: how long it takes, and that it is there."""
-        self._latency.answered(self._loop.time() - self._sent_at)
+        self._latency.answered(took_s)
         if self._timeouts_in_a_row or not self.proved:
             # nobody backs off on a connection that answers
             for latency in self._latencies.values():
@@ -195,10 +220,10 @@ class Exchange:
         while True:
             reads_wait = bool(self._reads) and self._busy_pause is None
             if self._commands and not (reads_wait and self._commands_in_a_row >= _COMMANDS_IN_A_ROW):
-                job = self._commands.popleft()
+                job, waits = self._commands.popleft(), self._stats.command_waits
                 self._commands_in_a_row += 1
             elif reads_wait:
-                job = self._reads.popleft()
+                job, waits = self._reads.popleft(), self._stats.read_waits
                 self._commands_in_a_row = 0
             else:
                 return
@@ -217,6 +242,10 @@ class Exchange:
         if wait_s < self._write_wait_s and request.is_write:
             wait_s = self._write_wait_s
         self._sent_at = sent_at = self._loop.time()
+        if job[4] < 0:  # _AT_ONCE
+            waits.counts[0] += 1
+        else:
+            waits.add(sent_at - job[4])
         self._deadline = sent_at + wait_s
         # One timer serves many transactions: where it fires early it is set again.
         if self._timer is None:
@@ -265,10 +294,10 @@ class Exchange:
             self._next()
 
     def _on_exception(self, job: _Job, answer: ExceptionAnswer) -> None:
-        future, request, _, retries = job
+        future, request, _, retries, _ = job
         self._stats.exceptions += 1
         if answer.code == BUSY and not request.is_write and retries and not future.done():
-            self._reads.appendleft((future, request, None, retries - 1))
+            self._reads.appendleft((future, request, None, retries - 1, self._loop.time()))
             if self._busy_pause is not None:
                 self._busy_pause.cancel()
             self._busy_pause = self._loop.call_later(self._settings.busy_pause_s, self._on_busy_pause_over)
@@ -293,7 +322,9 @@ class Exchange:
                 if overdue is not None:
                     # the timer of the request in flight keeps to the time-out that this one was sent with
                     sent_at, latency = overdue
-                    latency.answered_late(self._loop.time() - sent_at)
+                    took_s = self._loop.time() - sent_at
+                    self._stats.round_trips.add(took_s)
+                    latency.answered_late(took_s)
                 return
         text = f"an answer nobody asked for, transaction id {tid_of(answer)}: {describe_answer(answer)}"
         if self._tid_echo and tid_of(answer) == 0:

@@ -28,9 +28,10 @@ from drivers.modbus.presses import NOT_SENT, REPLACED, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.rows import Rows, Wish
+from drivers.modbus.signals import Signals
 from drivers.modbus.steps import Phase
 from drivers.modbus.writer import Writer
-from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result
+from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result, SignalValue
 from register_maps.codec import Cell, Codec
 
 _ONLY_ALIVE = frozenset({SIGNAL})
@@ -65,6 +66,9 @@ class ModbusLift:
         )
         self._requests = tuple((b, self._lines.link(b.endpoint), self._lines.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
+        self._asked_at: tuple[float, ...] = ()
+        """When each block of the newest poll was asked for; empty before the first."""
+        self._signals: Signals | None = None
         self._values: LiftValues | None = None
         self._epoch = 0
         self._epochs: dict[str, int] = {}
@@ -131,6 +135,15 @@ class ModbusLift:
         """Where it is, for messages."""
         return self._name
 
+    def signals(self, now: float) -> tuple[SignalValue, ...]:
+        """Return every signal of the map, from the words of the newest poll that was answered as a whole.
+
+        Words that came while the alive counter stands still are among them: a person who looks for the reason needs them.
+        """
+        if self._signals is None:
+            self._signals = Signals(self._codec, self._blocks, self._names, watchdog_unit_s=self._watchdog_unit_s)
+        return self._signals.as_read(self._reader, self._asked_at, now)
+
     async def read(self) -> LiftReading:
         """Poll once. Raises DriverError."""
         lines, loop = self._lines, self._loop
@@ -138,6 +151,7 @@ class ModbusLift:
             # kept: Python 3.11 asks the kernel for the process id whenever it is asked for its loop
             loop = self._loop = asyncio.get_running_loop()
         at, epoch = loop.time(), lines.epoch
+        asked_at: tuple[float, ...] = (at,)
         if len(self._requests) == 1:
             block, link, request = self._requests[0]
             try:
@@ -145,13 +159,14 @@ class ModbusLift:
             except ControllerException as error:
                 raise await self._diagnosis.explained(error, block) from error
         else:
-            payloads = await self._read_blocks()
+            payloads, asked_at = await self._read_blocks(loop)
         if lines.epoch != epoch:
             raise ConnectionLost(self._name, "poll", "the connection was replaced in the middle of it")
         is_new = epoch != self._epoch
         if is_new:
             await self._take_over(epoch)
         changed = self._reader.feed(payloads)
+        self._asked_at = asked_at
         values = self._values
         if changed or values is None:
             values = self._changed(changed or frozenset(), at)
@@ -243,6 +258,11 @@ class ModbusLift:
         expected = Expectation(command, any_of, None, ())
         return proof(expected, self._values, read_back=self._outputs.verified(command.name)) is not Proof.NONE
 
+    def at_rest(self, command: Command) -> bool:
+        """Whether nothing of it is on or wanted, and that is verified."""
+        name = command.name
+        return name not in self._outputs or (self._rows.waiting(name) is None and self._outputs.rests(name))
+
     async def release_all(self) -> None:
         """Let everything go and return once it is verified."""
         self._give_all_up("everything was let go")
@@ -294,14 +314,17 @@ class ModbusLift:
     def _code(self, command: Command) -> int:
         return self._settings.floors[command.floor] if command.floor is not None else 1
 
-    async def _read_blocks(self) -> tuple[bytes, ...]:
+    async def _read_blocks(self, loop: asyncio.AbstractEventLoop) -> tuple[tuple[bytes, ...], tuple[float, ...]]:
+        """Return what each block holds, and when it was asked for."""
         payloads: list[bytes] = []
+        asked_at: list[float] = []
         for block, link, request in self._requests:
+            asked_at.append(loop.time())
             try:
                 payloads.append(await link.read(request))
             except ControllerException as error:
                 raise await self._diagnosis.explained(error, block) from error
-        return tuple(payloads)
+        return tuple(payloads), tuple(asked_at)
 
     def _changed(self, changed: frozenset[str], at: float) -> LiftValues:
         if SIGNAL in changed:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
 
 from drivers.driver import Permit
@@ -17,7 +17,7 @@ from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
 from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange
 from drivers.modbus.settings import LinkSettings, LinkStats
-from drivers.modbus.wire import Wire
+from drivers.modbus.wire import OnBytes, Wire
 from register_maps.frames import Request
 
 __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
@@ -55,6 +55,9 @@ class Link:
         self._make_wire = make_wire
         self._wire: Wire | None = None
         self._exchange: Exchange | None = None
+        self._hearers: tuple[OnBytes, ...] = ()
+        self._own_hearer: OnBytes | None = None
+        """Whoever listened to the wire before it was ours."""
         self._last_tid = 0
         self._state = LinkState.DOWN
         self._reason = "not started"
@@ -86,6 +89,32 @@ class Link:
     def since(self) -> float | None:
         """Loop time at which it came up or went down (trying again changes nothing); None before `run`."""
         return self._since
+
+    @property
+    def in_flight(self) -> bool:
+        """Whether a request has left and its answer is awaited."""
+        return self._exchange is not None and self._exchange.in_flight
+
+    @property
+    def waiting(self) -> tuple[int, int]:
+        """How many requests wait for their turn: (reads, commands)."""
+        return (0, 0) if self._exchange is None else self._exchange.waiting
+
+    @contextmanager
+    def tap(self, hear: OnBytes) -> Iterator[None]:
+        """Call `hear` with (sent, frame) of every frame for as long as the context lasts, over all connections.
+
+        Late and mismatched answers are among them; a frame that `Wire.send` says is thrown away is not. It must neither wait nor raise.
+        """
+        self._hearers = (*self._hearers, hear)
+        self._listen()
+        try:
+            yield
+        finally:
+            left = list(self._hearers)
+            left.remove(hear)
+            self._hearers = tuple(left)
+            self._listen()
 
     async def read(self, request: Request) -> bytes:
         """Register or bit bytes, in the read lane. Raises a DriverError: LinkDown, AnswerTimeout and so on."""
@@ -160,6 +189,8 @@ class Link:
     async def _serve(self) -> bool:
         """One connection from its making to its end; returns whether the controller ever answered on it."""
         wire = self._wire = self._make_wire()
+        self._own_hearer = wire.on_bytes
+        self._listen()
         exchange = Exchange(
             self.name,
             self.settings,
@@ -187,6 +218,17 @@ class Link:
         self._up.set()
         await self._down.wait()
         return exchange.proved
+
+    def _listen(self) -> None:
+        """Hear the wire only while somebody wants to: each frame would cost a call."""
+        if self._wire is not None:
+            self._wire.on_bytes = self._on_bytes if self._hearers else self._own_hearer
+
+    def _on_bytes(self, sent: bool, frame: bytes) -> None:  # noqa: FBT001 - as OnBytes has it
+        if self._own_hearer is not None:
+            self._own_hearer(sent, frame)
+        for hear in self._hearers:
+            hear(sent, frame)
 
     def _slots(self, error: ConnectFailed) -> str:
         """Say what may stand behind a connection that was not made, where a device serves few clients."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from drivers.modbus.histogram import Histogram
 from drivers.modbus.latency import SPARE_S, Latency
 
 
@@ -89,6 +90,14 @@ class LinkStats:
     """What the answers of each unit take, and how long its next one may."""
     silent_units: set[int] = field(default_factory=set)
     """Units that do not answer while others on this link do."""
+    answered_at: float | None = None
+    """Loop time of the newest honest answer, exceptions included; None before the first."""
+    round_trips: Histogram = field(default_factory=Histogram)
+    """From request to honest answer, late ones included. What was never answered is in `timeouts` only."""
+    read_waits: Histogram = field(default_factory=Histogram)
+    """How long reads waited for their turn before they left."""
+    command_waits: Histogram = field(default_factory=Histogram)
+    """The same of the command lane."""
 
     @property
     def round_trip_s(self) -> float | None:
