@@ -13,6 +13,7 @@ from lift_manager.domain.events import (
     Event,
     HandedOver,
     ReleasedByPerson,
+    RequestFollowed,
     SessionEnded,
     SessionOpened,
     SessionRestored,
@@ -27,6 +28,7 @@ from lift_manager.domain.service import (
     stopping_text,
 )
 from lift_manager.domain.session import Session
+from lift_manager.domain.session_requests import Followed
 from lift_manager.domain.state import Holder
 
 _log = logging.getLogger(__name__)
@@ -43,14 +45,14 @@ class Announcer:
 
     def alarm(self, text: str, holder: Holder | None = None) -> None:
         """Tell people of something they should know."""
-        _log.warning("%s: %s", self._lift, text)
-        self._bus.publish(Alarm(self._lift, text, holder))
+        said = self._publish(Alarm(self._lift, text, holder))
+        _log.warning("%s: %s", self._lift, text, extra=said)
 
     def fire(self, holder: Holder | None, advice: Advice) -> None:
         """Tell the robot what to do, and people that there is a fire; everything is let go only after this."""
         if holder is not None:
-            _log.warning("%s: there is a fire; %s is told: %s", self._lift, holder, advice)
-            self._bus.publish(Advised(self._lift, holder, advice, "there is a fire"))
+            said = self._publish(Advised(self._lift, holder, advice, "there is a fire"))
+            _log.warning("%s: there is a fire; %s is told: %s", self._lift, holder, advice, extra=said)
         self.alarm("fire: everything is let go, robots are refused until a person has checked the lift", holder)
 
     def outcome(self, outcome: Outcome, holder: Holder | None) -> None:
@@ -60,36 +62,48 @@ class Announcer:
         # a robot goes on asking, and the disk that the log is on may be the reason
         level = logging.DEBUG if rejected and rejected == self._rejected else logging.INFO
         self._rejected = rejected
-        _log.log(level, "%s: %s %s%s %s", self._lift, outcome.command, outcome.result, proof, outcome.reason)
-        self._bus.publish(CommandEnded(self._lift, outcome, holder))
+        said = self._publish(CommandEnded(self._lift, outcome, holder))
+        words = (self._lift, outcome.command, outcome.result, proof, outcome.reason)
+        _log.log(level, "%s: %s %s%s %s", *words, extra=said)
 
     def opened(self, session: Session) -> None:
         """Tell who holds the lift."""
-        _log.info("%s: %s holds the lift, to %s", self._lift, session.holder, session.floor)
-        self._bus.publish(SessionOpened(self._lift, session.holder, session.floor))
+        said = self._publish(SessionOpened(self._lift, session.holder, session.floor or ""))
+        to = "" if session.floor is None else f", to {session.floor}"
+        _log.info("%s: %s holds the lift%s", self._lift, session.holder, to, extra=said)
 
     def restored(self, session: Session, *, pressed: bool) -> None:
         """Tell who holds the lift from before a restart."""
         call = "its call is followed" if pressed else "its call was not pressed, and waits for its next request"
         text = f"to {session.floor}, {call}; what is found off stays off until it asks again"
-        _log.info("%s: %s holds the lift from before a restart, %s", self._lift, session.holder, text)
-        self._bus.publish(SessionRestored(self._lift, session.holder, session.floor, text))
+        if session.floor is None:
+            text = "and asked for no floor yet"
+        said = self._publish(SessionRestored(self._lift, session.holder, session.floor or "", text))
+        _log.info("%s: %s holds the lift from before a restart, %s", self._lift, session.holder, text, extra=said)
 
     def handed_over(self, holder: Holder, to: Holder) -> None:
         """Tell that a session goes on with another holder."""
-        _log.info("%s: %s hands the lift over to %s", self._lift, holder, to)
-        self._bus.publish(HandedOver(self._lift, holder, to))
+        said = self._publish(HandedOver(self._lift, holder, to))
+        _log.info("%s: %s hands the lift over to %s", self._lift, holder, to, extra=said)
 
     def released(self, released: ForceReleased) -> None:
         """Tell that a person took the lift from its holder."""
-        _log.warning("%s: %s (released by %s: %s)", self._lift, released.text(self._lift), released.by, released.reason)
-        self._bus.publish(ReleasedByPerson(self._lift, released))
+        said = self._publish(ReleasedByPerson(self._lift, released))
+        words = (self._lift, released.text(self._lift), released.by, released.reason)
+        _log.warning("%s: %s (released by %s: %s)", *words, extra=said)
 
     def ended(self, holder: Holder, reason: EndReason, text: str, advice: Advice) -> None:
         """Tell that the lift is free; a holder that wanted it so needs no advice."""
-        _log.info("%s: session of %s over: %s", self._lift, holder, text)
         told = None if reason in ITS_OWN_WORD else advice
-        self._bus.publish(SessionEnded(self._lift, holder, reason, text, told))
+        said = self._publish(SessionEnded(self._lift, holder, reason, text, told))
+        _log.info("%s: session of %s over: %s", self._lift, holder, text, extra=said)
+
+    def followed(self, followed: Followed, *, noted: bool) -> None:
+        """Tell that a request within a session was taken, or has ended; `noted` says that the journal has its row."""
+        event = RequestFollowed(self._lift, followed)
+        said = self._publish(event) if noted else {"event": self._bus.hand_out(event), "lift": self._lift}
+        words = (self._lift, followed.holder, followed.do, followed.floor or "", followed.status, followed.reason)
+        _log.debug("%s: %s: %s %s is %s %s", *words, extra=said)
 
     def hold_spent(self, holder: Holder, limit_s: float) -> None:
         """Tell that a door was held for as long as the site allows."""
@@ -106,5 +120,9 @@ class Announcer:
             self.alarm(stopping_text(holder), holder)
         elif in_car[1]:
             self.alarm(abandoned_text(holder, text), holder)
-        elif reason not in ITS_OWN_WORD:
+        elif reason is not EndReason.ARRIVED:
             self.alarm(maybe_occupied_text(self._lift, holder, text), holder)
+
+    def _publish(self, event: Event) -> dict[str, str]:
+        """Publish it; returns what its line in the log says beside the text."""
+        return {"event": self._bus.publish(event), "lift": self._lift}

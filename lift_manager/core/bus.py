@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
 QUEUE_LENGTH = 256
 """Events kept for one listener. Chosen: half a minute of a busy building."""
+
+_DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
+_BOOT_LENGTH = 8
+"""Digits of base 36. Enough for milliseconds since 1970 until the year 2059, so that later boots sort behind earlier ones."""
 
 
 class Subscription(Generic[Item]):
@@ -39,24 +44,31 @@ class Subscription(Generic[Item]):
 
 
 class Bus(Generic[Item]):
-    """Hands every event to every listener; never waits for one."""
+    """Numbers every event and hands it to every listener; never waits for one."""
 
-    def __init__(self) -> None:
+    def __init__(self, boot: str = "") -> None:
+        """`boot` is what the ids begin with; made of the clock where it is empty."""
+        self.boot = boot or boot_of(datetime.now(UTC))
+        self.newest = 0
+        """The number of the newest event; 0 before the first."""
         self._listeners: list[Subscription[Item]] = []
+        self._taps: list[Callable[[str, Item], None]] = []
+        self._counters: list[Callable[[str, Item], None]] = []
 
     @property
     def heard(self) -> bool:
         """Whether anybody listens."""
-        return bool(self._listeners)
+        return bool(self._listeners or self._taps)
 
-    def publish(self, item: Item) -> None:
-        """Let an event be known."""
-        self.hand_out(item)
+    def publish(self, item: Item) -> str:
+        """Let an event be known; returns its id."""
+        return self.hand_out(item)
 
-    def hand_out(self, item: Item) -> None:
-        """Give an event to all listeners, and do no more."""
-        for listener in self._listeners:
-            listener.put(item)
+    def hand_out(self, item: Item) -> str:
+        """Give an event to all listeners, and do no more; returns its id."""
+        event = self._next_id()
+        self._hand_out(event, item)
+        return event
 
     @contextmanager
     def listen(self, length: int = QUEUE_LENGTH) -> Iterator[Subscription[Item]]:
@@ -67,3 +79,42 @@ class Bus(Generic[Item]):
             yield listener
         finally:
             self._listeners.remove(listener)
+
+    @contextmanager
+    def tap(self, hear: Callable[[str, Item], None]) -> Iterator[None]:
+        """Call `hear` with the id and the event, at once and in order, for as long as the context lasts. It must not raise."""
+        self._taps.append(hear)
+        try:
+            yield
+        finally:
+            self._taps.remove(hear)
+
+    @contextmanager
+    def overhear(self, hear: Callable[[str, Item], None]) -> Iterator[None]:
+        """As `tap`, of what is published anyhow: it is no reason to work out what nobody else listens to."""
+        self._counters.append(hear)
+        try:
+            yield
+        finally:
+            self._counters.remove(hear)
+
+    def _next_id(self) -> str:
+        self.newest += 1
+        return f"{self.boot}-{self.newest}"
+
+    def _hand_out(self, event: str, item: Item) -> None:
+        for hear in self._counters:
+            hear(event, item)
+        for hear in self._taps:
+            hear(event, item)
+        for listener in self._listeners:
+            listener.put(item)
+
+
+def boot_of(at: datetime) -> str:
+    """Return what tells a process that starts at this time from others: short, and sorted as the times are."""
+    left, digits = int(at.timestamp() * 1000), ""
+    while left:
+        left, digit = divmod(left, len(_DIGITS))
+        digits = _DIGITS[digit] + digits
+    return digits.rjust(_BOOT_LENGTH, "0")

@@ -26,6 +26,8 @@ class CallButton:
         self._press = press
         self._on: Command | None = None
         """The newest call pressed; a pulse has ended by itself since."""
+        self._held_door: Command | None = None
+        """The newest call that kept the door open."""
         self._until = ""
 
     def command(self, floor: FloorName, *, aboard: bool) -> Command | None:
@@ -55,6 +57,11 @@ class CallButton:
         return self.until in _ACKNOWLEDGEMENTS
 
     @property
+    def door_at_rest(self) -> bool:
+        """Whether no call keeps the door open, and that is verified."""
+        return not self.keeps_door and (self._held_door is None or self._driver.at_rest(self._held_door))
+
+    @property
     def forgotten(self) -> bool:
         """Whether the call should be on, and the controller no longer holds it."""
         return self._on is not None and self._until != "" and not self._driver.given(self._on)
@@ -79,6 +86,8 @@ class CallButton:
     def _take(self, command: Command, *, aboard: bool) -> None:
         self._on = command
         self._until = self._ends(command, aboard=aboard)
+        if self.keeps_door:
+            self._held_door = command
 
     def _ends(self, command: Command, *, aboard: bool) -> str:
         until = self._able.until.get(command.name, "")

@@ -39,6 +39,16 @@ class DoorHolds:
         holds = [_hold(side) for side in self._options.doors_at[floor]]
         return all(self._driver.held(hold) for hold in holds if hold.name in self._able.commands)
 
+    @property
+    def given(self) -> bool:
+        """Whether the hold of any door is on or asked for."""
+        return any(self._driver.given(_hold(side)) for side in self._able.doors)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether every door is let go, and that is verified."""
+        return all(self._driver.at_rest(_hold(side)) for side in self._able.doors)
+
     def let_go(self) -> None:
         """Let go of every door."""
         for side in self._able.doors:

@@ -151,6 +151,10 @@ class EventSource(Protocol):
         """The number of the newest event; 0 before the first."""
         ...
 
+    def freshen(self) -> None:
+        """Publish what of a state has changed and is not published yet: after it every state is as its newest event says."""
+        ...
+
     def tap(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:
         """Call `hear` with every event for as long as the context lasts, at once and in order. It must neither wait nor raise."""
         ...

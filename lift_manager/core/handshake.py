@@ -6,96 +6,18 @@ from asyncio import Future
 from collections.abc import Callable
 
 from drivers.driver import LiftDriver, Permit
-from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, Result
+from drivers.model import CommandKind, FloorName, Outcome
+from lift_manager.core.acknowledgement import Acknowledgement
 from lift_manager.core.calling import CallButton, Press
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain import boarding as boardings
-from lift_manager.domain import call as calls
-from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
+from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused, RobotWord
 from lift_manager.domain.boarding import Boarding, KeptBoarding, Rules, Stop, Who
-from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.following import Told
 from lift_manager.domain.service import how_to_acknowledge
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, permissions, robot_door
 from lift_manager.domain.state import Holder, RobotDoor
-
-
-class Acknowledgement:
-    """One word to the lift about its passenger. It follows the rules of a call: pressed once, and again after a pause."""
-
-    def __init__(self, kind: CommandKind, able: Capabilities) -> None:
-        self.command = Command(kind)
-        self.known = self.command.name in able.commands
-        self.is_level = self.command.name in able.levels
-        self._call: Call | None = None
-        self._pressed: Future[Outcome] | None = None
-
-    @property
-    def failed_once(self) -> bool:
-        """Whether it failed for the first time."""
-        return self._call is not None and self._call.phase is CallPhase.FAILED and self._call.failures == 1
-
-    @property
-    def pending(self) -> bool:
-        """Whether it is to be pressed, or on its way."""
-        return self._call is not None and self._call.phase in (CallPhase.WANTED, CallPhase.PRESSED)
-
-    @property
-    def wanted(self) -> bool:
-        """Whether it is to be pressed."""
-        return self._call is not None and self._call.phase is CallPhase.WANTED
-
-    @property
-    def owed(self) -> bool:
-        """Whether it was wanted, and the lift has not taken it."""
-        return self._call is not None and self._call.phase is not CallPhase.CONFIRMED
-
-    @property
-    def late(self) -> bool:
-        """Whether it is owed after it failed, or from before a restart."""
-        return (
-            self.owed and self._call is not None and (self._call.phase is CallPhase.FAILED or self._call.failures > 0)
-        )
-
-    @property
-    def taken(self) -> bool:
-        """Whether the lift has taken it; a lift that has no such command needs none."""
-        return not self.known or (self._call is not None and self._call.phase is CallPhase.CONFIRMED)
-
-    def restore(self, floor: FloorName, now: float, *, taken: bool) -> None:
-        """Go on after a restart: it was taken, or it may be given again at once."""
-        if self.known:
-            self._call = calls.restored(floor, pressed=taken, now=now)
-
-    def want(self, floor: FloorName, now: float) -> None:
-        """Want it given; after a failure only once its pause is over (`calls.BACKOFF_S`)."""
-        if self.known:
-            self._call = calls.want(self._call, self._call.floor if self._call is not None else floor, now)
-
-    def again(self, now: float) -> None:
-        """Want it given again if it failed and its pause is over."""
-        if self._call is not None:
-            self.want(self._call.floor, now)
-
-    def forget(self) -> None:
-        """Want it no longer."""
-        self._call = None
-
-    def give(self, press: Press, permit: Permit, now: float) -> None:
-        """Press it, if it is wanted."""
-        if self._call is not None and self.wanted:
-            self._call = calls.pressed(self._call, now)
-            self._pressed = press(self.command, permit)
-
-    def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> bool:
-        """Take the outcome, if it is that of the newest press."""
-        if self._call is None or future is not self._pressed:
-            return False
-        if outcome.result is Result.CONFIRMED:
-            self._call = calls.ended(self._call, outcome, now)
-        else:
-            self._call = calls.failed(self._call, outcome.reason, now)
-        return True
 
 
 class Handshake:
@@ -152,6 +74,15 @@ class Handshake:
         told_left = not self._left.pending and not self._retries
         return told_left and (self.aboard is not True or self._in_place.taken)
 
+    @property
+    def who(self) -> Who:
+        """Where the session's robot is, as far as anybody knows."""
+        return Who.MAY_BOARD if self._boarding.who is Who.EMPTY and self._boarding.sent_on else self._boarding.who
+
+    def told(self, now: float) -> tuple[Told, Told]:
+        """Return how far the words are that the robot is in place, and that it left."""
+        return self._in_place.told(now), self._left.told(now)
+
     def next_command(self, floor: FloorName) -> str:
         """Return the command that sends the car to a floor: the call, or a word that has to come before it or does without."""
         aboard = self.aboard is True
@@ -169,13 +100,21 @@ class Handshake:
     def hear(
         self, ask: Ask, session: Session | None, sight: Sight | None, *, arrived: bool, now: float
     ) -> Refused | None:
-        """Take a request of the holder that nothing else speaks against, or refuse it."""
+        """Take a request of the holder that nothing else speaks against, or refuse it.
+
+        A session that was asked for no floor yet has no part in the handshake: its first request is heard as the one that
+        opens a session.
+        """
         name, before, stop = self._options.name, self._boarding, None
-        if session is not None:
+        if session is not None and session.floor is None:
+            session = None  # what is known of the car is as it was before the session
+        if session is not None and session.floor is not None:
             is_open = sight is not None and self.door_is_open(sight, session.floor)
             stop = Stop(session.floor, arrived, is_open)
+        if (kept := self.why_kept(ask.holder)) is not None:
+            return kept
         if (unknown := self._why_unknown(ask, session, sight)) is not None:
-            return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {unknown}")
+            return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {unknown}", Blocking(holder=ask.holder))
         heard = boardings.hear(before, ask, stop, self._rules, now)
         if isinstance(heard, str):
             return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{name}: {heard}")
@@ -184,6 +123,23 @@ class Handshake:
         self._boarding, self._abandoned_by = heard, None
         self._heed(before, ask, session, stop, now)
         return None
+
+    def why_kept(self, asker: Holder) -> Refused | None:
+        """Refuse the lift to a caller while a robot of another one may be in its car without a session."""
+        if (holder := self._abandoned_by) in (None, asker):
+            return None
+        person = _a_person_looks(self._options.name)
+        text = f"a robot of {holder} may still be aboard; {holder} must ask for the lift again, or {person}"
+        return Refused(Refusal.OCCUPANCY_UNKNOWN, f"{self._options.name}: {text}", Blocking(holder=holder))
+
+    def goes_on(self, holder: Holder) -> bool:
+        """Whether a robot of this holder may be in the car without a session: it has to get out, whoever waits."""
+        return self._abandoned_by == holder and boardings.possible(self._boarding)
+
+    def handed_over(self, to: Holder) -> None:
+        """Take it that whatever is known of the holder's robot is known of another caller's."""
+        if self._abandoned_by is not None:
+            self._abandoned_by = to
 
     def impossible(self, floor: FloorName, *, aboard: bool) -> Refused | None:
         """Refuse a floor to which nothing of the map brings the car; `aboard` says that it is the occupied one."""
@@ -194,11 +150,8 @@ class Handshake:
         return Refused(Refusal.NOT_POSSIBLE, text)
 
     def _why_unknown(self, ask: Ask, session: Session | None, sight: Sight | None) -> str | None:
-        """Say why nobody knows whether a robot of an earlier session is in the car, where that speaks against a request."""
-        holder = self._abandoned_by
-        person = f"a person must look into the car and say so: {how_to_acknowledge(self._options.name)}"
-        if holder not in (None, ask.holder):
-            return f"a robot of {holder} may still be aboard; {holder} must ask for the lift again, or {person}"
+        """Say why nobody knows whether the holder's robot of an earlier session is in the car, where that speaks against a request."""
+        person = _a_person_looks(self._options.name)
         taken_up = session is None and self._boarding.who is Who.MAY_BOARD and self._rules.matters
         stays_here = sight is not None and sight.floor == ask.floor
         if taken_up and ask.robot is None and not stays_here:
@@ -268,13 +221,18 @@ class Handshake:
 
         `release` is the holder's own word that it is over; so is that it wanted no more than to be where it has `arrived`.
         """
+        if self._abandoned_by is not None:
+            # it was asked for no floor: the car is as the session before left it
+            if release is not None:
+                self.end_again(release, now)
+            return
         boarding, self._boarding = self._boarding, Boarding()
         if release is not None and boardings.has_left(boarding, release, session.floor, self._rules):
-            self._report_left(session.floor, now)
+            self._report_left(release.floor, now)
             self._keep_until_told()
             return
         self._let_go_of_stay()
-        if boardings.leaves_doubt(boarding, released=release is not None, arrived=arrived):
+        if boardings.leaves_doubt(boarding, release, arrived=arrived, has_words=session.stays):
             self._abandoned_by, self._boarding = session.holder, boarding
         if boarding.who is Who.ABOARD and (self._in_place.is_level or not self._in_place.taken):
             self._in_place.forget()
@@ -383,6 +341,10 @@ class Handshake:
         self._button.let_go_at("robot_left")
         if self._in_place.is_level:
             self._driver.let_go(self._in_place.command)
+
+
+def _a_person_looks(lift: str) -> str:
+    return f"a person must look into the car and say so: {how_to_acknowledge(lift)}"
 
 
 def _tried_again(lift: str) -> str:

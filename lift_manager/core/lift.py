@@ -9,18 +9,25 @@ import math
 from drivers.driver import LiftDriver
 from drivers.errors import DriverError
 from drivers.model import FloorName, LiftReading
+from lift_manager.core.ask_desk import AskDesk
 from lift_manager.core.bus import Bus
+from lift_manager.core.gate import Gate
 from lift_manager.core.journal import ShortJournal
-from lift_manager.core.keeper import SessionKeeper
+from lift_manager.core.keeper import Around, SessionKeeper
+from lift_manager.core.lift_sessions import LiftSessions
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
+from lift_manager.core.people_words import PeopleWords
 from lift_manager.core.recording import LiftLog
-from lift_manager.core.sparing import Turns
+from lift_manager.core.session_desk import SessionDesk
 from lift_manager.core.ticker import Ticker
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
+from lift_manager.core.waiting import WaitingLine
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
+from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.sight import Sight, see
 from lift_manager.domain.state import Holder, LiftState
@@ -70,11 +77,16 @@ class LiftTask:
             options,
             bus,
             self._people,
-            sight=self._fresh_sight,
-            last_sight=lambda: self._sight,
-            changed=self._publish,
+            Around(self._fresh_sight, lambda: self._sight, self._publish, lambda: self._log.trouble),
         )
-        self._turns = Turns()
+        self.line = WaitingLine(options.name)
+        """Who waits for this lift."""
+        self._asks = AskDesk(self._keeper, self.line)
+        self._words = PeopleWords(self._keeper)
+        self._gate = Gate(options, self._keeper, self._log)
+        desk = SessionDesk(self._keeper, options, self.line)
+        self.sessions = LiftSessions(options, self._keeper, desk, self._gate, self._log, state=self.state)
+        """The sessions of this lift that their holders open and close."""
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
         self._shown: LiftState | None = None
@@ -107,6 +119,10 @@ class LiftTask:
         """Write down what was only counted for a minute, or at the end all of it."""
         self._log.tell(end=end)
 
+    def freshen(self) -> None:
+        """Publish a change that was not published yet."""
+        self._publish()
+
     def state(self) -> LiftState:
         """Return what this lift publishes right now, from memory."""
         keeper = self._keeper
@@ -123,9 +139,32 @@ class LiftTask:
             arrived=keeper.arrived,
             door_held=keeper.door_held,
             aboard=keeper.aboard,
-            restrictions=keeper.restrictions(self._log.trouble),
+            restrictions=keeper.restrictions(),
+            waiting=self.line.length(_now()),
         )
         return lift_state(seen, _now())
+
+    def describe(self) -> LiftDescription:
+        """Return what this lift can say and be told, and what the site allows."""
+        options = self.options
+        return LiftDescription(
+            lift=options.name,
+            floors=options.floors,
+            doors_at=options.doors_at,
+            control=options.control,
+            able=self._able,
+            poll_s=options.poll_s,
+            lease_s=options.lease_s,
+            max_session_s=options.max_session_s,
+            max_session_hold_s=options.max_session_hold_s,
+            robot_hours="" if options.robot_hours is None else str(options.robot_hours),
+        )
+
+    def signals(self) -> LiftSignals:
+        """Return every signal as it was read last."""
+        now = _now()
+        age_s = None if self._sight is None else max(0.0, now - self._read_at)
+        return LiftSignals(self.options.name, age_s, self._able.max_age_s, self._driver.signals(now))
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide on a request at once. Acceptance is not arrival."""
@@ -134,43 +173,37 @@ class LiftTask:
         is_release = not ask.hold_door and self._is_release(ask, state)
         known = ask.floor in self.options.floors
         self._log.asked(ask, known=known)
-        answer = self._decided(ask, state, is_release=is_release)
+        answer = self._gate.told(self._decided(ask, state, is_release=is_release), state)
         self._log.answered(ask, answer, known=known)
-        if self._keeper.session is not None:
-            self._left.clear()
         return answer
 
     def _decided(self, ask: Ask, state: LiftState, *, is_release: bool) -> Accepted | Refused:
-        session, now = self._keeper.session, _now()
-        if (trouble := self._log.trouble) and not is_release and session is None:
-            # one that has begun keeps its session: its robot may be in the car
-            text = f"{self.options.name} takes no robots now: {trouble}"
-            return self._people.locked_out() or Refused(Refusal.NOT_RECORDED, text)
-        had = None if session is None else (session.holder, session.floor, session.hold_door)
-        anew = not is_release and had != (ask.holder, ask.floor, ask.hold_door)
-        if anew and (wait_s := self._turns.wait_s(ask.holder, now)) > 0:
-            text = f"{self.options.name} was asked for another floor too often by {ask.holder}; ask again in {wait_s:.1f} s"
-            return Refused(Refusal.TOO_OFTEN, text)
-        answer = self._keeper.request(ask, is_release=is_release, offline=_offline(state))
+        if not is_release and (untaken := self._gate.takes_nobody()) is not None:
+            return untaken
+        anew = not is_release and self._gate.is_anew(ask.holder, ask.floor, hold_door=ask.hold_door)
+        if anew and (too_often := self._gate.too_often(ask.holder)) is not None:
+            return too_often
+        answer = self._asks.request(ask, is_release=is_release, offline=self._gate.offline(state))
         if anew and isinstance(answer, Accepted):
-            self._turns.take(ask.holder, now)
+            self._gate.took_a_turn(ask.holder)
         return answer
 
     def acknowledge(self, by: str) -> Acknowledged | Refused:
         """Take it that a person has checked the lift after a fire, or found no robot in its car."""
-        return self._keeper.acknowledge(by, offline=_offline(self.state()))
+        state = self.state()
+        return self._gate.told(self._words.acknowledge(by, offline=self._gate.offline(state)), state)
 
     def lock_out(self, by: str, reason: str) -> Lockout | Refused:
         """Let everything go and keep robots off until a person says otherwise, over restarts too."""
-        return self._keeper.lock_out(by, reason)
+        return self._words.lock_out(by, reason)
 
     def force_release(self, by: str, reason: str) -> ForceReleased | Refused:
         """Take the lift from its holder at a person's word."""
-        return self._keeper.force_release(by, reason)
+        return self._words.force_release(by, reason)
 
     def hand_over(self, holder: Holder, to: Holder) -> Accepted | Refused:
         """Give the session of `holder` to another caller."""
-        return self._keeper.hand_over(holder, to)
+        return self._asks.hand_over(holder, to)
 
     def end_lockout(self, by: str) -> LockoutEnded | Refused:
         """Let robots on the lift again."""
@@ -181,6 +214,10 @@ class LiftTask:
     def remembered(self) -> Remembered:
         """Return what of this lift outlives the manager."""
         return self._people.remembered
+
+    def note_rides(self, rides: tuple[KeptRide, ...]) -> None:
+        """Remember the rides on this lift over a restart."""
+        self._people.note_rides(rides)
 
     def _is_release(self, ask: Ask, state: LiftState) -> bool:
         """Whether the floor asked for is the one this lift reports, so that a request not to hold the door there lets go.
@@ -232,10 +269,13 @@ class LiftTask:
             self._looked.set()
         elif before.floor is not None and before.floor != sight.floor and self._keeper.session is None:
             self._left[before.floor] = reading.at
+        if self._left and self._keeper.session is not None:
+            self._left.clear()
         if self._fault:
-            _log.info("%s: reading %s", self.options.name, self._driver.source)
+            _log.info("%s: reading %s", self.options.name, self._driver.source, extra={"lift": self.options.name})
             self._fault = ""
             self._log.link(self._driver.source, "")
+        self._gate.mode(sight.values.mode, reading.at)
         self._log.mode(sight.values.mode)
         self._keeper.act(_now())
         self._publish()
@@ -253,7 +293,7 @@ class LiftTask:
 
     def _missed(self, error: DriverError) -> None:
         if not self._fault:
-            _log.warning("%s: %s", self.options.name, error)
+            _log.warning("%s: %s", self.options.name, error, extra={"lift": self.options.name})
         self._fault = str(error)
         self._log.link(self._driver.source, self._fault)
         self._keeper.act(_now())
@@ -265,9 +305,11 @@ class LiftTask:
         while True:
             at = max(self._read_at, loop.time() - self._able.max_age_s)
             await asyncio.sleep(max(at + self._able.max_age_s - loop.time(), 0) + 0.001)
-            if self._fresh_sight(loop.time()) is None:
+            lost = self._fresh_sight(loop.time()) is None
+            if lost:
                 self._keeper.act(loop.time())
-                self._publish()
+            self._publish()  # also what changed without a reading, such as what a session waits for
+            if lost:
                 await asyncio.sleep(self._able.max_age_s)
 
     def _fresh_sight(self, now: float) -> Sight | None:
@@ -280,11 +322,6 @@ class LiftTask:
         if self._shown is None or not same_but_for_time(state, self._shown):
             self._shown = state
             self._bus.publish(StateChanged(self.options.name, state))
-
-
-def _offline(state: LiftState) -> str:
-    since = "never read yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
-    return f"{state.lift} is offline, {since}: {state.reason}"
 
 
 def _now() -> float:

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine, Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Memory, ShortMemory
+from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.refusals import RefusalLog
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
-from lift_manager.domain.events import Alarm, Event, StateChanged
+from lift_manager.core.rides.engine import RideEngine
+from lift_manager.core.rides.site_rides import SiteRides
+from lift_manager.core.site_sessions import SiteSessions
+from lift_manager.core.waiting import WaitingLine
+from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
+from lift_manager.domain.description import LiftDescription, LiftSignals
+from lift_manager.domain.events import Alarm, Event, Occurrence, StateChanged
 from lift_manager.domain.journal import Row
+from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState
 
@@ -24,7 +30,7 @@ TELL_EVERY_S = 10.0
 """How often to look for what was counted for a minute and not told."""
 
 
-class LiftManager:
+class LiftManager(SiteSessions, SiteRides):
     """Many lifts. Answers come from memory; nothing here waits for a controller."""
 
     def __init__(
@@ -33,19 +39,24 @@ class LiftManager:
         bus: Bus[Event],
         memory: Memory | None = None,
         journal: Journal | None = None,
+        clock: Clock | None = None,
     ) -> None:
-        """Put lifts together; `memory` and `journal` are what they were made with, if these have anything to write."""
-        self._lifts = {lift.options.name: lift for lift in lifts}
+        """Put lifts together; `memory`, `journal` and `clock` are what they were made with, if these are not the usual ones."""
+        super().__init__({lift.options.name: lift for lift in lifts})
         self._bus = bus
         self._memory = memory or ShortMemory()
         self._journal = journal or ShortJournal()
         self._refusals = RefusalLog(self._journal)
+        self._rides = RideEngine(
+            self, self.line, self.tap, publish=bus.publish, keep=self._keep_rides, clock=clock or wall_clock()
+        )
 
     async def run(self) -> None:
-        """Poll every lift until cancelled."""
+        """Poll every lift, and go on with rides, until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             for lift in self._lifts.values():
                 tasks.create_task(lift.run())
+            tasks.create_task(self._rides.run())
             tasks.create_task(self._tell())
 
     async def remember(self) -> None:
@@ -62,7 +73,13 @@ class LiftManager:
 
     def turned_away(self, who: TurnedAway) -> None:
         """Write down a request that reached no lift."""
+        self._refusals.count(who.lift if who.lift in self._lifts else "", who.code)
         self._refusals.turned_away(who)
+
+    @property
+    def refused(self) -> Mapping[tuple[str, str], int]:
+        """How often the answer was no, by lift (empty where it was about none) and code."""
+        return self._refusals.counts
 
     @property
     def unwritten(self) -> frozenset[str]:
@@ -85,6 +102,7 @@ class LiftManager:
 
     async def stop(self) -> None:
         """Let everything go on every lift and return once it is verified; bound it with a timeout."""
+        self._rides.stop()
         try:
             async with asyncio.TaskGroup() as tasks:
                 for lift in self._lifts.values():
@@ -106,10 +124,24 @@ class LiftManager:
         task = self._lifts.get(lift)
         return None if task is None else task.state()
 
+    def describe(self, lift: str) -> LiftDescription | None:
+        """Return what a lift can say and be told; None for a lift that is not of this site."""
+        task = self._lifts.get(lift)
+        return None if task is None else task.describe()
+
+    def signals(self, lift: str) -> LiftSignals | None:
+        """Return every signal as it was read last; None for a lift that is not of this site."""
+        task = self._lifts.get(lift)
+        return None if task is None else task.signals()
+
+    def line(self, lift: str) -> WaitingLine:
+        """Return who waits for a lift. Raises KeyError for one that is not of this site."""
+        return self._lifts[lift].line
+
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide on a request at once."""
         if (task := self._lifts.get(ask.lift)) is not None:
-            return task.request(ask)
+            return self._told(ask.lift, task.request(ask))
         answer = self._unknown(ask.lift)
         self.turned_away(TurnedAway(answer.code, "there is no such lift", ask.lift, str(ask.holder)))
         return answer
@@ -135,7 +167,7 @@ class LiftManager:
     def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
         """Give the session of `holder` to another caller, at the holder's own word."""
         task = self._lifts.get(lift)
-        return self._unknown(lift) if task is None else task.hand_over(holder, to)
+        return self._told(lift, self._unknown(lift) if task is None else task.hand_over(holder, to))
 
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         """Let robots on a lift again."""
@@ -156,6 +188,35 @@ class LiftManager:
                 subscription.put(StateChanged(name, task.state()))
             yield subscription
 
+    @property
+    def boot(self) -> str:
+        """What the ids of this process's events begin with."""
+        return self._bus.boot
+
+    @property
+    def newest(self) -> int:
+        """The number of the newest event; 0 before the first."""
+        return self._bus.newest
+
+    @contextmanager
+    def tap(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+        """Call `hear` with every event for as long as the context lasts, at once and in order."""
+        loop = asyncio.get_running_loop()
+        with self._bus.tap(lambda event, item: hear(Occurrence(event, loop.time(), item))):
+            yield
+
+    @contextmanager
+    def overhear(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+        """As `tap`, of what is published anyhow: a state that nobody listens to is not worked out for it."""
+        loop = asyncio.get_running_loop()
+        with self._bus.overhear(lambda event, item: hear(Occurrence(event, loop.time(), item))):
+            yield
+
+    def freshen(self) -> None:
+        """Publish every change of a state that was not published yet."""
+        for lift in self._lifts.values():
+            lift.freshen()
+
     async def _tell(self) -> None:
         """Tell what was counted, though nobody asks anything more."""
         while True:
@@ -167,10 +228,16 @@ class LiftManager:
     def _heard(self, lift: str, by: str, said: str, answer: Answer | Refused) -> Answer | Refused:
         if isinstance(answer, Refused):
             self._refusals.person_refused(lift, by, said, answer)
+        return self._told(lift, answer)
+
+    def _told(self, lift: str, answer: Answer | Refused) -> Answer | Refused:
+        """Count the answer if it is no, and pass it on. Every answer that may be no goes through here once."""
+        if isinstance(answer, Refused):
+            self._refusals.count(lift if lift in self._lifts else "", answer.code)
         return answer
 
-    def _unknown(self, lift: str) -> Refused:
-        return Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are {', '.join(self._lifts)}")
+    def _keep_rides(self, lift: str, rides: tuple[KeptRide, ...]) -> None:
+        self._lifts[lift].note_rides(rides)
 
     def _not_recorded(self, text: str) -> None:
         for lift in self._lifts:

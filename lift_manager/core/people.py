@@ -13,6 +13,7 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.events import Event, LockedOut, LockoutOver, PersonAcknowledged
 from lift_manager.domain.hours import wall_clock
+from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.service import (
     Acknowledged,
     Cause,
@@ -43,7 +44,7 @@ class PeopleFirst:
         self._rests_until = -math.inf
         self.remembered = memory.recall(options.name)
         if self.remembered.keeps_robots_out or self.remembered.left_untold is not None:
-            _log.warning("%s: from before this start: %s", options.name, self._in_words())
+            _log.warning("%s: from before this start: %s", options.name, self._in_words(), extra={"lift": options.name})
 
     @property
     def fire_latched(self) -> bool:
@@ -145,6 +146,11 @@ class PeopleFirst:
         if session != self.remembered.session:
             self._keep(replace(self.remembered, session=session))
 
+    def note_rides(self, rides: tuple[KeptRide, ...]) -> None:
+        """Remember the rides on it."""
+        if rides != self.remembered.rides:
+            self._keep(replace(self.remembered, rides=rides))
+
     def lock_out(self, by: str, reason: str) -> Lockout | Refused:
         """Keep robots off until a person says otherwise; a second word does not cover up the first."""
         name = self._options.name
@@ -153,8 +159,8 @@ class PeopleFirst:
             return Refused(Refusal.LOCKED_OUT, text)
         lockout = Lockout(by, reason, self.clock())
         self._keep(replace(self.remembered, lockout=lockout))
-        _log.warning("%s: locked out by %s: %s", name, by, reason)
-        self._bus.publish(LockedOut(name, lockout))
+        said = {"event": self._bus.publish(LockedOut(name, lockout)), "lift": name}
+        _log.warning("%s: locked out by %s: %s", name, by, reason, extra=said)
         return lockout
 
     def end_lockout(self, by: str) -> LockoutEnded | Refused:
@@ -162,10 +168,10 @@ class PeopleFirst:
         name, lockout = self._options.name, self.remembered.lockout
         if lockout is None:
             return Refused(Refusal.NOT_LOCKED_OUT, f"{name} is not locked out")
-        ended = LockoutEnded(by, self.clock(), lockout)
-        _log.warning("%s: the lockout %s is ended by %s", name, self.lockout, by)
+        ended, shown = LockoutEnded(by, self.clock(), lockout), self.lockout
         self._keep(replace(self.remembered, lockout=None))
-        self._bus.publish(LockoutOver(name, ended))
+        said = {"event": self._bus.publish(LockoutOver(name, ended)), "lift": name}
+        _log.warning("%s: the lockout %s is ended by %s", name, shown, by, extra=said)
         return ended
 
     def acknowledge(self, by: str, *, occupied: bool, held: Holder | None = None) -> Acknowledged | Refused:
@@ -184,8 +190,8 @@ class PeopleFirst:
         said = Acknowledged(by, self.clock(), what)
         kept = None if occupied else self.remembered.occupied
         self._keep(replace(self.remembered, fire_since=None, occupied=kept, acknowledged=said))
-        _log.warning("%s: %s acknowledged by %s", name, " and ".join(what), by)
-        self._bus.publish(PersonAcknowledged(name, said))
+        event = self._bus.publish(PersonAcknowledged(name, said))
+        _log.warning("%s: %s acknowledged by %s", name, " and ".join(what), by, extra={"event": event, "lift": name})
         return said
 
     def _in_words(self) -> str:

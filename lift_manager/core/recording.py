@@ -18,6 +18,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.journal import Row
 from lift_manager.domain.state import Holder
+from lift_manager.domain.wish import Wish
 from register_maps.words import Mode
 
 REQUESTS = 30
@@ -34,16 +35,18 @@ to see change once, take less."""
 class RecordingBus(Bus[Event]):
     """A bus of which every event is in the journal, heard or not."""
 
-    def __init__(self, journal: Journal) -> None:
-        super().__init__()
+    def __init__(self, journal: Journal, boot: str = "") -> None:
+        """`boot` is what the ids begin with; made of the clock where it is empty."""
+        super().__init__(boot)
         self._journal = journal
 
-    def publish(self, item: Event) -> None:
-        """Note an event, and give it to all listeners."""
-        row = rows.row_of(item)
+    def publish(self, item: Event) -> str:
+        """Note an event, and give it to all listeners; returns its id."""
+        event, row = self._next_id(), rows.row_of(item)
         if row is not None:
-            self._journal.note(row)
-        self.hand_out(item)
+            self._journal.note(replace(row, event=event))
+        self._hand_out(event, item)
+        return event
 
 
 class _Caller:
@@ -51,7 +54,7 @@ class _Caller:
 
     def __init__(self) -> None:
         self.sparing = Sparing(REQUESTS)
-        self.ask: Ask | None = None
+        self.ask: Ask | Wish | None = None
         """The newest with a row of its own."""
         self.answer: Accepted | Refused | None = None
         self.admitted = False
@@ -66,14 +69,15 @@ class RequestLog:
         self._journal = journal
         self._callers: OrderedDict[Holder, _Caller] = OrderedDict()
 
-    def asked(self, ask: Ask, *, known: bool) -> None:
-        """Note a request that is about to be decided on; `known` tells a floor that the lift has."""
+    def asked(self, ask: Ask | Wish, *, known: bool) -> bool:
+        """Note a request that is about to be decided on; `known` tells a floor that the lift has. Returns whether it has a row."""
         now, caller = _now(), self._caller(ask.holder)
         caller.admitted = caller.sparing.admits(_kind_of(ask, known=known), now)
         if caller.admitted:
             self._begin(caller, ask, now)
+        return caller.admitted
 
-    def answered(self, ask: Ask, answer: Accepted | Refused, *, known: bool) -> None:
+    def answered(self, ask: Ask | Wish, answer: Accepted | Refused, *, known: bool) -> None:
         """Note what it was told, where that is news."""
         now, caller = _now(), self._caller(ask.holder)
         repeat = caller.sparing.is_last(_kind_of(ask, known=known))
@@ -110,7 +114,7 @@ class RequestLog:
             self._tell(*gone, _now())
         return caller
 
-    def _begin(self, caller: _Caller, ask: Ask, now: float) -> None:
+    def _begin(self, caller: _Caller, ask: Ask | Wish, now: float) -> None:
         self._tell(ask.holder, caller, now)
         caller.ask, caller.answer = ask, None
         self._journal.note(rows.asked(ask))
@@ -169,11 +173,11 @@ class LiftLog:
             lambda counted, for_s: rows.link_changed(lift, self._link or "", counted, for_s), journal
         )
 
-    def asked(self, ask: Ask, *, known: bool = True) -> None:
-        """Note a request that is about to be decided on; `known` tells a floor that the lift has."""
-        self._requests.asked(ask, known=known)
+    def asked(self, ask: Ask | Wish, *, known: bool = True) -> bool:
+        """Note a request that is about to be decided on; `known` tells a floor that the lift has. Returns whether it has a row."""
+        return self._requests.asked(ask, known=known)
 
-    def answered(self, ask: Ask, answer: Accepted | Refused, *, known: bool = True) -> None:
+    def answered(self, ask: Ask | Wish, answer: Accepted | Refused, *, known: bool = True) -> None:
         """Note what it was told."""
         self._requests.answered(ask, answer, known=known)
 
@@ -232,7 +236,7 @@ def _same(before: Accepted | Refused, answer: Accepted | Refused) -> bool:
     return before == answer
 
 
-def _kind_of(ask: Ask, *, known: bool) -> Ask:
+def _kind_of(ask: Ask | Wish, *, known: bool) -> Ask | Wish:
     """Return what repeats of a request have in common: floors that the lift does not have are all one."""
     return ask if known else replace(ask, floor="")
 

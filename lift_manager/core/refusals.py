@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 
 from lift_manager.core.journal import Journal
 from lift_manager.core.sparing import Sparing, newest
@@ -22,6 +22,12 @@ class RefusalLog:
         self._journal = journal
         self._sparing: OrderedDict[tuple[RowKind, str], Sparing] = OrderedDict()
         """By caller. Those without a key are one, and so are people: they sign with any name."""
+        self.counts: Counter[tuple[str, str]] = Counter()
+        """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
+
+    def count(self, lift: str, code: str) -> None:
+        """Count a refusal, whoever writes it down."""
+        self.counts[lift, str(code)] += 1
 
     def turned_away(self, who: TurnedAway) -> None:
         """Note a request that reached no lift."""

@@ -8,7 +8,8 @@ from dataclasses import replace
 from drivers.driver import LiftDriver, Permit
 from drivers.model import FloorName
 from lift_manager.core.announce import Announcer
-from lift_manager.core.calling import CallButton
+from lift_manager.core.calling import CallButton, Press
+from lift_manager.core.closing import DoorClosing
 from lift_manager.core.doors import DoorHolds
 from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
@@ -17,6 +18,7 @@ from lift_manager.domain import call as calls
 from lift_manager.domain import session as sessions
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.following import View
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
 from lift_manager.domain.sight import Sight, barred, left
@@ -36,11 +38,13 @@ class Serving:
         handshake: Handshake,
         say: Announcer,
         *,
+        press: Press,
         used: Callable[[Session], None],
     ) -> None:
         """`used` hears of the session as it is, just before something is held for it."""
         self.call = SessionCall(options.name, driver.capabilities, button)
         self.doors = DoorHolds(driver, options)
+        self.closing = DoorClosing(driver, press)
         self.awaits = ""
         """What the lift, or the holder, has still to give."""
         self._able = driver.capabilities
@@ -54,17 +58,19 @@ class Serving:
 
     def restore(self, session: Session, kept: KeptSession, permit: Permit, now: float) -> None:
         """Keep on what is found on after a restart, and press nothing."""
+        if session.floor is None:
+            return
         self.call.restore(session.floor, pressed=kept.pressed, now=now)
         self._handshake.restore(kept.boarding, session.floor, permit, now)
         if kept.pressed:
             self._button.adopt(session.floor, permit, aboard=self._handshake.aboard is True)
-        if session.holding_since is not None:
+        if session.holding_since is not None and session.hold_door:
             self.doors.adopt(session.floor, permit)
             self._found_held = True
 
     def door_held(self, session: Session) -> bool:
         """Whether what keeps the door open at the session's floor is on and verified, where the map has anything for that."""
-        if not self.doors.held(session.floor):
+        if session.floor is None or not self.doors.held(session.floor):
             return False
         return not self._call_is_hold(session) or (
             self.call.told and self._button.keeps_door and not self._button.forgotten
@@ -72,6 +78,9 @@ class Serving:
 
     def wants(self, session: Session, now: float) -> None:
         """Take a request that was accepted: a new call, or the same one again."""
+        self.closing.forget()
+        if session.floor is None:
+            return
         moves_on = self.call.elsewhere(session.floor)
         if moves_on:
             self._found_held = False
@@ -80,10 +89,59 @@ class Serving:
         holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
         if moves_on or not (session.hold_spent and holds_door):
             self.call.want(session.floor, now)
+        if session.stays and self._needs_call(session) and not self._button.keeps_door:
+            self.call.want_again(now)
+
+    def let_go_of_door(self) -> None:
+        """Let go of whatever holds the door; a call under way stays, though it may keep the door open where it ends."""
+        self.closing.forget()
+        self._let_go_of_doors()
+        if self.call.arrived:
+            self._button.let_go_of_door()
+
+    def view(self, session: Session, waits: str, now: float) -> View:
+        """Return what the session has on the lift; `waits` is what it waits for."""
+        in_place, left_word = self._handshake.told(now)
+        calls_held = self.call.arrived and not self._button.door_at_rest
+        return View(
+            floor=session.floor,
+            call=self.call.progress(now),
+            door_held=self.door_held(session),
+            door_given=self.doors.given or calls_held,
+            door_free=self.doors.at_rest and not calls_held,
+            hold_spent=session.hold_spent,
+            in_place=in_place,
+            left=left_word,
+            close=self.closing.told,
+            waits=waits,
+        )
+
+    def close(self, permit: Permit, now: float) -> None:
+        """Press the close button where that is wanted, once nothing of ours holds the door."""
+        self.closing.act(permit, now, free=self.doors.at_rest and self._button.door_at_rest)
+
+    def why_no_hold(self, floor: FloorName) -> str | None:
+        """Say why the door at a floor cannot be held; None where it can."""
+        on_call = (self._button.holds_door(floor, aboard=aboard) for aboard in (False, True))
+        if self.doors.known(floor) or any(on_call):
+            return None
+        return f"its map {self._able.map_name} has no hold for every door at {floor}"
+
+    def why_no_close(self, session: Session | None, sight: Sight | None) -> str | None:
+        """Say why the close button may not be pressed now; None when it may."""
+        if session is None or session.floor is None or sight is None:
+            return "nobody knows where the car stands"
+        floor = session.floor
+        if not (self.call.arrived and sight.floor == floor and sight.standing):
+            return f"the car does not stand at {floor} for this session"
+        if self._handshake.who is Who.MAY_BOARD:
+            return "the robot may be in the doorway; say robot_in_place or robot_left first"
+        return "the door is to be held" if session.hold_door else None
 
     def end(self) -> None:
         """Let go of the doors, and follow nothing any more."""
         self.call.forget()
+        self.closing.forget()
         self.awaits, self._found_held = "", False
         self.doors.let_go()
 
@@ -91,6 +149,7 @@ class Serving:
         """Press, hold and let go for a session, as far as a fresh reading allows. `permit` is that of its presses."""
         call = self.call.now
         if call is None:
+            self._handshake.seen(sight, None, now)
             return session
         is_hold = self._needs_call(session)
         call = self.call.seen(call, sight, now, is_hold=is_hold)
@@ -109,15 +168,17 @@ class Serving:
         elif call.phase is CallPhase.ARRIVED:
             self._button.let_go_at("arrived")
             self._found_held = False
-            return self._stay(session, sight, permit, now)
+            return self._stay(session, call, sight, permit, now)
         else:
             if call.phase is CallPhase.FAILED and self._button.until:
                 self._button.let_go()
-            return self._keep_found(session, sight, permit, now)
+            return self._keep_found(session, call, sight, permit, now)
         return session
 
     def _call_is_hold(self, session: Session) -> bool:
         """Whether nothing but the call to the session's floor keeps the door open there."""
+        if session.floor is None:
+            return False
         aboard = self._handshake.aboard is True
         return self._button.holds_door(session.floor, aboard=aboard) and not self.doors.known(session.floor)
 
@@ -130,12 +191,12 @@ class Serving:
         self._found_held = False
         self.doors.let_go()
 
-    def _keep_found(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session:
+    def _keep_found(self, session: Session, call: Call, sight: Sight, permit: Permit, now: float) -> Session:
         """Keep a hold that a restart found on, as long as nothing says that the car has left; let go of any other one."""
-        if not (self._found_held and session.hold_door) or left(sight, session.floor):
+        if not (self._found_held and session.hold_door) or left(sight, call.floor):
             self._let_go_of_doors()
             return session
-        return self._hold_open(session, sight, session.floor, permit, now, begin=False)
+        return self._hold_open(session, sight, call.floor, permit, now, begin=False)
 
     def _await_word(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session:
         """Stay open for a robot aboard until the lift has been told of it; a robot on its way out needs nothing more."""
@@ -151,16 +212,21 @@ class Serving:
             return EndReason.NOT_GRANTED, f"{what} was not granted within {self._able.granted_within_s:g} s"
         return replace(session, lease_from=now)
 
-    def _stay(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session | End:
+    def _stay(self, session: Session, call: Call, sight: Sight, permit: Permit, now: float) -> Session | End:
         """Hold the door at the session's floor, or end a session that wanted no more than to get there.
 
         A robot aboard keeps its session: it has still to get out.
         """
-        if not session.hold_door and self._handshake.aboard is not True:
+        if not session.hold_door and not session.stays and self._handshake.aboard is not True:
             return EndReason.ARRIVED, "arrived"
-        if self._handshake.door_is_open(sight, session.floor):
+        if self._handshake.door_is_open(sight, call.floor):
             session = sessions.stood_open(session, now)
-        return self._hold_open(session, sight, session.floor, permit, now) if session.hold_door else session
+        if session.hold_door:
+            return self._hold_open(session, sight, call.floor, permit, now)
+        if session.stays:
+            self._let_go_of_doors()
+            self._button.let_go_of_door()
+        return session
 
     def _hold_open(
         self, session: Session, sight: Sight, floor: FloorName, permit: Permit, now: float, *, begin: bool = True

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 from asyncio import Future
+from dataclasses import replace
 
 from drivers.driver import Permit
 from drivers.model import Capabilities, FloorName, Outcome
 from lift_manager.core.calling import CallButton
 from lift_manager.domain import call as calls
 from lift_manager.domain.call import Call, CallPhase
+from lift_manager.domain.following import Told, how_far
 from lift_manager.domain.sight import Sight
 
 _log = logging.getLogger(__name__)
@@ -23,6 +25,7 @@ class SessionCall:
         self._able = able
         self._button = button
         self._pressed: Future[Outcome] | None = None
+        self._outcome: Outcome | None = None
         self.now: Call | None = None
         """Where it is; None without a session."""
 
@@ -42,7 +45,18 @@ class SessionCall:
 
     def want(self, floor: FloorName, now: float) -> None:
         """Want the car at a floor; a repeat presses nothing while the call is pending or fulfilled."""
+        if self.now is None or self.elsewhere(floor):
+            self._outcome = None
         self.now = calls.want(self.now, floor, now)
+
+    def want_again(self, now: float) -> None:
+        """Want a fulfilled call to be pressed once more: it is what holds the door, and was let go."""
+        if self.now is not None and self.now.phase is CallPhase.ARRIVED:
+            self.now = replace(self.now, phase=CallPhase.WANTED, since=now, missing=0, shut_since=None)
+
+    def progress(self, now: float) -> Told:
+        """Return how far it is."""
+        return how_far(self.now, self._outcome, now)
 
     def restore(self, floor: FloorName, *, pressed: bool, now: float) -> None:
         """Go on after a restart: follow a call that was pressed, and leave another one to the next request."""
@@ -81,9 +95,10 @@ class SessionCall:
             # where no call moves the occupied car, the word that a robot is in place has sent it on
             self.now = calls.unpressed(call, now)
         else:
-            self.now, self._pressed = calls.pressed(call, now), pressed
+            self.now, self._pressed, self._outcome = calls.pressed(call, now), pressed, None
 
     def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> None:
         """Take the outcome of a press, if it is that of the newest one."""
         if self.now is not None and future is self._pressed:
+            self._outcome = outcome
             self.now = calls.ended(self.now, outcome, now)

@@ -15,8 +15,9 @@ from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
 
 RENEWED_EVERY_S = 10.0
-"""A lease that is merely renewed is written at most so often, and four times in its length: a caller may renew it several times a
-second, and a memory card wears out. Chosen: after a restart a lease ends at most that much early."""
+"""A lease that is merely renewed is written at most so often, and four times in its length, but never more than once a second: a
+caller may renew it several times a second, and a memory card wears out. Chosen: after a restart a lease ends at most that much
+early."""
 
 
 class SessionMemory:
@@ -25,7 +26,6 @@ class SessionMemory:
     def __init__(self, options: LiftOptions, people: PeopleFirst) -> None:
         self._options = options
         self._people = people
-        self._every_s = min(RENEWED_EVERY_S, options.lease_s / 4)
         self._noted: tuple[Session, KeptBoarding, bool] | None = None
         """What was written, its lease left out."""
         self._lease_from = -math.inf
@@ -43,14 +43,15 @@ class SessionMemory:
         session = sessions.restored(kept, number=number, at=people.clock(), now=now)
         if not options.control:
             return EndReason.NOT_RESTORED, "the site file no longer says `access: control`"
-        if session.floor not in options.floors:
+        if session.floor is not None and session.floor not in options.floors:
             return EndReason.NOT_RESTORED, f"the site file no longer has its floor {session.floor}"
         if people.lockout:
             return EndReason.LOCKOUT, f"the lift is locked out {people.lockout}"
         if people.fire_latched:
             return EndReason.FIRE, "there was a fire"
         if now >= sessions.lease_ends_at(session, options.lease_s):
-            return EndReason.LEASE, f"the lease of {options.lease_s:g} s ran out while the manager was not running"
+            lease_s = sessions.lease_of(session, options.lease_s)
+            return EndReason.LEASE, f"the lease of {lease_s:g} s ran out while the manager was not running"
         return session
 
     def robot_mode_until(self, now: float, most_s: float) -> float | None:
@@ -89,7 +90,8 @@ class SessionMemory:
             self._people.note_session(None)
             return
         noted = (replace(session, lease_from=0.0, heard_at=None), boarding, pressed)
-        if noted == self._noted and session.lease_from - self._lease_from < self._every_s:
+        every_s = min(RENEWED_EVERY_S, max(1.0, sessions.lease_of(session, self._options.lease_s) / 4))
+        if noted == self._noted and session.lease_from - self._lease_from < every_s:
             return
         self._noted, self._lease_from = noted, session.lease_from
         at = self._people.clock()

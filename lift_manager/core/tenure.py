@@ -9,7 +9,7 @@ from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.serving import End
 from lift_manager.domain import session as sessions
-from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
+from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.service import EndReason, how_to_acknowledge, silent_text, unclaimed_text
 from lift_manager.domain.session import SILENT_S, Session
 from lift_manager.domain.state import Holder
@@ -37,37 +37,37 @@ class Tenure:
         """Return why a session is over by its time. `rides` says that a robot may be under way in the car: that is waited for."""
         options = self._options
         if now >= sessions.lease_ends_at(session, options.lease_s):
-            return EndReason.LEASE, f"the lease of {options.lease_s:g} s ran out"
+            return EndReason.LEASE, f"the lease of {sessions.lease_of(session, options.lease_s):g} s ran out"
         ends_at = sessions.ends_at(session, options.max_session_s) + (self._arrive_within_s if rides else 0.0)
         if now < ends_at:
             return None
         return EndReason.MAX_SESSION, f"it lasted for {options.max_session_s:g} s, as long as the site allows"
 
     def contest(
-        self, session: Session, ask: Ask, now: float, handshake: Handshake, refusal: Refused | None
+        self, session: Session, asker: Holder, now: float, handshake: Handshake, refusal: Refused | None
     ) -> End | Refused | None:
         """Return why a session ends because of another caller's request, if it does; people hear of a holder that is silent.
 
         A robot of the holder that may be in the car keeps it: nobody else would get the lift then. A refusal says how a
-        person ends such a session from before a restart. A wish that would be refused whoever holds the lift ends none;
+        person ends such a session from before a restart. A wish that would be refused whoever holds the lift ends none:
         `refusal` is what else speaks against it. Neither does one that needs no open door, which is not to be given here: an
         idle client posts such requests once a second, for floors that the car may have left (`lift.RECENT_FLOOR_S`).
         """
-        if refusal is not None or handshake.impossible(ask.floor, aboard=ask.robot is RobotWord.IN_PLACE) is not None:
+        if refusal is not None:
             return None
         occupied = handshake.occupied_by(session) is not None
         silent_s, unclaimed = sessions.silent_for(session, now), sessions.unclaimed(session)
         if unclaimed and not occupied:
-            return EndReason.UNCLAIMED, f"{ask.holder} was heard first after a restart of the manager"
+            return EndReason.UNCLAIMED, f"{asker} was heard first after a restart of the manager"
         if silent_s >= SILENT_S:
-            self._tell(session, ask.holder, silent_s)
+            self._tell(session, asker, silent_s)
         if unclaimed:
             held = sessions.held(session, now)
             return replace(held, message=f"{held.message}; {unclaimed_text(self._options.name)}")
         allowed_s = self._options.takeover_after_s
         if allowed_s is None or silent_s < allowed_s or occupied:
             return None
-        return EndReason.TAKEN_OVER, f"{session.holder} was not heard for {silent_s:.0f} s, and {ask.holder} asked"
+        return EndReason.TAKEN_OVER, f"{session.holder} was not heard for {silent_s:.0f} s, and {asker} asked"
 
     def held_by(
         self, session: Session | None, holder: Holder | None, now: float, *, in_car: tuple[Holder, bool] | None

@@ -47,6 +47,8 @@ class LiftIn(StrEnum):
 
     PATH = "path"
     QUERY = "query"
+    BODY = "body"
+    """Or in what the request is about, such as a ride: the gate lets every key pass that commands a lift, and the route asks `refusal`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,9 @@ _POST = ("POST",)
 _FILE = ("GET", "HEAD")
 _WORKSHOP = "/open-rmf/demo-lift"
 _LIFT = "/api/v1/lifts/{lift:path}"
+_SESSION = f"{_LIFT}/sessions/{{session}}"
+_RIDES = "/api/v1/rides"
+_RIDE = f"{_RIDES}/{{ride}}"
 
 ROUTES: tuple[Route, ...] = (
     Route(_GET, "/", Need.NOTHING),
@@ -73,8 +78,10 @@ ROUTES: tuple[Route, ...] = (
     Route(_GET, "/redoc", Need.NOTHING),
     Route(_FILE, "/redoc/{path:path}", Need.NOTHING),
     Route(_FILE, "/openapi.json", Need.NOTHING),
+    Route(_GET, "/errors.md", Need.NOTHING),
     Route(_GET, "/healthz", Need.NOTHING),
     Route(_GET, "/readyz", Need.NOTHING),
+    Route(_GET, "/metrics", Need.READ),
     Route(_GET, f"{_WORKSHOP}/lift_names", Need.READ),
     Route(_GET, f"{_WORKSHOP}/lift_state", Need.READ, LiftIn.QUERY),
     Route(_POST, f"{_WORKSHOP}/lift_request", Need.COMMAND, LiftIn.QUERY),
@@ -82,8 +89,33 @@ ROUTES: tuple[Route, ...] = (
     Route(_POST, f"{_LIFT}/lockout", Need.OPERATE, LiftIn.PATH),
     Route(_POST, f"{_LIFT}/lockout/end", Need.OPERATE, LiftIn.PATH),
     Route(_POST, f"{_LIFT}/session/force-release", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/sessions", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/renew", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/close", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/hand-over", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/commands", Need.COMMAND, LiftIn.PATH),
+    Route(_GET, _RIDES, Need.READ),
+    Route(_POST, _RIDES, Need.COMMAND, LiftIn.BODY),
+    Route(_GET, _RIDE, Need.READ),
+    Route(_POST, f"{_RIDE}/entered", Need.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/left", Need.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/here", Need.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/cancel", Need.COMMAND, LiftIn.BODY),
+    Route(_GET, "/api/v1/events", Need.READ),
+    Route(_GET, "/api/v1/links", Need.COMMISSION),
+    Route(_GET, "/api/v1/links/{link:path}/frames", Need.COMMISSION),
+    Route(_GET, "/api/v1/lifts", Need.READ),
+    Route(_GET, f"{_LIFT}/capabilities", Need.READ, LiftIn.PATH),
+    Route(_GET, f"{_LIFT}/signals", Need.READ, LiftIn.PATH),
+    Route(_GET, f"{_SESSION}/commands/{{command}}", Need.COMMAND, LiftIn.PATH),
+    Route(_GET, _SESSION, Need.COMMAND, LiftIn.PATH),
+    Route(_GET, _LIFT, Need.READ, LiftIn.PATH),
 )
-"""All that can be asked. What is not in here is answered as if it did not exist, whatever the application has."""
+"""All that can be asked. What is not in here is answered as if it did not exist, whatever the application has.
+
+The first match of path and method counts. The last one matches every GET below `/api/v1/lifts/`, because a lift's name may hold a
+slash: it stays the last, and the application has what is read below the lifts in the same order.
+"""
 
 
 def refusal(role: Role, own: Sequence[str], need: Need, asked: Sequence[str]) -> str:

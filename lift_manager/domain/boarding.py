@@ -95,13 +95,15 @@ def rode(boarding: Boarding) -> bool:
     return boarding.sent_on or boarding.who is Who.ABOARD
 
 
-def leaves_doubt(boarding: Boarding, *, released: bool, arrived: bool) -> bool:
-    """Whether the end of a session leaves it open whether its robot is in the car.
+def leaves_doubt(boarding: Boarding, release: Ask | None, *, arrived: bool, has_words: bool) -> bool:
+    """Whether the end of a session leaves it open whether its robot is in the car. `release` is its holder's own word.
 
-    A holder that lets go, or wanted no more than to arrive, is done, unless its robot was aboard on the way.
+    A holder that lets go, or wanted no more than to arrive, is done, unless its robot was aboard on the way. One that
+    `has_words` for it has to say that its robot left.
     """
-    if released:
-        return boarding.who is Who.ABOARD
+    if release is not None:
+        must_say = has_words and release.robot is not RobotWord.LEFT
+        return possible(boarding) if must_say else boarding.who is Who.ABOARD
     return rode(boarding) if arrived else possible(boarding)
 
 
@@ -145,7 +147,7 @@ def hear(boarding: Boarding, ask: Ask, stop: Stop | None, rules: Rules, now: flo
     return heard if ask.floor == stop.floor else _sent_on(heard, stop, rules, now)
 
 
-def has_left(boarding: Boarding, ask: Ask, destination: FloorName, rules: Rules) -> bool:
+def has_left(boarding: Boarding, ask: Ask, destination: FloorName | None, rules: Rules) -> bool:
     """Whether a release says that the robot got out: in words, or by being given at the destination."""
     if boarding.who is not Who.ABOARD or boarding.may_leave_at is None:
         return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.model import Outcome
-from lift_manager.domain.ride import Ride
+from lift_manager.domain.ride import Phase, Ride
 from lift_manager.domain.service import Acknowledged, Advice, EndReason, ForceReleased, Lockout, LockoutEnded
 from lift_manager.domain.session_requests import Followed
 from lift_manager.domain.state import Holder, LiftState
@@ -138,6 +138,8 @@ class RideChanged:
     lift: str
     """The lift that it is on now."""
     ride: Ride
+    before: Phase | None = None
+    """Its phase before; None for one that has just begun."""
 
 
 Event = (

@@ -50,3 +50,11 @@ class Row:
     """`<face>:<name>` of whoever asked, or the name of the person; empty where nobody did."""
     data: Mapping[str, Json] = field(default_factory=dict)
     """For programs: stable keys, no secrets."""
+    event: str = field(default="", compare=False)
+    """The id of the event that this is the row of, as in the log and the event stream; empty for a row of something else. It
+    tells which time something was said, not what: rows that say the same are equal."""
+
+    @property
+    def told(self) -> Mapping[str, Json]:
+        """`data` as it is written, with the id of the event under the key `event`."""
+        return {**self.data, "event": self.event} if self.event else self.data

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import datetime
 
-from drivers.model import Command, Outcome, Written
+from drivers.model import Command, Outcome, Proof, Written
 from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
 from lift_manager.domain.events import (
     Advised,
@@ -17,13 +18,17 @@ from lift_manager.domain.events import (
     LockoutOver,
     PersonAcknowledged,
     ReleasedByPerson,
+    RequestFollowed,
+    RideChanged,
     SessionEnded,
     SessionOpened,
     SessionRestored,
     StateChanged,
 )
 from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.domain.session_requests import Followed, Status
 from lift_manager.domain.state import Holder
+from lift_manager.domain.wish import Wish
 from register_maps.words import Mode
 
 FLOOR_LETTERS = 64
@@ -41,6 +46,10 @@ def row_of(event: Event) -> Row | None:
             return _outcome(lift, outcome, holder)
         case Alarm(lift, text, holder):
             return Row(RowKind.ALARM, text, lift, "" if holder is None else str(holder))
+        case RequestFollowed(_, followed):
+            return _followed(followed)
+        case RideChanged():
+            return _ride(event)
         case _:
             return _session(event)
 
@@ -49,9 +58,10 @@ def _session(event: SessionOpened | SessionRestored | SessionEnded | HandedOver 
     holder, data, text = str(event.holder), dict[str, Json](), ""
     match event:
         case SessionOpened(_, _, floor):
-            data, text = {"to": floor}, f"{holder} holds the lift, to {floor}"
+            data, text = {"to": floor}, f"{holder} holds the lift" + (f", to {floor}" if floor else "")
         case SessionRestored(_, _, floor, why):
-            data, text = {"to": floor}, f"{holder} holds the lift as before the restart, to {floor}: {why}"
+            to_floor = f", to {floor}" if floor else ""
+            data, text = {"to": floor}, f"{holder} holds the lift as before the restart{to_floor}: {why}"
         case SessionEnded(_, _, reason, why, advice):
             data, text = {"reason": reason, "advice": advice}, f"the session of {holder} is over: {why}"
         case HandedOver(_, _, to):
@@ -61,24 +71,44 @@ def _session(event: SessionOpened | SessionRestored | SessionEnded | HandedOver 
     return Row(RowKind.SESSION, text, event.lift, holder, data)
 
 
-def asked(ask: Ask) -> Row:
+def _ride(event: RideChanged) -> Row | None:
+    """Return the row of a ride that begins, goes on to another phase, or ends; what its robot is told meanwhile has none."""
+    ride = event.ride
+    if ride.phase is event.before:
+        return None
+    robot = f" of {ride.robot}" if ride.robot else ""
+    way = f"ride {ride.id}{robot} from {ride.start} to {ride.destination}"
+    text = f"{way} is {ride.phase}" + (f": {ride.reason}" if ride.reason else "")
+    data: dict[str, Json] = {"ride": ride.id, "phase": ride.phase, "reason": ride.reason}
+    return Row(RowKind.SESSION, text, event.lift, str(ride.caller), data)
+
+
+def asked(ask: Ask | Wish) -> Row:
     """Return the row of a request, written before it is decided on."""
+    if isinstance(ask, Wish):
+        floor = "" if ask.floor is None else short(ask.floor)
+        text = replace(ask, floor=floor).text
+        return Row(RowKind.REQUEST, f"asks: {text}", ask.lift, str(ask.holder), {"do": ask.what, "floor": floor})
     hold = "hold the door there" if ask.hold_door else "no hold"
     word, floor = "" if ask.robot is None else f", robot {ask.robot}", short(ask.floor)
     data: dict[str, Json] = {"floor": floor, "hold_door": ask.hold_door, "robot": ask.robot}
     return Row(RowKind.REQUEST, f"asks for {floor}, {hold}{word}", ask.lift, str(ask.holder), data)
 
 
-def answered(ask: Ask, answer: Accepted | Refused) -> Row | None:
+def answered(ask: Ask | Wish, answer: Accepted | Refused) -> Row | None:
     """Return the row of a refusal; what was accepted shows by what follows."""
     if isinstance(answer, Accepted):
         return None
-    text = answer.message.replace(repr(ask.floor), repr(short(ask.floor)))
+    floor = ask.floor or ""
+    text = answer.message.replace(repr(floor), repr(short(floor)))
     return Row(RowKind.REQUEST, f"refused: {text}", ask.lift, str(ask.holder), {"refused": answer.code})
 
 
-def repeated(ask: Ask, times: int, for_s: float) -> Row:
+def repeated(ask: Ask | Wish, times: int, for_s: float) -> Row:
     """Return the row of requests like the one before, with the same answer."""
+    if isinstance(ask, Wish):
+        text = f"asks again: {ask.text}, {times} times within {for_s:.0f} s, with the same answer"
+        return Row(RowKind.REQUEST, text, ask.lift, str(ask.holder), {"do": ask.what, "times": times})
     floor = short(ask.floor)
     text = f"asks for {floor} again, {times} times within {for_s:.0f} s, with the same answer"
     return Row(RowKind.REQUEST, text, ask.lift, str(ask.holder), {"floor": floor, "times": times})
@@ -210,6 +240,22 @@ def _outcome(lift: str, outcome: Outcome, holder: Holder | None) -> Row:
         "frames": list(outcome.frames),
     }
     return Row(RowKind.OUTCOME, text, lift, "" if holder is None else str(holder), data)
+
+
+def _followed(followed: Followed) -> Row | None:
+    """Return the row of a request within a session that has ended."""
+    if followed.status is Status.PENDING:
+        return None
+    what = f"{followed.do} {followed.floor}" if followed.floor else followed.do
+    seen = "" if followed.proof is Proof.NONE else f", seen by {followed.proof}"
+    text = f"{what} {followed.status}{seen}" + (f": {followed.reason}" if followed.reason else "")
+    data: dict[str, Json] = {
+        "do": followed.do,
+        "floor": followed.floor,
+        "status": followed.status,
+        "proof": followed.proof,
+    }
+    return Row(RowKind.REQUEST, text, followed.lift, str(followed.holder), data)
 
 
 def _numbers(answers: Mapping[str, int]) -> str:

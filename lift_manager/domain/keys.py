@@ -89,6 +89,10 @@ class Keys(Protocol):
         """Return the live key that this is; None where there is none, whatever is wrong with it."""
         ...
 
+    def admits(self, key: Key | None) -> bool:
+        """Whether a caller that was let in with this key would be let in still; None is a caller without one."""
+        ...
+
 
 class KeyRing:
     """Keys in memory."""
@@ -110,3 +114,9 @@ class KeyRing:
             return None
         key, digest = self._keys.get(spelt[1], (None, "0" * 64))
         return key if hmac.compare_digest(digest_of(spelt[2]), digest) else None
+
+    def admits(self, key: Key | None) -> bool:
+        """Whether a caller that was let in with this key, or without one, would be let in still."""
+        if key is None:
+            return not self.needed
+        return key.id in self._keys and self._keys[key.id][0] == key

@@ -37,11 +37,14 @@ class Seen:
     aboard: bool | None
     """Whether the session's robot is in the car; None where nobody knows."""
     restrictions: Restrictions
+    waiting: int = 0
+    """How many wait for the lift."""
 
 
 def lift_state(seen: Seen, now: float) -> LiftState:
     """Return the state to publish at `now`."""
     sight, session, age_s = seen.sight, seen.session, seen.age_s
+    wanted = session.floor if session is not None else None
     state = LiftState(
         lift=seen.lift,
         floors=seen.floors,
@@ -50,7 +53,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         age_s=age_s,
         floor=None,
         standing=False,
-        destination=session.floor if session is not None else None,
+        destination=wanted,
         robot_door=RobotDoor.MOVING,
         doors={},
         motion=Motion.UNKNOWN,
@@ -59,6 +62,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         held_since_s=now - session.opened_at if session is not None else None,
         not_visible=seen.able.not_visible,
         restrictions=seen.restrictions,
+        waiting=seen.waiting,
     )
     if sight is None or age_s is None or age_s > seen.able.max_age_s:
         return replace(state, reason=_offline(seen))
@@ -68,7 +72,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         quality=Quality.LIVE,
         floor=floor,
         standing=sight.standing,
-        destination=session.floor if session is not None else floor,
+        destination=floor if wanted is None else wanted,
         robot_door=_door_for_robots(seen, sight),
         doors=sight.values.doors,
         motion=_motion(sight),

@@ -7,10 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum, unique
+from typing import TYPE_CHECKING
 
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from register_maps.words import Door, Side
+
+if TYPE_CHECKING:
+    # a ride that is kept has an advice, which is of this module
+    from lift_manager.domain.ride_record import KeptRide
 
 
 @unique
@@ -207,6 +212,8 @@ class Remembered:
     """The newest one."""
     session: KeptSession | None = None
     """Who holds the lift."""
+    rides: tuple[KeptRide, ...] = ()
+    """Rides on it that go on, and those of the last hour that may still be asked for; the oldest first."""
 
     @property
     def keeps_robots_out(self) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import secrets
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 from drivers.model import FloorName
-from lift_manager.domain.asking import Ask, Refusal, Refused
+from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused
 from lift_manager.domain.boarding import KeptBoarding
 from lift_manager.domain.state import Holder
 
@@ -16,6 +17,8 @@ NO_LEASE: Mapping[str, str] = {
     "rmf": "on humble, RMF asks no more once the lift is where it is wanted, so silence says nothing (open-rmf 1.6.12)",
 }
 """Faces whose callers cannot renew a lease, and why. Their sessions end by a word, or after `max_session_s`."""
+
+_ID_BYTES = 16
 
 SILENT_S = 30.0
 """A holder that was not heard for so long, while another asks, is worth a person's look (DESIGN section 7)."""
@@ -27,10 +30,10 @@ class Session:
 
     number: int
     holder: Holder
-    floor: FloorName
-    """Where the car is wanted."""
+    floor: FloorName | None
+    """Where the car is wanted; None before anybody said."""
     hold_door: bool
-    """Hold the door open there; otherwise the session ends on arrival."""
+    """Hold the door open there; otherwise a session that does not stay ends on arrival."""
     opened_at: float
     lease_from: float
     """The lease runs from here: the later of the last request and the moment the door stood open at `floor`."""
@@ -46,20 +49,69 @@ class Session:
     """When it was taken up after a restart of the manager."""
     restored: bool = False
     """It is from before a restart, and its holder has not been obeyed since: what is found off is not put on."""
+    id: str = field(default="", repr=False)
+    """Told to the holder alone: in no event, no log line and no row of the journal."""
+    stays: bool = False
+    """Its holder closes it: neither arrival nor letting go of the door ends it."""
+    lease_s: float | None = None
+    """The lease that its holder asked for; the site's is the longest, and the one where it asked for none."""
+    key: str = field(default="", repr=False)
+    """Idempotency key that it was opened with; empty for none."""
+
+
+def new_id() -> str:
+    """Return an id that nobody guesses."""
+    return secrets.token_urlsafe(_ID_BYTES)
+
+
+def opened(holder: Holder, *, number: int, lease_s: float | None, key: str, now: float) -> Session:
+    """Return a session that stays until its holder closes it. Nothing is wanted by it yet."""
+    return Session(
+        number,
+        holder,
+        floor=None,
+        hold_door=False,
+        opened_at=now,
+        lease_from=now,
+        heard_at=now,
+        id=new_id(),
+        stays=True,
+        lease_s=lease_s,
+        key=key,
+    )
 
 
 def admit(session: Session | None, ask: Ask, *, number: int, now: float) -> Session | Refused:
     """Open, renew or refuse a session for a request that passed every other check."""
     if session is None:
-        return Session(number, ask.holder, ask.floor, ask.hold_door, opened_at=now, lease_from=now, heard_at=now)
+        return Session(
+            number,
+            ask.holder,
+            ask.floor,
+            ask.hold_door,
+            opened_at=now,
+            lease_from=now,
+            heard_at=now,
+            id=new_id(),
+        )
     if session.holder != ask.holder:
         return held(session, now)
-    renewed = replace(session, hold_door=ask.hold_door, lease_from=now, heard_at=now, restored=False)
-    if session.floor == ask.floor:
-        return renewed
+    return wanting(session, ask.floor, hold_door=ask.hold_door, now=now)
+
+
+def renewed(session: Session, now: float) -> Session:
+    """Begin the lease anew at the holder's word; one from before a restart goes on."""
+    return replace(session, lease_from=now, heard_at=now, restored=False)
+
+
+def wanting(session: Session, floor: FloorName, *, hold_door: bool, now: float) -> Session:
+    """Take its holder's wish for a floor: another one, or the same again."""
+    after = replace(renewed(session, now), hold_door=hold_door)
+    if session.floor == floor:
+        return after
     return replace(
-        renewed,
-        floor=ask.floor,
+        after,
+        floor=floor,
         stood_open=False,
         holding_since=None,
         hold_spent=False,
@@ -73,12 +125,17 @@ def stood_open(session: Session, now: float) -> Session:
 
 def held(session: Session, now: float) -> Refused:
     """Return the refusal of everybody but the holder."""
-    return Refused(Refusal.HELD, f"held by {session.holder} since {now - session.opened_at:.0f} s")
+    since_s = now - session.opened_at
+    blocking = Blocking(holder=session.holder, since_s=since_s)
+    return Refused(Refusal.HELD, f"held by {session.holder} since {since_s:.0f} s", blocking)
 
 
 def handed_over(session: Session, to: Holder, now: float) -> Session:
-    """Give a session to another caller. Its lease starts anew; how long it may last in all does not."""
-    return replace(session, holder=to, lease_from=now, heard_at=now, restored=False)
+    """Give a session to another caller. Its lease starts anew; how long it may last in all does not.
+
+    It gets an id of its own, which the holder before does not know.
+    """
+    return replace(renewed(session, now), holder=to, id=new_id(), key="")
 
 
 def unclaimed(session: Session) -> bool:
@@ -93,8 +150,16 @@ def silent_for(session: Session, now: float) -> float:
 
 
 def lease_ends_at(session: Session, lease_s: float) -> float:
-    """Return the time at which the lift goes back to people unless the holder asks again; infinite for faces without a lease."""
-    return math.inf if session.holder.face in NO_LEASE else session.lease_from + lease_s
+    """Return the time at which the lift goes back to people unless the holder asks again; infinite for faces without a lease.
+
+    `lease_s` is the site's.
+    """
+    return math.inf if session.holder.face in NO_LEASE else session.lease_from + lease_of(session, lease_s)
+
+
+def lease_of(session: Session, lease_s: float) -> float:
+    """Return the length of its lease in seconds; `lease_s` is the site's."""
+    return lease_s if session.lease_s is None else min(session.lease_s, lease_s)
 
 
 def ends_at(session: Session, max_session_s: float) -> float:
@@ -112,7 +177,7 @@ class KeptSession:
     """A session as it outlives the manager. Times are wall-clock times, taken all at once at `kept_at`."""
 
     holder: Holder
-    floor: FloorName
+    floor: FloorName | None
     hold_door: bool
     opened_at: datetime
     lease_from: datetime
@@ -123,6 +188,10 @@ class KeptSession:
     pressed: bool
     """Its call was given to the lift, or may have been."""
     boarding: KeptBoarding
+    id: str = field(default="", repr=False)
+    stays: bool = False
+    lease_s: float | None = None
+    key: str = field(default="", repr=False)
 
 
 def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetime, now: float) -> KeptSession:
@@ -145,6 +214,10 @@ def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetim
         hold_spent=session.hold_spent,
         pressed=pressed,
         boarding=boarding,
+        id=session.id,
+        stays=session.stays,
+        lease_s=session.lease_s,
+        key=session.key,
     )
 
 
@@ -173,4 +246,8 @@ def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Ses
         hold_spent=kept.hold_spent,
         restored=True,
         restored_at=now,
+        id=kept.id or new_id(),
+        stays=kept.stays,
+        lease_s=kept.lease_s,
+        key=kept.key,
     )

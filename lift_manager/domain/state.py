@@ -86,3 +86,5 @@ class LiftState:
     restrictions: Restrictions = Restrictions()
     permissions: Mapping[str, bool] = field(default_factory=dict)
     """What the lift itself says of robots: those of `PERMISSIONS` that it tells."""
+    waiting: int = 0
+    """How many rides and faces wait for the lift."""

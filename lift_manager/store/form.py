@@ -4,35 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from datetime import MAXYEAR, MINYEAR, datetime
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict
 
 from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
+from lift_manager.store.form_part import Moment, Part
+from lift_manager.store.ride_form import RideForm
 
-VERSION: Literal[2] = 2
-"""Version 1 knows neither sessions nor what they leave behind."""
-
-
-def _in_any_zone(at: datetime) -> datetime:
-    if not MINYEAR < at.year < MAXYEAR:
-        raise ValueError(f"the year {at.year} cannot be")
-    return at
+VERSION: Literal[3] = 3
+"""Version 1 knows neither sessions nor what they leave behind, version 2 neither sessions with an id nor rides."""
 
 
-Moment = Annotated[AwareDatetime, AfterValidator(_in_any_zone)]
-"""A time that can be shown in every zone."""
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class LockoutForm(_Part):
+class LockoutForm(Part):
     """A lockout."""
 
     by: str
@@ -40,7 +27,7 @@ class LockoutForm(_Part):
     since: Moment
 
 
-class OccupiedForm(_Part):
+class OccupiedForm(Part):
     """A car that may hold a robot."""
 
     face: str
@@ -49,7 +36,7 @@ class OccupiedForm(_Part):
     since: Moment
 
 
-class AcknowledgedForm(_Part):
+class AcknowledgedForm(Part):
     """The newest acknowledgement."""
 
     by: str
@@ -57,12 +44,12 @@ class AcknowledgedForm(_Part):
     what: tuple[Cause, ...]
 
 
-class SessionForm(_Part):
-    """A session."""
+class SessionFormV2(Part):
+    """A session without an id."""
 
     face: str
     name: str
-    floor: str
+    floor: str | None
     hold_door: bool
     opened_at: Moment
     lease_from: Moment
@@ -76,6 +63,23 @@ class SessionForm(_Part):
     may_leave_at: str | None
     in_place_told: bool
 
+    def read(self) -> KeptSession:
+        """Return the session."""
+        return KeptSession(
+            holder=Holder(self.face, self.name),
+            boarding=KeptBoarding(**{name: getattr(self, name) for name in _OF_BOARDING}),
+            **{name: getattr(self, name) for name in _OF_SESSION if name in type(self).model_fields},
+        )
+
+
+class SessionForm(SessionFormV2):
+    """A session."""
+
+    id: str
+    stays: bool
+    lease_s: float | None
+    key: str
+
     @classmethod
     def of(cls, kept: KeptSession) -> SessionForm:
         """Return the form of a session."""
@@ -86,20 +90,12 @@ class SessionForm(_Part):
             **{name: getattr(kept.boarding, name) for name in _OF_BOARDING},
         )
 
-    def read(self) -> KeptSession:
-        """Return the session."""
-        return KeptSession(
-            holder=Holder(self.face, self.name),
-            boarding=KeptBoarding(**{name: getattr(self, name) for name in _OF_BOARDING}),
-            **{name: getattr(self, name) for name in _OF_SESSION},
-        )
-
 
 _OF_BOARDING = tuple(field.name for field in fields(KeptBoarding))
 _OF_SESSION = tuple(field.name for field in fields(KeptSession) if field.name not in ("holder", "boarding"))
 
 
-class LiftFormV1(_Part):
+class LiftFormV1(Part):
     """What is remembered of one lift, apart from sessions and what they leave behind."""
 
     fire_since: Moment | None
@@ -120,12 +116,28 @@ class LiftFormV1(_Part):
         )
 
 
-class LiftForm(LiftFormV1):
-    """What is remembered of one lift."""
+class LiftFormV2(LiftFormV1):
+    """What is remembered of one lift whose session has no id."""
 
     left_untold: Moment | None
     robot_mode_until: Moment | None
+    session: SessionFormV2 | None
+
+    def read(self) -> Remembered:
+        """Return what is remembered."""
+        return replace(
+            super().read(),
+            left_untold=self.left_untold,
+            robot_mode_until=self.robot_mode_until,
+            session=self.session.read() if self.session else None,
+        )
+
+
+class LiftForm(LiftFormV2):
+    """What is remembered of one lift."""
+
     session: SessionForm | None
+    rides: tuple[RideForm, ...] = ()
 
     @classmethod
     def of(cls, kept: Remembered) -> LiftForm:
@@ -143,16 +155,12 @@ class LiftForm(LiftFormV1):
             left_untold=kept.left_untold,
             robot_mode_until=kept.robot_mode_until,
             session=SessionForm.of(kept.session) if kept.session else None,
+            rides=tuple(RideForm.of(ride) for ride in kept.rides),
         )
 
     def read(self) -> Remembered:
         """Return what is remembered."""
-        return replace(
-            super().read(),
-            left_untold=self.left_untold,
-            robot_mode_until=self.robot_mode_until,
-            session=self.session.read() if self.session else None,
-        )
+        return replace(super().read(), rides=tuple(ride.read() for ride in self.rides))
 
 
 class Head(BaseModel):
@@ -165,16 +173,16 @@ class Head(BaseModel):
     site: str
 
 
-class StateForm(_Part):
+class StateForm(Part):
     """The whole file."""
 
     format: Literal["lift-manager state"] = "lift-manager state"
-    version: Literal[2] = VERSION
+    version: Literal[3] = VERSION
     site: str
     lifts: dict[str, LiftForm]
 
 
-class StateFormV1(_Part):
+class StateFormV1(Part):
     """The whole file of version 1."""
 
     format: Literal["lift-manager state"]
@@ -183,5 +191,14 @@ class StateFormV1(_Part):
     lifts: dict[str, LiftFormV1]
 
 
-FORMS: Mapping[int, type[StateForm | StateFormV1]] = {1: StateFormV1, VERSION: StateForm}
+class StateFormV2(Part):
+    """The whole file of version 2."""
+
+    format: Literal["lift-manager state"]
+    version: Literal[2]
+    site: str
+    lifts: dict[str, LiftFormV2]
+
+
+FORMS: Mapping[int, type[StateForm | StateFormV2 | StateFormV1]] = {1: StateFormV1, 2: StateFormV2, VERSION: StateForm}
 """The form of each version that is read."""

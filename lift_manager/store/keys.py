@@ -21,7 +21,8 @@ from lift_manager.domain.access import Role
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.store.errors import KeysUnusable
-from lift_manager.store.form import Head, Moment
+from lift_manager.store.form import Head
+from lift_manager.store.form_part import Moment
 from lift_manager.store.place import replace_file
 
 _log = logging.getLogger(__name__)
@@ -241,6 +242,10 @@ class KeyFile:
     def find(self, asked: Secret) -> Key | None:
         """Return the live key that this is; None where there is none, whatever is wrong with it."""
         return self._ring.find(asked)
+
+    def admits(self, key: Key | None) -> bool:
+        """Whether a caller that was let in with this key, or without one, would be let in still."""
+        return self._ring.admits(key)
 
     async def run(self, note: Note) -> None:
         """Look for changes until cancelled, and note each.

@@ -8,11 +8,11 @@ from tests.campaigns.rest import campaign
 
 @pytest.mark.timeout(240)  # a few seconds on an idle computer; two managers are started, and nothing here is about time
 def test_requests_made_from_the_document_find_nothing_undocumented_and_nothing_beyond_a_role() -> None:
-    found = campaign(seconds=0, first_seed=1, examples=4)
+    found = campaign(seconds=0, first_seed=1, examples=2)
     assert found.findings == []
     asked = {(caller, label) for caller, label, _ in found.asked}
     operations = {label for _, label in asked}
-    assert len(operations) >= 7
+    assert len(operations) >= 25
     assert asked == {(caller, label) for caller in ("open", "no key", *Role) for label in operations}
     statuses = {(caller, status) for caller, _, status in found.asked}
     closed = {status for caller, label, status in found.asked if caller == "no key" and "/lift" in label}

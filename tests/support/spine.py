@@ -28,6 +28,7 @@ from register_maps.frames import Request
 from register_maps.load import load
 from simulator.controller import Inputs, Parameters
 from simulator.registers import Endpoint, Objection, RegisterFace
+from tests.support.session_calls import SessionCalls
 from tests.support.virtual_time import elapse, run_virtual
 
 CALL = 16
@@ -90,7 +91,7 @@ class SimulatedDevice:
 
 
 @dataclass
-class Spine:
+class Spine(SessionCalls):
     """One lift from its shaft to its task."""
 
     device: SimulatedDevice

@@ -90,6 +90,7 @@ class Trip:
     exchanges: list[Exchange]
     in_words: bool
     """Whether the robot says when it is in place and when it has left."""
+    bus: Bus[Event] = field(default_factory=Bus)
     aboard: bool = False
     wrong: list[str] = field(default_factory=list)
     """Everything published that was not so."""
@@ -279,7 +280,7 @@ async def trip(
         between_sessions_s=0,
     )
     task = LiftTask(driver, options, bus, memory=memory)
-    made = Trip(site, plant, task, driver, exchanges, in_words)
+    made = Trip(site, plant, task, driver, exchanges, in_words, bus)
     running = [asyncio.ensure_future(work) for work in (*(link.run() for link in links), task.drive(), task.run())]
     await elapse(start_s)
     with bus.listen() as heard:

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.model import Outcome
 from lift_manager.core.bus import Bus
-from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
-from lift_manager.domain.events import Alarm, CommandEnded, Event
+from lift_manager.core.facade import Facade
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, TurnedAway
+from lift_manager.domain.description import LiftDescription, LiftSignals
+from lift_manager.domain.events import Alarm, CommandEnded, Event, Occurrence
+from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionOpened, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +64,7 @@ class Log:
 class NotingFacade:
     """A facade that writes down every answer no, through whichever face it is given."""
 
-    def __init__(self, facade: LiftFacade, log: Log) -> None:
+    def __init__(self, facade: Facade, log: Log) -> None:
         self._facade = facade
         self._log = log
 
@@ -72,6 +80,14 @@ class NotingFacade:
     def state(self, lift: str) -> LiftState | None:
         """The newest state."""
         return self._facade.state(lift)
+
+    def describe(self, lift: str) -> LiftDescription | None:
+        """What a lift can say and be told."""
+        return self._facade.describe(lift)
+
+    def signals(self, lift: str) -> LiftSignals | None:
+        """Every signal of a lift."""
+        return self._facade.signals(lift)
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide at once."""
@@ -116,6 +132,92 @@ class NotingFacade:
     def remembered(self, lift: str) -> Remembered | None:
         """What outlives the manager."""
         return self._facade.remembered(lift)
+
+    # -- sessions
+
+    def open_session(self, wish: OpenSession) -> SessionOpened | Refused:
+        """Take the lift for a caller."""
+        return self._noted(wish.lift, self._facade.open_session(wish))
+
+    def session(self, lift: str, session: str, holder: Holder | None) -> SessionInfo | Refused:
+        """A session by its id."""
+        return self._noted(lift, self._facade.session(lift, session, holder))
+
+    def renew_session(self, lift: str, session: str, holder: Holder, ttl_s: float | None) -> SessionInfo | Refused:
+        """Begin its lease anew."""
+        return self._noted(lift, self._facade.renew_session(lift, session, holder, ttl_s))
+
+    def close_session(self, lift: str, session: str, holder: Holder, robot: RobotWord | None) -> SessionInfo | Refused:
+        """End it at its holder's word."""
+        return self._noted(lift, self._facade.close_session(lift, session, holder, robot))
+
+    def hand_session_over(self, lift: str, session: str, holder: Holder, to: Holder) -> SessionInfo | Refused:
+        """Give it to another caller."""
+        return self._noted(lift, self._facade.hand_session_over(lift, session, holder, to))
+
+    def ask_within(self, request: SessionRequest) -> Followed | Refused:
+        """Take a request of a session's holder."""
+        return self._noted(request.lift, self._facade.ask_within(request))
+
+    def followed(self, lift: str, session: str, holder: Holder | None, number: str) -> Followed | Refused:
+        """A request within a session."""
+        return self._noted(lift, self._facade.followed(lift, session, holder, number))
+
+    async def until_ended(
+        self, lift: str, session: str, holder: Holder | None, number: str, within_s: float
+    ) -> Followed | Refused:
+        """The same, once it has ended."""
+        return self._noted(lift, await self._facade.until_ended(lift, session, holder, number, within_s))
+
+    # -- rides
+
+    def plan_ride(self, wish: RideRequest) -> RidePlan | Refused:
+        """Say what a ride would come to."""
+        return self._noted("", self._facade.plan_ride(wish))
+
+    def begin_ride(self, wish: RideRequest) -> RideBegun | Refused:
+        """Begin one, or queue it."""
+        return self._noted("", self._facade.begin_ride(wish))
+
+    def ride(self, ride: str) -> Ride | None:
+        """A ride by its id."""
+        return self._facade.ride(ride)
+
+    def rides(self) -> tuple[Ride, ...]:
+        """Every ride that is remembered."""
+        return self._facade.rides()
+
+    def ride_word(self, ride: str, word: RideWord, caller: Holder | None) -> Ride | Refused:
+        """Take the robot's word."""
+        return self._noted("", self._facade.ride_word(ride, word, caller))
+
+    def cancel_ride(self, ride: str, caller: Holder | None, reason: str) -> Ride | Refused:
+        """End it safely."""
+        return self._noted("", self._facade.cancel_ride(ride, caller, reason))
+
+    # -- events
+
+    @property
+    def boot(self) -> str:
+        """What the ids of this process's events begin with."""
+        return self._facade.boot
+
+    @property
+    def newest(self) -> int:
+        """The number of the newest event."""
+        return self._facade.newest
+
+    def freshen(self) -> None:
+        """Publish what of a state is not published yet."""
+        self._facade.freshen()
+
+    def tap(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:
+        """Call `hear` with every event."""
+        return self._facade.tap(hear)
+
+    def _noted(self, lift: str, answer: Answer | Refused) -> Answer | Refused:
+        self._note(lift, answer)
+        return answer
 
     def _note(self, lift: str, answer: object) -> None:
         if isinstance(answer, Refused):

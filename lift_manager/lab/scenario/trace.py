@@ -243,8 +243,10 @@ def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
             | events.LockoutOver()
             | events.PersonAcknowledged()
             | events.ReleasedByPerson()
+            | events.RequestFollowed()
+            | events.RideChanged()
         ):
-            return None  # the states, and the answers to people, are entries of their own
+            return None  # of these the states, and the answers to people, are entries of their own
         case _:
             assert_never(event)
 

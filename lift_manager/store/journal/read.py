@@ -5,6 +5,7 @@ Every read transaction is a batch of rows and ends at once, so nothing here keep
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -47,6 +48,8 @@ class Wanted:
     """Microseconds since 1970; before this."""
     find: str | None = None
     """The text holds this, in capitals or not."""
+    event: str | None = None
+    """The id of an event."""
 
     def fits(self, row: Stored) -> bool:
         """Whether this row is one of them."""
@@ -57,6 +60,7 @@ class Wanted:
             and (self.since is None or row.at >= self.since)
             and (self.until is None or row.at < self.until)
             and (self.find is None or self.find.casefold() in row.text.casefold())
+            and (self.event is None or event_of(row) == self.event)
         )
 
 
@@ -258,6 +262,18 @@ class Follower:
     def _knows(self, reader: Reader) -> bool:
         """Whether the journal goes on from the row that was told last."""
         return self._after is None or reader.row(self._after.seq) == self._after
+
+
+def event_of(row: Stored) -> str:
+    """Return the id of the event that a row is of; empty where it is of none, or older than such ids."""
+    if '"event":' not in row.data:
+        return ""
+    try:
+        data = json.loads(row.data)
+    except (ValueError, RecursionError):
+        return ""
+    event = data.get("event") if isinstance(data, dict) else None
+    return event if isinstance(event, str) else ""
 
 
 def time_of(row: Stored) -> datetime:

@@ -162,7 +162,7 @@ class SqliteJournal:
 
     def _entry(self, row: Row) -> Entry:
         at = _micros(self._clock())
-        return Entry(at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), canonical(row.data))
+        return Entry(at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), canonical(row.told))
 
     async def _work(self, worker: Worker) -> None:
         loop = asyncio.get_running_loop()

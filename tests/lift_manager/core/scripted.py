@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from drivers.driver import Permit
 from drivers.errors import DriverError, Sent
-from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Result
+from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Result, SignalValue
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Clock, Memory
@@ -16,6 +16,7 @@ from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from register_maps.words import Door, Mode, Side
 from tests.lift_manager.domain.test_call import ABLE
+from tests.support.session_calls import SessionCalls
 from tests.support.virtual_time import elapse, run_virtual
 
 ROBOT = Holder("api", "fleet/robot1")
@@ -73,6 +74,8 @@ class ScriptedDriver:
     """Whether the lift grants what its presses require."""
     takes_s: float = 0.0
     """What one poll takes."""
+    unseen: bool = False
+    """What is held or let go from here on is not seen to be so."""
     delay_s: float = 0.05
     """From the wish to the write, and again from there to the outcome."""
     log: list[str] = field(default_factory=list)
@@ -94,6 +97,10 @@ class ScriptedDriver:
         if self.takes_s:
             await asyncio.sleep(self.takes_s)
         return LiftReading(at, 1, values)
+
+    def signals(self, now: float) -> tuple[SignalValue, ...]:
+        value = self.values.floor
+        return (SignalValue("car_floor", value, None, ("by hand",), None if self.silent else 0.0),)
 
     async def run(self) -> None:
         await asyncio.Event().wait()
@@ -134,7 +141,10 @@ class ScriptedDriver:
         return command.name in self.on
 
     def held(self, command: Command) -> bool:
-        return command.name in self.on
+        return command.name in self.on and not self.unseen
+
+    def at_rest(self, command: Command) -> bool:
+        return command.name not in self.on and not self.unseen
 
     async def release_all(self) -> None:
         for name in tuple(self.on):
@@ -170,7 +180,7 @@ class ScriptedDriver:
 
 
 @dataclass
-class Bench:
+class Bench(SessionCalls):
     """One lift task over a scripted driver."""
 
     driver: ScriptedDriver

@@ -14,6 +14,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.events import Event, HandedOver, SessionEnded, SessionOpened, SessionRestored
+from lift_manager.domain.session_requests import Do
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.virtual_time import VirtualTimeLoop, elapse
 from lift_manager.lab.world.judging import judge_of
@@ -26,6 +27,7 @@ from register_maps.words import Mode
 from simulator.faults import InMode
 from simulator.state import Inputs, Parameters
 from simulator.wire_faults import Exchange, HalfOpen
+from tests.lift_manager.core.session_machine_steps import LINE, STAYERS, Stayers
 
 LIFT = "lift"
 FLOORS = ("L1", "L2", "L3")
@@ -138,9 +140,12 @@ class SessionMachine(RuleBasedStateMachine):
     def start(self) -> None:
         loaded = loaded_site()
         self.oracle = judge_of(loaded)
+        self.book_of_rules = Rules(self.oracle)
+        witnesses = (self.oracle, self.book_of_rules, self.book)
+        self.stayers = Stayers(LIFT, witnesses)
         self.world = World(
             loaded,
-            (self.oracle, Rules(self.oracle), self.book),
+            witnesses,
             settings={LIFT: Parameters(speed=4)},
             look_s=0.5,
             clock=self.clock,
@@ -243,6 +248,62 @@ class SessionMachine(RuleBasedStateMachine):
     def clock_jumps(self, seconds: float) -> None:
         self.jump_s += seconds
 
+    # -- sessions of their holders' own, and the line
+
+    @rule(holder=st.sampled_from(STAYERS), ttl_s=st.sampled_from([None, 5.0, 1000.0]))
+    def opens(self, holder: Holder, ttl_s: float | None) -> None:
+        async def main() -> None:
+            self.stayers.open(self.world.manager, holder, ttl_s, asyncio.get_running_loop().time())
+            await elapse(0.2)
+
+        self.run(main())
+
+    @rule(which=st.integers(0, 3), do=st.sampled_from(Do), floor=floors, hold=st.booleans())
+    def does(self, which: int, do: Do, floor: str, hold: bool) -> None:
+        async def main() -> None:
+            self.stayers.do(self.world.manager, -which, do, floor, asyncio.get_running_loop().time(), hold=hold)
+            await elapse(0.2)
+
+        self.run(main())
+
+    @rule(floor=floors, other=floors, seconds=st.sampled_from([8, 20]))
+    def rides(self, floor: str, other: str, seconds: float) -> None:
+        """Do what a robot does, as far as it is let."""
+
+        async def main() -> None:
+            for do, to in ((Do.GO_TO, floor), (Do.ROBOT_IN_PLACE, floor), (Do.GO_TO, other), (Do.ROBOT_LEFT, other)):
+                self.stayers.do(self.world.manager, -1, do, to, asyncio.get_running_loop().time(), hold=True)
+                await elapse(seconds if do is Do.GO_TO else 1)
+
+        self.run(main())
+
+    @rule(which=st.integers(0, 3))
+    def renews(self, which: int) -> None:
+        async def main() -> None:
+            self.stayers.renew(self.world.manager, -which, asyncio.get_running_loop().time())
+            await elapse(0.2)
+
+        self.run(main())
+
+    @rule(which=st.integers(0, 3), word=st.sampled_from([None, *RobotWord]))
+    def closes(self, which: int, word: RobotWord | None) -> None:
+        async def main() -> None:
+            self.stayers.close(self.world.manager, -which, word)
+            await elapse(0.2)
+
+        self.run(main())
+
+    @rule(holder=st.sampled_from(LINE), joins=st.booleans())
+    def waits_in_line(self, holder: Holder, joins: bool) -> None:
+        async def main() -> None:
+            line = self.world.manager.line(LIFT)
+            if joins:
+                line.join(holder, asyncio.get_running_loop().time())
+            else:
+                line.leave(holder)
+
+        self.run(main())
+
     @rule(by=callers, to=callers)
     def hands_over(self, by: Holder, to: Holder) -> None:
         async def main() -> None:
@@ -251,6 +312,10 @@ class SessionMachine(RuleBasedStateMachine):
             assert isinstance(answer, Accepted) == (before == by)
             if before != by:
                 assert self.state.holder == before
+            else:
+                # after a restart this is the word of its holder, like a request for the same floor
+                asked = Ask(LIFT, to, self.state.destination or "", hold_door=True)
+                self.book_of_rules.asked(asyncio.get_running_loop().time(), asked, Accepted())
             await elapse(0.2)
 
         self.run(main())
@@ -316,8 +381,12 @@ class SessionMachine(RuleBasedStateMachine):
     def nothing_forbidden_has_happened(self) -> None:
         assert self.book.wrong == []
         assert [str(finding) for finding in self.oracle.findings] == []
+        self.run(self.look())
         held_s = self.state_now().held_since_s
         assert held_s is None or held_s <= MAX_SESSION_S + ARRIVES_S + LATE_S
+
+    async def look(self) -> None:
+        self.stayers.look(self.world.manager)
 
     def state_now(self) -> LiftState:
         """Return the state, from outside the loop."""

@@ -1,10 +1,11 @@
 """The event bus and the snapshot that comes before the news."""
 
 import asyncio
+from datetime import UTC, datetime, timedelta
 
-from lift_manager.core.bus import Bus
+from lift_manager.core.bus import Bus, boot_of
 from lift_manager.core.manager import LiftManager
-from lift_manager.domain.events import CommandEnded, Event, SessionEnded, SessionOpened, StateChanged
+from lift_manager.domain.events import CommandEnded, Event, Occurrence, SessionEnded, SessionOpened, StateChanged
 from lift_manager.domain.state import Quality, RobotDoor
 from tests.support.spine import Spine, on_spine
 from tests.support.virtual_time import run_virtual
@@ -72,5 +73,48 @@ def test_the_end_of_a_session_says_why() -> None:
             made.accept("L1", hold=False)
             told = [await events.next() for _ in range(4)]
         assert any(isinstance(event, SessionEnded) and event.reason == "released" for event in told)
+
+    on_spine(check)
+
+
+def test_every_event_has_an_id_of_this_process_and_its_number_heard_or_not() -> None:
+    bus: Bus[str] = Bus("b0")
+    heard: list[tuple[str, str]] = []
+    assert bus.newest == 0
+    assert bus.publish("one") == "b0-1"
+    with bus.tap(lambda event, item: heard.append((event, item))):
+        ears = [bus.heard]
+        assert bus.publish("two") == "b0-2"
+        assert bus.hand_out("three") == "b0-3"
+    assert [*ears, bus.heard] == [True, False]
+    assert bus.publish("four") == "b0-4"
+    assert heard == [("b0-2", "two"), ("b0-3", "three")]
+    assert bus.newest == 4
+
+
+def test_a_later_start_has_another_boot_that_sorts_behind() -> None:
+    begin = datetime(2026, 11, 21, 12, tzinfo=UTC)
+    starts = [begin + timedelta(milliseconds=ms) for ms in (0, 1, 36, 1_000, 86_400_000, 300_000_000_000)]
+    boots = [boot_of(at) for at in starts]
+    assert boots == sorted(set(boots))
+    assert {len(boot) for boot in boots} == {8}
+    assert len(Bus[int]().boot) == 8
+
+
+def test_a_state_that_changed_while_nobody_listened_is_told_before_the_next_snapshot() -> None:
+    async def check(made: Spine) -> None:
+        manager = LiftManager([made.task], made.bus)
+        heard: list[Occurrence] = []
+        with manager.tap(heard.append):
+            manager.freshen()
+        heard.clear()
+        made.accept("L2")
+        await made.until(lambda state: state.floor == "L2" and state.standing)
+        with manager.tap(heard.append):
+            manager.freshen()
+            manager.freshen()
+        states = [event.state for occurrence in heard if isinstance(event := occurrence.event, StateChanged)]
+        assert [state.floor for state in states] == ["L2"]
+        assert heard[-1].id == f"{manager.boot}-{manager.newest}"
 
     on_spine(check)

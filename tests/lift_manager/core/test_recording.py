@@ -8,7 +8,7 @@ from typing import get_args
 
 import pytest
 
-from drivers.model import Command, CommandKind, Outcome, Result, Written
+from drivers.model import Command, CommandKind, Outcome, Proof, Result, Written
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
 from lift_manager.core.recording import LiftLog, RecordingBus
@@ -25,6 +25,8 @@ from lift_manager.domain.events import (
     LockoutOver,
     PersonAcknowledged,
     ReleasedByPerson,
+    RequestFollowed,
+    RideChanged,
     SessionEnded,
     SessionOpened,
     SessionRestored,
@@ -43,6 +45,7 @@ from lift_manager.domain.service import (
     Remembered,
 )
 from lift_manager.domain.session import KeptSession
+from lift_manager.domain.session_requests import Do, Followed, Status
 from lift_manager.domain.state import Holder
 from register_maps.words import Mode
 from tests.support.virtual_time import elapse, run_virtual
@@ -51,6 +54,18 @@ ROBOT, OTHER = Holder("workshop", "workshop"), Holder("rmf", "fleet/r1")
 AT = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 GO = Command(CommandKind.GO_TO, "L2")
 LOCKOUT = Lockout("M. Weber", "door operator is replaced", AT)
+FOLLOWED = Followed(
+    id="unsaid",
+    lift="east",
+    holder=Holder("api", "amr-7"),
+    do=Do.GO_TO,
+    floor="L2",
+    status=Status.UNCONFIRMED,
+    reason="the lamp did not light",
+    proof=Proof.NONE,
+    asked_at=AT,
+    ended_at=AT,
+)
 YES, NO = Accepted(), Refused(Refusal.HELD, "held by rmf:fleet/r1 since 3 s")
 
 
@@ -99,17 +114,24 @@ EVENTS: dict[type, tuple[Event, RowKind, str, str]] = {
         "rmf:fleet/r1",
         "go_to L2 rejected: exception 04",
     ),
+    RequestFollowed: (
+        RequestFollowed("east", FOLLOWED),
+        RowKind.REQUEST,
+        "api:amr-7",
+        "go_to L2 unconfirmed: the lamp did not light",
+    ),
     Alarm: (Alarm("east", "the door was held for 900 s", ROBOT), RowKind.ALARM, "workshop", "held for 900 s"),
 }
 
 
 def test_every_event_but_a_state_has_a_row_with_lift_caller_and_words() -> None:
-    assert set(get_args(Event)) == {StateChanged, *EVENTS}
+    assert set(get_args(Event)) == {StateChanged, RideChanged, *EVENTS}
     for event, kind, caller, words in EVENTS.values():
         row = row_of(event)
         assert row is not None
         assert (row.kind, row.lift, row.caller) == (kind, "east", caller)
         assert words in row.text
+        assert "unsaid" not in f"{row.text}{row.data}"
         assert "\n" not in row.text
 
 
@@ -341,4 +363,4 @@ def test_writes_mode_and_link_have_rows_and_only_changes_do() -> None:
 
 
 def test_rows_are_plain_values() -> None:
-    assert {field.name for field in fields(Row)} == {"kind", "text", "lift", "caller", "data"}
+    assert {field.name for field in fields(Row)} == {"kind", "text", "lift", "caller", "data", "event"}

@@ -1,11 +1,12 @@
 """Roles, keys and secrets, without a file or a socket."""
 
+import re
 import traceback
 
 import pytest
 from starlette.routing import compile_path
 
-from lift_manager.domain.access import ROLES, ROUTES, LiftIn, Need, Role, refusal
+from lift_manager.domain.access import ROLES, ROUTES, LiftIn, Need, Role, Route, refusal
 from lift_manager.domain.keys import Key, KeyRing, Secret, digest_of, holds_key, is_token, redacted, token
 
 SECRET = "5ec2e7" * 10 + "beef"
@@ -45,11 +46,45 @@ def test_every_route_that_a_robot_may_command_says_where_its_lift_is() -> None:
     assert all(("{lift:path}" in route.path) is (route.lift_in is LiftIn.PATH) for route in ROUTES)
 
 
-def test_no_request_matches_two_routes() -> None:
+FILLED = {"{lift:path}": "east/wing", "{path:path}": "x.js", "{session}": "s1", "{command}": "7", "{ride}": "r1"}
+
+
+def filled(route: Route, lift: str = "east/wing") -> str:
+    """A path of this route."""
+    path = route.path.replace("{lift:path}", lift)
+    for name, value in FILLED.items():
+        path = path.replace(name, value)
+    return re.sub(r"\{\w+(:path)?\}", "x", path)
+
+
+def first_match(method: str, path: str) -> tuple[Route, str]:
+    """The route that the gate takes, and the lift that it looks at."""
     for route in ROUTES:
-        path = route.path.replace("{lift:path}", "east/wing").replace("{path:path}", "x.js")
-        matching = [other for other in ROUTES if compile_path(other.path)[0].match(path)]
-        assert matching == [route]
+        match = compile_path(route.path)[0].match(path)
+        if match is not None and method in route.methods:
+            return route, match.groupdict().get("lift", "")
+    raise AssertionError(path)
+
+
+@pytest.mark.parametrize(
+    "lift", ["east", "east/wing", "sessions", "rides", "lockout", "capabilities", "session", "a/sessions", "sessions/b"]
+)
+@pytest.mark.parametrize("route", ROUTES, ids=str)
+def test_a_request_reaches_its_route_and_names_its_lift_whatever_the_lift_is_called(route: Route, lift: str) -> None:
+    for method in route.methods:
+        found, named = first_match(method, filled(route, lift))
+        assert found == route
+        assert named == (lift if route.lift_in is LiftIn.PATH else "")
+
+
+@pytest.mark.parametrize("lift", ["a/sessions/b", "a/capabilities", "a/signals", "a/sessions/b/commands/c", "a/renew"])
+@pytest.mark.parametrize("route", [route for route in ROUTES if route.need is not Need.READ], ids=str)
+def test_what_changes_something_names_the_lift_that_it_changes_even_where_its_name_looks_like_a_path(
+    route: Route, lift: str
+) -> None:
+    for method in route.methods:
+        found, named = first_match(method, filled(route, lift))
+        assert (found, named) == (route, lift if route.lift_in is LiftIn.PATH else "")
 
 
 def test_a_key_is_found_by_its_secret_alone() -> None:

@@ -49,11 +49,25 @@ def test_a_door_that_is_not_seen_to_be_shut_is_kept_clear(
     ],
 )
 def test_doubt_remains_after(boarding: Boarding, *, released: bool, arrived: bool, otherwise: bool) -> None:
-    ends = {"released": (True, False), "arrived": (False, True), "otherwise": (False, False)}
+    word = Ask("lift", HOLDER, "L1", hold_door=False)
+    ends: dict[str, tuple[Ask | None, bool]] = {
+        "released": (word, False),
+        "arrived": (None, True),
+        "otherwise": (None, False),
+    }
     doubts = {
-        end: boardings.leaves_doubt(boarding, released=by_word, arrived=there) for end, (by_word, there) in ends.items()
+        end: boardings.leaves_doubt(boarding, release, arrived=there, has_words=False)
+        for end, (release, there) in ends.items()
     }
     assert doubts == {"released": released, "arrived": arrived, "otherwise": otherwise}
+
+
+def test_a_holder_that_has_words_for_it_has_to_say_that_its_robot_left() -> None:
+    may_be_inside = Boarding(Who.MAY_BOARD)
+    silent, said = (Ask("lift", HOLDER, "L1", hold_door=False, robot=word) for word in (None, RobotWord.LEFT))
+    assert boardings.leaves_doubt(may_be_inside, silent, arrived=False, has_words=True)
+    assert not boardings.leaves_doubt(may_be_inside, said, arrived=False, has_words=True)
+    assert not boardings.leaves_doubt(Boarding(), silent, arrived=False, has_words=True)
 
 
 def test_a_robot_that_said_it_is_outside_leaves_no_doubt_and_one_that_was_sent_on_does() -> None:

@@ -57,7 +57,7 @@ def test_the_file_is_for_its_user_alone_and_can_be_read_by_people(path: Path) ->
     assert path.stat().st_mode & 0o777 == 0o600
     assert path.parent.stat().st_mode & 0o777 == 0o700
     content = json.loads(path.read_text("utf-8"))
-    assert (content["format"], content["version"], content["site"]) == ("lift-manager state", 2, SITE)
+    assert (content["format"], content["version"], content["site"]) == ("lift-manager state", 3, SITE)
     assert list(content["lifts"]) == ["east"]
     assert content["lifts"]["east"]["lockout"] == {
         "by": "Jürgen O'Neill",
@@ -95,7 +95,7 @@ def spoilt(path: Path, spoil: Callable[[dict[str, Any]], object]) -> str:
     ("spoil", "words"),
     [
         (lambda c: c.update(format="another program"), "is no state of a lift manager"),
-        (lambda c: c.update(version=3), "is version 3 of that file"),
+        (lambda c: c.update(version=4), "is version 4 of that file"),
         (lambda c: c.update(site="Villa"), "belongs to the site 'Villa'"),
         (lambda c: c.update(more=1), "is damaged (more:"),
         (lambda c: c["lifts"]["east"].update(more=1), "is damaged (lifts.east.more:"),

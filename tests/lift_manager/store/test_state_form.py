@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.service import Remembered
+from lift_manager.domain.session import restored
+from lift_manager.domain.state import Holder
 from lift_manager.store.errors import StateUnusable
 from lift_manager.store.form import VERSION
 from lift_manager.store.place import replace_file
@@ -18,20 +21,50 @@ from tests.lift_manager.store.test_state_file import BadDisk
 
 SITE = "Main hospital"
 EAST, OTHER = LIFTS
+VERSION_1_LIFT = {
+    "fire_since": "2026-03-02T21:30:05.250000Z",
+    "lockout": {"by": "M. Weber", "reason": "ropes", "since": "2026-03-02T21:30:05Z"},
+    "occupied": {"face": "rmf", "name": "fleet/robot1", "aboard": True, "since": "2026-03-02T21:30:05Z"},
+    "acknowledged": {"by": "M. Weber", "at": "2026-03-02T21:30:05Z", "what": ["fire", "occupied"]},
+}
 VERSION_1 = {
     "format": "lift-manager state",
     "version": 1,
     "site": SITE,
+    "lifts": {"east": VERSION_1_LIFT},
+}
+"""A file as version 1 wrote it, before sessions were kept."""
+
+VERSION_2 = {
+    "format": "lift-manager state",
+    "version": 2,
+    "site": SITE,
     "lifts": {
         "east": {
-            "fire_since": "2026-03-02T21:30:05.250000Z",
-            "lockout": {"by": "M. Weber", "reason": "ropes", "since": "2026-03-02T21:30:05Z"},
-            "occupied": {"face": "rmf", "name": "fleet/robot1", "aboard": True, "since": "2026-03-02T21:30:05Z"},
-            "acknowledged": {"by": "M. Weber", "at": "2026-03-02T21:30:05Z", "what": ["fire", "occupied"]},
+            **VERSION_1_LIFT,
+            "left_untold": None,
+            "robot_mode_until": None,
+            "session": {
+                "face": "rmf",
+                "name": "fleet/robot1",
+                "floor": "L2",
+                "hold_door": True,
+                "opened_at": "2026-03-02T21:30:00Z",
+                "lease_from": "2026-03-02T21:30:05Z",
+                "holding_since": None,
+                "kept_at": "2026-03-02T21:30:10Z",
+                "stood_open": False,
+                "hold_spent": False,
+                "pressed": True,
+                "who": "may_board",
+                "sent_on": False,
+                "may_leave_at": None,
+                "in_place_told": False,
+            },
         }
     },
 }
-"""A file as version 1 wrote it, before sessions were kept."""
+"""A file as version 2 wrote it, before sessions had ids."""
 
 
 @pytest.fixture
@@ -62,6 +95,37 @@ def test_version_1_with_a_session_is_damage(path: Path) -> None:
     path.write_text(json.dumps(content))
     with pytest.raises(StateUnusable, match=r"is damaged \(lifts\.east\.session"):
         opened(path, SITE, LIFTS)
+
+
+def test_a_file_of_version_2_is_read_and_its_session_gets_an_id_when_it_is_taken_up(path: Path) -> None:
+    path.write_text(json.dumps(VERSION_2))
+    kept = opened(path, SITE, LIFTS).recall(EAST).session
+    assert kept is not None
+    assert (kept.holder, kept.floor, kept.pressed) == (Holder("rmf", "fleet/robot1"), "L2", True)
+    assert (kept.id, kept.stays, kept.lease_s, kept.key) == ("", False, None, "")
+    assert kept.boarding == KeptBoarding(Who.MAY_BOARD)
+    session = restored(kept, number=1, at=kept.kept_at, now=100.0)
+    assert len(session.id) > 16
+    assert session.lease_from == 95.0
+
+
+def test_version_2_with_an_id_is_damage(path: Path) -> None:
+    content = json.loads(json.dumps(VERSION_2))
+    content["lifts"]["east"]["session"]["id"] = "given"
+    path.write_text(json.dumps(content))
+    with pytest.raises(StateUnusable, match=r"is damaged \(lifts\.east\.session\.id"):
+        opened(path, SITE, LIFTS)
+
+
+def test_the_session_of_a_holder_of_its_own_is_kept_whole(path: Path) -> None:
+    memory = opened(path, SITE, LIFTS)
+    session = EVERYTHING.session
+    assert session is not None
+    whole = replace(session, floor=None, id="unguessed", stays=True, lease_s=12.5, key="one")
+    memory.keep(EAST, replace(EVERYTHING, session=whole))
+    asyncio.run(written(memory))
+    assert opened_again(path).session == whole
+    assert "unguessed" not in str(whole)
 
 
 @pytest.mark.parametrize("version", [0, VERSION + 1, 99])

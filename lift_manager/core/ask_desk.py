@@ -1,0 +1,82 @@
+"""Requests of faces that know no sessions: each says the floor, and the session follows from it. Nothing here waits."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+
+from lift_manager.core.handing_over import hand_over
+from lift_manager.core.keeper import STOPPING, SessionKeeper
+from lift_manager.core.waiting import WaitingLine
+from lift_manager.domain import session as sessions
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.session import Session
+from lift_manager.domain.state import Holder
+
+
+class AskDesk:
+    """Decides on such requests for one lift."""
+
+    def __init__(self, keeper: SessionKeeper, line: WaitingLine) -> None:
+        self._keeper = keeper
+        self._line = line
+
+    def request(self, ask: Ask, *, is_release: bool, offline: str) -> Accepted | Refused:
+        """Decide on a request and act on it. `offline` says why, should the lift be offline."""
+        keeper, now = self._keeper, _now()
+        answer = self._decide(ask, now, is_release=is_release, offline=offline)
+        if isinstance(answer, Refused) and ask.hold_door and not is_release:
+            self._line.refused(ask.holder, answer, now)
+        if not isinstance(answer, Session):
+            return answer
+        refused = keeper.handshake.hear(ask, keeper.session, keeper.sight(now), arrived=keeper.arrived, now=now)
+        if refused is not None:
+            return refused
+        self._line.leave(ask.holder)
+        keeper.take(answer, now)
+        return Accepted()
+
+    def hand_over(self, holder: Holder, to: Holder) -> Accepted | Refused:
+        """Give the session to another caller at its holder's word, with what is known of the robot; nothing else changes."""
+        now = _now()
+        if isinstance(held := self._keeper.held_by(holder, now), Refused):
+            return held
+        hand_over(self._keeper, held, to, now)
+        return Accepted()
+
+    def _decide(self, ask: Ask, now: float, *, is_release: bool, offline: str) -> Session | Accepted | Refused:
+        keeper = self._keeper
+        if keeper.stopping:
+            return STOPPING
+        if (unknown := keeper.admission.unknown_floor(ask.floor)) is not None:
+            return unknown
+        if keeper.session is not None and keeper.session.holder == ask.holder:
+            keeper.session = replace(keeper.session, heard_at=now)
+        elif keeper.session is not None and ask.hold_door and not is_release:
+            over = self._contest(keeper.session, ask, now, offline)
+            if over is not None:
+                return over
+        session = keeper.session
+        mine = session is None or session.holder == ask.holder
+        if mine and is_release:
+            keeper.release(ask, now)
+            return Accepted()
+        goes_on = session is not None or keeper.handshake.goes_on(ask.holder)
+        if mine and (refused := keeper.admission.refusal(offline=offline, goes_on=goes_on)) is not None:
+            return refused
+        if not goes_on and (refused := self._line.why_not_yet(ask.holder, now)) is not None:
+            return refused
+        return sessions.admit(session, ask, number=keeper.opened + 1, now=now)
+
+    def _contest(self, session: Session, ask: Ask, now: float, offline: str) -> Refused | None:
+        """End a session that has to make way for this request, if it has to; a refusal says more than that it is held."""
+        keeper = self._keeper
+        aboard = ask.robot is RobotWord.IN_PLACE
+        refusal = keeper.admission.refusal(offline=offline, goes_on=False)
+        refusal = refusal or keeper.handshake.impossible(ask.floor, aboard=aboard)
+        queued = self._line.ahead(ask.holder, now) > 0
+        return keeper.contest(session, ask.holder, now, refusal, queued=queued)
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

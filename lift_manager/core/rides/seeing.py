@@ -1,0 +1,138 @@
+"""What is known of the lifts of rides, from memory."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Protocol
+
+from lift_manager.core.facade import LiftFacade, SessionFacade
+from lift_manager.core.memory import Clock
+from lift_manager.core.rides.book import RideBook
+from lift_manager.domain.asking import Refused
+from lift_manager.domain.ride import Phase
+from lift_manager.domain.ride_choice import Choice
+from lift_manager.domain.ride_record import RideRecord, RideSight
+from lift_manager.domain.ride_sight import is_live
+from lift_manager.domain.session_requests import SessionInfo
+from lift_manager.domain.state import Holder, LiftState
+
+TURNED_AWAY_S = 30.0
+"""So long a lift that refused a ride counts as taking no robots, where a ride has others to choose."""
+
+
+class Core(LiftFacade, SessionFacade, Protocol):
+    """What rides are a client of."""
+
+
+class Line(Protocol):
+    """Who waits for one lift, in their order (`core.waiting.WaitingLine`)."""
+
+    def join(self, holder: Holder, now: float) -> None:
+        """Wait at the end; whoever waits already keeps its place."""
+        ...
+
+    def leave(self, holder: Holder) -> None:
+        """Wait no more."""
+        ...
+
+    def ahead(self, holder: Holder, now: float) -> int:
+        """How many come before it, whether or not it waits."""
+        ...
+
+
+Lines = Callable[[str], Line]
+
+
+@dataclass(frozen=True, slots=True)
+class _TurnedAway:
+    at: float
+    why: str
+
+
+class Seeing:
+    """Looks at lifts, sessions and lines for the rides of a book."""
+
+    def __init__(self, core: Core, lines: Lines, book: RideBook, clock: Clock) -> None:
+        self._core = core
+        self._lines = lines
+        self._book = book
+        self._clock = clock
+        self._lost: dict[str, str] = {}
+        """Since what time of day each lift is offline."""
+        self._turned_away: dict[str, _TurnedAway] = {}
+        self.begun = False
+        """Sessions of before this start have been taken up: one that nobody knows is gone."""
+
+    def of(self, record: RideRecord) -> RideSight:
+        """Return what is known for a ride now."""
+        state = self.state(record.lift)
+        session, gone = self._session(record)
+        now = _now()
+        return RideSight(
+            state=state,
+            session=session,
+            gone=gone,
+            ahead=self._lines(record.lift).ahead(record.holder, now),
+            busy=self._busy(record),
+            offline_since=self._offline_since(state),
+            now=now,
+            at=self._clock(),
+        )
+
+    def state(self, lift: str) -> LiftState:
+        """Return the state of a lift of the site."""
+        state = self._core.state(lift)
+        if state is None:
+            raise KeyError(lift)
+        return state
+
+    def turned_away(self, lift: str, why: str) -> None:
+        """Remember for a while that a lift refused a ride for a reason of its own."""
+        self._turned_away[lift] = _TurnedAway(_now(), why)
+
+    def choices(self, record: RideRecord) -> tuple[Choice, ...]:
+        """Return the lifts that a ride may take, as far as the site has them."""
+        return tuple(choice for lift in record.wish.lifts if (choice := self._choice(lift, record.holder)) is not None)
+
+    def _choice(self, lift: str, holder: Holder) -> Choice | None:
+        described, state = self._core.describe(lift), self._core.state(lift)
+        if described is None or state is None:
+            return None
+        refused = self._turned_away.get(lift)
+        is_fresh = refused is not None and _now() - refused.at < TURNED_AWAY_S
+        why = refused.why if refused is not None and is_fresh else ""
+        return Choice(described, state, self._lines(lift).ahead(holder, _now()), why)
+
+    def _session(self, record: RideRecord) -> tuple[SessionInfo | None, str]:
+        if not record.session or record.over:
+            return None, ""
+        answer = self._core.session(record.lift, record.session, record.holder)
+        if not isinstance(answer, Refused):
+            return answer, ""
+        return None, f"its session is over: {answer.message}" if self.begun else ""
+
+    def _busy(self, record: RideRecord) -> str:
+        if record.phase is not Phase.QUEUED:
+            return ""
+        for other in self._book.on(record.lift):
+            if other.id != record.id and other.session and not other.over:
+                return f"another ride of {other.wish.caller} has {record.lift}"
+        return ""
+
+    def _offline_since(self, state: LiftState) -> str:
+        if is_live(state) or state.age_s is None:
+            self._lost.pop(state.lift, None)
+            return ""
+        if state.lift not in self._lost:
+            now = self._clock()
+            at = now - timedelta(seconds=state.age_s)
+            shown = "%H:%M:%S" if at.date() == now.date() else "%Y-%m-%d %H:%M:%S"
+            self._lost[state.lift] = f"{at:{shown}}"
+        return self._lost[state.lift]
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

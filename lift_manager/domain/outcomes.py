@@ -1,0 +1,47 @@
+"""What became of commands, in closed words: for whoever counts them. Pure."""
+
+from __future__ import annotations
+
+from enum import StrEnum, unique
+
+from drivers.model import Outcome, Proof, Result
+
+
+@unique
+class Reason(StrEnum):
+    """Why a command ended as it did; the text of its outcome says it to people."""
+
+    NONE = "none"
+    READBACK = "readback"
+    LAMP = "lamp"
+    EFFECT = "effect"
+    """These three confirmed it."""
+    NOT_GRANTED = "not_granted"
+    """The lift did not grant what it needs, such as robot mode."""
+    NOT_SENT = "not_sent"
+    """Nothing of it left: refused at the last moment, replaced or let go before its turn."""
+    LIFT_REFUSED = "lift_refused"
+    """It was sent, and the controller said no."""
+    NO_EVIDENCE = "no_evidence"
+    """It was sent, or may have been, and nothing shows that it took effect."""
+
+
+_CONFIRMED_BY = {
+    Proof.NONE: Reason.NONE,
+    Proof.READBACK: Reason.READBACK,
+    Proof.LAMP: Reason.LAMP,
+    Proof.EFFECT: Reason.EFFECT,
+}
+UNCONFIRMED = Result.UNCONFIRMED.value
+"""The result that people have to look into."""
+
+
+def reason_of(outcome: Outcome) -> Reason:
+    """Return the class of an outcome's reason, whatever its text says."""
+    if outcome.result is Result.CONFIRMED:
+        return _CONFIRMED_BY[outcome.proof]
+    if outcome.not_granted:
+        return Reason.NOT_GRANTED
+    if not outcome.frames:
+        return Reason.NOT_SENT
+    return Reason.LIFT_REFUSED if outcome.result is Result.REJECTED else Reason.NO_EVIDENCE

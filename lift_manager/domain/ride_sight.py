@@ -1,0 +1,133 @@
+"""What the sight of a lift means for a ride: whether its door invites the robot, and why not. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivers.model import FloorName
+from lift_manager.domain.boarding import Who
+from lift_manager.domain.ride_record import RideRecord, RideSight
+from lift_manager.domain.service import how_to_acknowledge, how_to_end_lockout
+from lift_manager.domain.session_requests import SessionInfo
+from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Motion
+
+
+def is_live(state: LiftState) -> bool:
+    """Whether the state may be acted on."""
+    return state.quality is Quality.LIVE
+
+
+def stands_open(record: RideRecord, seen: RideSight, floor: FloorName | None) -> bool:
+    """Whether the lift's published door stands open at a floor for the robot of this ride, held by its session."""
+    state, session = seen.state, seen.session
+    if session is None or session.over is not None or state.holder != record.holder:
+        return False
+    held = session.floor == floor and session.arrived and session.door_held
+    return held and is_live(state) and state.standing and state.floor == floor and state.robot_door is RobotDoor.OPEN
+
+
+def may_enter(record: RideRecord, seen: RideSight) -> bool:
+    """Whether the robot is to drive in now; a lift that tells of the permission has to give it."""
+    return stands_open(record, seen, record.wish.start) and seen.state.permissions.get("may_enter", True)
+
+
+def boarding_possible(seen: RideSight) -> bool:
+    """Whether the robot may have gone in."""
+    return seen.robot in (Who.MAY_BOARD, Who.ABOARD)
+
+
+def looked(record: RideRecord, seen: RideSight) -> RideRecord:
+    """Take what is remembered of what is seen: where the car stands, and where a robot inside could leave it."""
+    state = seen.state
+    if not is_live(state):
+        return replace(record, stands=None)
+    at, floor = state.floor, record.could_leave_at
+    if at is not None and floor not in (None, at):
+        floor = None
+    is_open = any(door is Door.OPEN for door in state.doors.values())
+    if record.maybe_aboard and state.standing and at is not None and is_open:
+        floor = at
+    stopped = state.standing and at is not None and state.motion in (Motion.STOPPED, Motion.UNKNOWN)
+    stands = record.stands
+    if not stopped or at is None:
+        stands = None
+    elif stands is None or stands[0] != at:
+        stands = (at, seen.now)
+    return replace(record, could_leave_at=floor, stands=stands)
+
+
+def why_not_open(record: RideRecord, seen: RideSight, floor: FloorName | None) -> str:
+    """Say why the door does not invite the robot at a floor; empty while it does."""
+    state, session = seen.state, seen.session
+    if not is_live(state):
+        return offline_text(seen)
+    if record.unheard_since is not None and not stands_open(record, seen, floor):
+        return "waits to hear the robot after a restart of the manager"
+    if session is None or session.over is not None:
+        return "the session is not taken up yet"
+    if state.holder != record.holder:
+        return f"{state.lift} is held by {state.holder or 'nobody'}"
+    return _awaited(record, session, floor) or _why_shut(state, session, floor)
+
+
+def _awaited(record: RideRecord, session: SessionInfo, floor: FloorName | None) -> str:
+    if record.trouble and not (session.floor == floor and session.arrived and session.door_held):
+        return record.trouble
+    if session.waiting_for:
+        return f"waits for {session.waiting_for}"
+    return "" if session.floor == floor and session.arrived else f"the car is on its way to {floor}"
+
+
+def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -> str:
+    if state.floor != floor or not state.standing:
+        return f"the car does not stand at {floor}"
+    told = ", ".join(f"{side} {door}" for side, door in sorted(state.doors.items()))
+    if state.robot_door is not RobotDoor.OPEN:
+        if told and all(door is Door.OPEN for door in state.doors.values()) and session.door_held:
+            return "the door is open, and the lift does not let the robot through it"
+        return f"the door at {floor} is not open for it ({told or 'not known'})"
+    if not session.door_held:
+        return f"the door at {floor} is open, and is not held yet"
+    if not state.permissions.get("may_enter", True):
+        return "the lift does not give `may_enter`"
+    return ""
+
+
+def offline_text(seen: RideSight) -> str:
+    """Say since when nothing is known of the lift."""
+    since = f"since {seen.offline_since}" if seen.offline_since else "and was never read"
+    return f"{seen.state.lift} is offline {since}"
+
+
+def why_not_taken(record: RideRecord, seen: RideSight) -> str:
+    """Say what a queued ride waits for, as far as is known without asking the lift; empty where it may be asked."""
+    state = seen.state
+    kept_out = _why_kept_out(record, seen)
+    if kept_out:
+        return kept_out
+    if state.holder is not None and state.holder != record.holder:
+        return f"{state.lift} is held by {state.holder}"
+    if seen.busy:
+        return seen.busy
+    if seen.ahead:
+        return f"{seen.ahead} wait before it"
+    return "waits to hear the robot after a restart of the manager" if record.unheard_since is not None else ""
+
+
+def _why_kept_out(record: RideRecord, seen: RideSight) -> str:
+    state, told = seen.state, seen.state.restrictions
+    if not is_live(state):
+        return offline_text(seen)
+    if told.lockout:
+        return f"{state.lift} is locked out {told.lockout}; a person ends it with {how_to_end_lockout(state.lift)}"
+    if told.fire_latched:
+        return f"there was a fire; a person must check {state.lift}: {how_to_acknowledge(state.lift)}"
+    if state.mode in ROBOT_FORBIDDEN_MODES:
+        return f"the mode of {state.lift} is {state.mode}"
+    if told.maybe_aboard not in (None, record.holder, state.holder):
+        return (
+            f"a robot of {told.maybe_aboard} may be in the car; it has to say that it left, or a person must look:"
+            f" {how_to_acknowledge(state.lift)}"
+        )
+    return ""

@@ -1,0 +1,122 @@
+"""The campaign of rides: seeded robots on every map, with faults at any moment, each told nothing but the truth.
+
+python -m tests.campaigns.ride_truth --rides 300 --seed 1
+python -m tests.campaigns.ride_truth --replay 17
+"""
+
+import argparse
+import logging
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+
+from lift_manager.domain.ride import OVER, Ride
+from register_maps.load import shipped
+from tests.support.ride_faults import FAULTS, STEPS, Story, judge_end
+from tests.support.trip_sites import NO_TRIP, site_of
+from tests.support.virtual_time import run_virtual
+
+MAPS = tuple(sorted(set(shipped()) - set(NO_TRIP)))
+LIMIT_S = 6000.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One ride: on which lift, and what happens when."""
+
+    seed: int
+    map: str
+    faults: tuple[tuple[float, str], ...]
+    """After so many seconds of the robot's doing, each."""
+    step: str
+    """Up to which the robot gets undisturbed; empty for nowhere."""
+    mute_s: float
+    """For how long the robot says nothing after the first fault."""
+
+    def __str__(self) -> str:
+        then = ", ".join(f"{wait_s:.1f} s later {fault}" for wait_s, fault in self.faults)
+        return f"seed {self.seed}: {self.map}, {self.step or 'at once'}, {then}, mute for {self.mute_s:.0f} s"
+
+
+def draw(seed: int) -> Plan:
+    """Return the ride of a seed."""
+    dice = random.Random(seed)  # a seed must replay, and nobody is to be kept from guessing
+    count = dice.choice((1, 1, 2, 3))
+    faults = tuple((dice.uniform(0.0, 12.0), dice.choice(tuple(FAULTS))) for _ in range(count))
+    return Plan(seed, dice.choice(MAPS), faults, dice.choice(("", *STEPS)), dice.choice((0.0, 0.0, 5.0, 100.0)))
+
+
+@dataclass
+class Tally:
+    """What a number of rides came to."""
+
+    ended: Counter[str] = field(default_factory=Counter)
+    judged: int = 0
+    failed: list[str] = field(default_factory=list)
+
+
+async def play(plan: Plan) -> tuple[Story, Ride]:
+    """Play one ride to its end, and judge it."""
+    async with AsyncExitStack() as stack:
+        story = Story(site_of(plan.map), stack)
+        await story.begin()
+        if plan.step:
+            await STEPS[plan.step](story)
+        story.robot.speaks = not plan.mute_s
+        for wait_s, fault in plan.faults:
+            await story.go_on(wait_s)
+            told = story.rig.look(story.robot.ride)
+            if told.phase not in OVER:
+                await FAULTS[fault](story)
+        await story.go_on(plan.mute_s)
+        story.robot.speaks = True
+        over = await story.end()
+        judge_end(story, over)
+        return story, over
+
+
+def run(seeds: Iterable[int]) -> Tally:
+    """Play the rides of these seeds."""
+    tally = Tally()
+    for seed in seeds:
+        plan = draw(seed)
+
+        async def main(plan: Plan = plan) -> tuple[Story, Ride]:
+            return await play(plan)
+
+        try:
+            story, over = run_virtual(main, limit_s=LIMIT_S)
+        except AssertionError as finding:
+            tally.failed.append(f"{plan}: {finding}")
+            continue
+        tally.ended[over.phase] += 1
+        tally.judged += story.judged
+    return tally
+
+
+def main() -> int:
+    """Play and report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rides", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1, help="of the first ride; the others follow")
+    parser.add_argument("--replay", type=int, metavar="SEED")
+    given = parser.parse_args()
+    logging.disable(logging.CRITICAL)
+    began = time.monotonic()
+    seeds = range(given.seed, given.seed + given.rides) if given.replay is None else (given.replay,)
+    tally = run(seeds)
+    counts = ", ".join(f"{count} {phase}" for phase, count in sorted(tally.ended.items()))
+    lines = [
+        f"{len(seeds)} rides in {time.monotonic() - began:.0f} s: {counts}; {tally.judged} words judged",
+        *(f"FAILED {text}" for text in tally.failed),
+    ]
+    sys.stdout.write("\n".join(lines) + "\n")
+    return 1 if tally.failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

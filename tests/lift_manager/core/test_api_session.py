@@ -1,0 +1,388 @@
+"""A ride by the requests of a session, on lifts of every kind, and whose word counts in it."""
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from drivers.model import Proof
+from lift_manager.core.session_book import REQUESTS, SESSIONS, SESSIONS_FOR_S
+from lift_manager.domain.asking import Blocking, Refusal, Refused, RobotWord
+from lift_manager.domain.boarding import Who
+from lift_manager.domain.events import CommandEnded, HandedOver, RequestFollowed
+from lift_manager.domain.session_requests import Do, SessionInfo, Status
+from lift_manager.domain.state import Holder, RobotDoor
+from register_maps.words import Mode
+from simulator.controller import Inputs
+from tests.lift_manager.core.heard import heard, only
+from tests.support.session_calls import ROBOT, SECOND
+from tests.support.spine import OTHER, Spine, on_spine
+from tests.support.virtual_time import elapse
+
+WITH_WORDS = "seer-siemens-chengdu"
+"""The call holds the door, and the lift hears where the robot is."""
+
+
+def in_car(made: Spine) -> Holder | None:
+    return made.state.restrictions.maybe_aboard
+
+
+async def stands_open(made: Spine, floor: str) -> None:
+    await made.until(lambda state: (state.floor, state.robot_door) == (floor, RobotDoor.OPEN))
+
+
+async def whole_ride(made: Spine) -> None:
+    """Called, boarded, ridden, left, closed: everything is confirmed, and nothing is left on."""
+    start, destination = made.task.options.floors[1], made.task.options.floors[0]
+    session = made.opened()
+    await made.done(session, Do.GO_TO, start)
+    await stands_open(made, start)
+    info = made.read(session)
+    assert (info.arrived, info.door_held, info.floor) == (True, True, start)
+    await made.done(session, Do.ROBOT_IN_PLACE)
+    assert made.read(session).robot is Who.ABOARD
+    await made.done(session, Do.GO_TO, destination)
+    await stands_open(made, destination)
+    await made.done(session, Do.ROBOT_LEFT)
+    assert made.read(session).over is None
+    over = made.closed(session, RobotWord.LEFT)
+    assert over.robot is Who.LEFT
+    await elapse(15)
+    assert made.state.holder is None
+    assert in_car(made) is None
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "generic-registers",
+        "generic-coils",
+        "seer-generic",
+        "two-stop-agv",
+        WITH_WORDS,
+        "seer-lps3-two-stop",
+    ],
+)
+def test_a_ride_by_the_requests_of_a_session_ends_with_a_free_lift(name: str) -> None:
+    on_spine(whole_ride, name)
+
+
+def test_a_session_presses_nothing_but_robot_mode_before_a_floor_is_asked_for() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await elapse(30)
+        assert made.presses() == []
+        info = made.read(session)
+        assert (info.floor, info.arrived, info.door_held, info.hold_ends_in_s) == (None, False, False, None)
+        assert made.state.destination == made.state.floor
+        assert made.state.robot_door is not RobotDoor.OPEN
+        assert made.state.permissions["robot_mode_on"]
+
+    on_spine(check)
+
+
+def test_neither_arrival_nor_letting_go_of_the_door_ends_a_session() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        done = await made.done(session, Do.GO_TO, "L2", hold=False)
+        assert done.proof is not Proof.NONE
+        await made.until(lambda state: state.floor == "L2")
+        await elapse(5)
+        info = made.read(session)
+        assert (info.over, info.arrived, info.door_held) == (None, True, False)
+        await made.done(session, Do.HOLD_DOOR)
+        await stands_open(made, "L2")
+        assert made.read(session).hold_ends_in_s is not None
+        assert (await made.done(session, Do.LET_GO_DOOR)).proof is Proof.READBACK
+        assert made.read(session).hold_ends_in_s is None
+        assert (await made.done(session, Do.LET_GO_DOOR)).proof is Proof.NONE
+        await elapse(20)
+        assert made.state.holder == ROBOT
+        assert made.state.robot_door is not RobotDoor.OPEN
+
+    on_spine(check)
+
+
+def test_a_door_that_a_call_held_is_held_again_by_another_press_of_it() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await made.done(session, Do.GO_TO, "L2")
+        await stands_open(made, "L2")
+        assert (await made.done(session, Do.LET_GO_DOOR)).proof is Proof.READBACK
+        await elapse(15)
+        assert made.state.robot_door is not RobotDoor.OPEN
+        await made.done(session, Do.HOLD_DOOR)
+        await stands_open(made, "L2")
+
+    on_spine(check, WITH_WORDS)
+
+
+def test_a_hold_that_is_asked_for_under_way_waits_for_the_car() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await made.done(session, Do.GO_TO, "L3", hold=False)
+        hold = made.taken(session, Do.HOLD_DOOR)
+        assert (hold.status, "stand at L3" in hold.reason) == (Status.PENDING, True)
+        assert (await made.ended(session, hold)).proof is Proof.READBACK
+        assert made.read(session).door_held
+
+    on_spine(check)
+
+
+def test_close_is_pressed_only_for_a_clear_threshold_and_once_the_hold_is_off() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        assert made.refused_within(session, Do.CLOSE_DOOR).code is Refusal.NOT_NOW
+        await made.done(session, Do.GO_TO, "L2")
+        assert made.refused_within(session, Do.CLOSE_DOOR).code is Refusal.NOT_NOW
+        await stands_open(made, "L2")
+        refused = made.refused_within(session, Do.CLOSE_DOOR)
+        assert (refused.code, "robot_in_place or robot_left" in refused.message) == (Refusal.NOT_NOW, True)
+        await made.done(session, Do.ROBOT_LEFT)
+        began = asyncio.get_running_loop().time()
+        done = await made.done(session, Do.CLOSE_DOOR)
+        assert done.proof is Proof.EFFECT
+        closes = [at for at, value in made.presses(19) if value]
+        assert len(closes) == 1
+        holds = [(at, request.values[0]) for at, request in made.device.writes if request.address == 17]
+        assert [value for at, value in holds if began <= at <= closes[0]][-1] == 0
+        await elapse(20)
+        assert not made.read(session).hold_door
+        assert [value for at, value in holds if at > closes[0]] == []
+
+    on_spine(check)
+
+
+def test_close_is_refused_where_the_map_has_no_button_for_it() -> None:
+    async def check(made: Spine) -> None:
+        assert made.refused_within(made.opened(), Do.CLOSE_DOOR).code is Refusal.NOT_POSSIBLE
+
+    on_spine(check, WITH_WORDS)
+
+
+def test_a_close_that_waits_is_given_up_for_a_hold() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await made.done(session, Do.GO_TO, "L2")
+        await stands_open(made, "L2")
+        await made.done(session, Do.ROBOT_LEFT)
+        close = made.taken(session, Do.CLOSE_DOOR)
+        hold = made.taken(session, Do.HOLD_DOOR)
+        assert (await made.ended(session, close)).reason == "another request took its place"
+        assert (await made.ended(session, hold)).status is Status.CONFIRMED
+        assert made.presses(19) == []
+
+    on_spine(check)
+
+
+# -- who
+
+
+def test_nobody_but_the_holder_who_opened_it_commands_a_session_and_strangers_learn_nothing() -> None:
+    async def check(made: Spine) -> None:
+        session, sessions = made.opened(), made.task.sessions
+        wrong = (replace(session, holder=SECOND), replace(session, id="guessed"))
+        words = set()
+        for mine in wrong:
+            answers = (
+                made.within(mine, Do.GO_TO, "L2"),
+                sessions.read(mine.id, mine.holder),
+                sessions.renew(mine.id, mine.holder, None),
+                sessions.close(mine.id, mine.holder, RobotWord.LEFT),
+                sessions.hand_over(mine.id, mine.holder, SECOND),
+                sessions.followed(mine.id, mine.holder, "1"),
+                await sessions.until_ended(mine.id, mine.holder, "1", 1),
+            )
+            for answer in answers:
+                assert isinstance(answer, Refused)
+                assert answer.code is Refusal.NO_SUCH_SESSION
+                words.add(answer.message)
+        assert len(words) == 1
+        assert made.read(session).over is None
+        assert sessions.read(session.id, None) == made.read(session)
+
+    on_spine(check)
+
+
+def test_a_lift_that_another_holds_is_refused_with_who_and_since_when() -> None:
+    async def check(made: Spine) -> None:
+        made.opened()
+        await elapse(3)
+        for holder in (SECOND, OTHER, ROBOT):
+            refused = made.open_refused(holder)
+            assert (refused.code, refused.blocking and refused.blocking.holder) == (Refusal.HELD, ROBOT)
+            assert refused.blocking is not None
+            assert refused.blocking.since_s == pytest.approx(3.0)
+        assert made.refuse("L2").code is Refusal.HELD
+
+    on_spine(check)
+
+
+def test_the_same_key_gives_the_same_session_and_the_same_request_as_long_as_they_are_remembered() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened(key="one")
+        assert made.opened(key="one").id == session.id
+        assert made.open_refused(SECOND, key="one").code is Refusal.HELD
+        went = made.within(session, Do.GO_TO, "L2", key="go")
+        again = made.within(session, Do.GO_TO, "L3", key="go")
+        assert not isinstance(went, Refused)
+        assert not isinstance(again, Refused)
+        assert (again.id, again.floor) == (went.id, "L2")
+        assert made.read(session).floor == "L2"
+        made.closed(session)
+        once_more = made.opened(key="one")
+        assert (once_more.id, once_more.over is None) == (session.id, False)
+        late = made.within(session, Do.GO_TO, "L3", key="go")
+        assert not isinstance(late, Refused)
+        assert late.id == went.id
+        await elapse(SESSIONS_FOR_S + 1)
+        assert made.opened(key="one").id != session.id
+
+    on_spine(check)
+
+
+def test_the_newest_requests_and_sessions_are_remembered() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        numbers = [made.taken(session, Do.LET_GO_DOOR).id for _ in range(REQUESTS + 1)]
+        sessions = made.task.sessions
+        gone = sessions.followed(session.id, ROBOT, numbers[0])
+        assert isinstance(gone, Refused)
+        assert gone.code is Refusal.NO_SUCH_COMMAND
+        assert not isinstance(sessions.followed(session.id, ROBOT, numbers[1]), Refused)
+        made.closed(session)
+        ended = [session]
+        for _ in range(SESSIONS):
+            await elapse(4)
+            ended.append(made.opened())
+            made.closed(ended[-1])
+        read = [sessions.read(one.id, ROBOT) for one in ended]
+        assert [isinstance(one, SessionInfo) for one in read] == [False] + [True] * SESSIONS
+
+    on_spine(check)
+
+
+def test_a_session_that_is_handed_over_goes_on_under_an_id_that_only_its_new_holder_has() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened(key="one")
+        await made.done(session, Do.GO_TO, "L2")
+        await stands_open(made, "L2")
+        waits = made.taken(session, Do.GO_TO, "L3")
+        with made.bus.listen() as listener:
+            handed = made.task.sessions.hand_over(session.id, ROBOT, SECOND)
+            events = await heard(listener)
+        assert not isinstance(handed, Refused)
+        assert (handed.holder, handed.opened_at, handed.id != session.id) == (SECOND, session.opened_at, True)
+        assert only(events, HandedOver) == [HandedOver("lift", ROBOT, SECOND)]
+        assert all(one not in str(events) for one in (session.id, handed.id))
+        assert made.now(session, waits).status is not Status.PENDING
+        over = made.read(session).over
+        assert over is not None
+        assert "handed over to api:amr-8" in over.text
+        refused = made.refused_within(session, Do.GO_TO, "L1")
+        assert refused.code is Refusal.SESSION_OVER
+        await stands_open(made, "L3")
+        await made.done(handed, Do.GO_TO, "L1")
+
+    on_spine(check)
+
+
+def test_the_id_of_a_session_is_in_no_event_and_no_state() -> None:
+    async def check(made: Spine) -> None:
+        with made.bus.listen(10_000) as listener:
+            session = made.opened(key="secret-key")
+            await made.done(session, Do.GO_TO, "L2")
+            made.closed(session, RobotWord.LEFT)
+            await elapse(5)
+            events = await heard(listener)
+        assert len(only(events, RequestFollowed)) == 2
+        assert only(events, CommandEnded)
+        told = f"{events}{made.state}{made.task.remembered()}"
+        assert session.id not in told
+        assert "secret-key" not in told
+
+    on_spine(check)
+
+
+# -- what stands in the way
+
+
+def blocking(refused: Refused) -> Blocking:
+    assert refused.blocking is not None, refused
+    return refused.blocking
+
+
+def test_a_lift_that_is_not_read_is_refused_with_its_age() -> None:
+    async def check(made: Spine) -> None:
+        made.device.silent = True
+        await elapse(5)
+        refused = made.open_refused()
+        assert refused.code is Refusal.OFFLINE
+        age_s = blocking(refused).age_s
+        assert age_s is not None
+        assert age_s > 4
+
+    on_spine(check)
+
+
+def test_a_mode_without_robots_and_a_fire_are_named_with_since_when() -> None:
+    async def check(made: Spine) -> None:
+        made.people(Inputs(fire=True))
+        await elapse(10)
+        fire = made.open_refused()
+        assert (fire.code, blocking(fire).mode) == (Refusal.FIRE_LATCHED, Mode.FIRE)
+        assert blocking(fire).since_s is not None
+        early = made.task.acknowledge("M. Weber")
+        assert isinstance(early, Refused)
+        assert (early.code, blocking(early).mode) == (Refusal.FIRE_ACTIVE, Mode.FIRE)
+        assert blocking(early).since_s == pytest.approx(10, abs=1)
+
+    on_spine(check)
+
+
+def test_a_car_that_may_hold_the_robot_of_another_is_refused_with_whose() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await made.done(session, Do.GO_TO, "L2")
+        await stands_open(made, "L2")
+        assert made.closed(session).robot is Who.MAY_BOARD
+        refused = made.open_refused(SECOND)
+        assert (refused.code, blocking(refused).holder) == (Refusal.OCCUPANCY_UNKNOWN, ROBOT)
+        assert made.read(session).robot is Who.MAY_BOARD
+        assert made.task.sessions.close(session.id, SECOND, RobotWord.LEFT) != made.read(session)
+        assert in_car(made) == ROBOT
+        made.closed(session, RobotWord.LEFT)
+        assert in_car(made) is None
+        made.opened(SECOND)
+
+    on_spine(check)
+
+
+def test_its_own_robot_that_may_be_in_the_car_keeps_nobody_from_opening_a_session_and_stays_remembered() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await made.done(session, Do.GO_TO, "L2")
+        await stands_open(made, "L2")
+        made.closed(session)
+        again = made.opened()
+        assert made.read(again).robot is Who.MAY_BOARD
+        made.closed(again)
+        assert in_car(made) == ROBOT
+        third = made.opened()
+        await made.done(third, Do.ROBOT_LEFT)
+        made.closed(third)
+        assert in_car(made) is None
+
+    on_spine(check)
+
+
+def test_a_lift_is_described_by_its_map_and_its_site() -> None:
+    async def check(made: Spine) -> None:
+        told = made.task.describe()
+        assert (told.lift, told.floors, told.control, told.robot_hours) == ("lift", ("L1", "L2", "L3"), True, "")
+        assert "close_door.front" in told.able.commands
+        signals = made.task.signals()
+        assert (signals.lift, signals.max_age_s) == ("lift", told.able.max_age_s)
+        assert {one.name for one in signals.signals} >= {"car_floor", "door.front"}
+
+    on_spine(check)

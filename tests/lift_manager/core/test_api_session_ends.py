@@ -1,0 +1,176 @@
+"""How long a session of its holder's own lasts, and what it says of its end in each phase."""
+
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from lift_manager.domain.asking import Refused, RobotWord
+from lift_manager.domain.boarding import Who
+from lift_manager.domain.service import Advice, EndReason
+from lift_manager.domain.session_requests import Do, SessionInfo, Status
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import Door, Mode, Motion
+from simulator.controller import Inputs
+from tests.lift_manager.core.scripted import PLAIN, Bench, on_bench
+from tests.lift_manager.core.test_followed import boarded, called
+from tests.support.session_calls import ROBOT
+from tests.support.spine import Spine, on_spine
+from tests.support.virtual_time import elapse
+
+Phase = Callable[[Spine, SessionInfo], Awaitable[None]]
+
+
+async def opened(made: Spine, session: SessionInfo) -> None:
+    assert made.read(session).floor is None
+
+
+async def asked(made: Spine, session: SessionInfo) -> None:
+    made.taken(session, Do.GO_TO, "L3")
+
+
+async def under_way(made: Spine, session: SessionInfo) -> None:
+    await made.done(session, Do.GO_TO, "L3")
+    await made.until(lambda state: state.motion is Motion.UP)
+
+
+async def open_there(made: Spine, session: SessionInfo) -> None:
+    await made.done(session, Do.GO_TO, "L2")
+    await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+
+
+async def aboard(made: Spine, session: SessionInfo) -> None:
+    await open_there(made, session)
+    await made.done(session, Do.ROBOT_IN_PLACE)
+    await made.done(session, Do.GO_TO, "L3")
+
+
+PHASES: list[Phase] = [opened, asked, under_way, open_there, aboard]
+
+
+async def fire(made: Spine) -> EndReason:
+    made.people(Inputs(fire=True))
+    return EndReason.FIRE
+
+
+async def lockout(made: Spine) -> EndReason:
+    made.task.lock_out("M. Weber", "ropes")
+    return EndReason.LOCKOUT
+
+
+async def forced(made: Spine) -> EndReason:
+    made.task.force_release("M. Weber", "it blocks the lift")
+    return EndReason.FORCED
+
+
+ENDS: list[Callable[[Spine], Awaitable[EndReason]]] = [fire, lockout, forced]
+
+
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("phase", PHASES)
+def test_people_end_a_session_in_every_phase_and_it_says_why(
+    phase: Phase, end: Callable[[Spine], Awaitable[EndReason]]
+) -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await phase(made, session)
+        reason = await end(made)
+        await elapse(2)
+        info = made.read(session)
+        assert info.over is not None
+        assert (info.over.reason, info.over.advice) != (reason, None)
+        assert info.over.reason is reason
+        assert info.over.text
+        assert (info.lease_ends_in_s, info.ends_in_s, info.door_held, info.hold_door) == (None, None, False, False)
+        refused = made.refused_within(session, Do.GO_TO, "L1")
+        assert info.over.text in refused.message
+        may_be_in = phase in (open_there, aboard)
+        assert (info.robot in (Who.MAY_BOARD, Who.ABOARD)) is may_be_in
+        assert made.state.restrictions.maybe_aboard == (ROBOT if may_be_in else None)
+        if phase is open_there:
+            made.closed(session, RobotWord.LEFT)
+            assert made.read(session).robot is Who.LEFT
+            assert made.state.restrictions.maybe_aboard is None
+
+    on_spine(check)
+
+
+def test_a_robot_behind_a_shut_door_is_told_to_stay_aboard() -> None:
+    async def check(made: Bench) -> None:
+        session = await boarded(made)
+        made.taken(session, Do.GO_TO, "L3")
+        await elapse(0.5)
+        await made.car(None, Door.CLOSED)
+        await made.mode(Mode.FIRE)
+        over = made.read(session).over
+        assert over is not None
+        assert (over.reason, over.advice) == (EndReason.FIRE, Advice.STAY_ABOARD)
+
+    on_bench(check, PLAIN)
+
+
+def test_the_lease_is_the_sites_where_the_holder_asks_for_none_or_for_more_and_its_own_where_it_asks_for_less() -> None:
+    async def check(made: Bench) -> None:
+        for ttl_s, lease_s in ((None, 60.0), (1000.0, 60.0), (10.0, 10.0)):
+            session = made.opened(ttl_s=ttl_s)
+            assert made.read(session).lease_ends_in_s == pytest.approx(lease_s)
+            await elapse(lease_s - 1)
+            assert made.read(session).over is None
+            renewed = made.task.sessions.renew(session.id, ROBOT, ttl_s)
+            assert not isinstance(renewed, Refused)
+            assert renewed.lease_ends_in_s == pytest.approx(lease_s)
+            await elapse(lease_s + 0.5)
+            over = made.read(session).over
+            assert over is not None
+            assert (over.reason, over.text) == (EndReason.LEASE, f"the lease of {lease_s:g} s ran out")
+
+    on_bench(check, PLAIN, lease_s=60.0)
+
+
+def test_a_renewal_says_anew_how_long_the_lease_is() -> None:
+    async def check(made: Bench) -> None:
+        session = made.opened(ttl_s=10.0)
+        longer = made.task.sessions.renew(session.id, ROBOT, None)
+        assert not isinstance(longer, Refused)
+        assert longer.lease_ends_in_s == pytest.approx(60.0)
+
+    on_bench(check, PLAIN, lease_s=60.0)
+
+
+def test_a_session_that_is_renewed_again_and_again_ends_where_the_site_says() -> None:
+    async def check(made: Bench) -> None:
+        session = made.opened()
+        while (info := made.read(session)).over is None:
+            assert info.ends_in_s is not None
+            assert info.ends_in_s <= 100
+            made.task.sessions.renew(session.id, ROBOT, None)
+            await elapse(5)
+        assert info.over.reason is EndReason.MAX_SESSION
+        assert info.over.advice is not None
+
+    on_bench(check, PLAIN, max_session_s=100.0)
+
+
+def test_a_manager_that_stops_takes_no_more_requests() -> None:
+    async def check(made: Bench) -> None:
+        session = await called(made)
+        await made.task.stop()
+        over = made.read(session).over
+        assert over is not None
+        assert over.reason is EndReason.STOPPING
+        assert made.open_refused().code == "stopping"
+
+    on_bench(check, PLAIN)
+
+
+def test_an_orderly_close_gives_no_advice_and_lets_everything_go() -> None:
+    async def check(made: Bench) -> None:
+        session = await called(made)
+        pending = made.taken(session, Do.GO_TO, "L1")
+        assert pending.status is Status.CONFIRMED
+        over = made.closed(session, RobotWord.LEFT).over
+        assert over is not None
+        assert (over.reason, over.advice) == (EndReason.RELEASED, None)
+        assert made.closed(session).over == over
+        assert made.driver.on == set()
+
+    on_bench(check, PLAIN)

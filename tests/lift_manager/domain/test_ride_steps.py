@@ -1,0 +1,310 @@
+"""How a ride goes on by what is seen, phase by phase."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from lift_manager.domain.boarding import Who
+from lift_manager.domain.ride import Guidance, Phase
+from lift_manager.domain.ride_record import Clearing, Close, GoTo, InPlace, Open, Renew, RideSight, Warn, shown
+from lift_manager.domain.ride_steps import REPEAT_S, asked, opened, step
+from lift_manager.domain.service import Advice, EndReason
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from register_maps.words import Door, Mode, Side
+from tests.lift_manager.domain.ride_sights import (
+    HOLDER,
+    NOON,
+    OFFLINE,
+    STATE,
+    away,
+    ended,
+    here,
+    kept_out,
+    ride,
+    session,
+    sight,
+)
+
+GOING_ON = [Phase.QUEUED, Phase.CALLED, Phase.BOARDING, Phase.RIDING, Phase.ALIGHTING, Phase.CLEARING]
+WITH_SESSION = GOING_ON[1:]
+CLEARING = Clearing(Phase.CANCELLED, "cancelled: no order")
+
+
+def test_a_ride_whose_lift_is_free_takes_it_at_once() -> None:
+    after = step(ride(), sight())
+    assert after.actions == (Open(),)
+    assert (after.record.guidance, after.record.reason, after.record.ahead) == (Guidance.WAIT, "", 0)
+
+
+@pytest.mark.parametrize(
+    ("state", "ahead", "reason", "shown_ahead"),
+    [
+        (replace(STATE, holder=Holder("rmf", "tiny")), 0, "A is held by rmf:tiny", 1),
+        (STATE, 2, "2 wait before it", 2),
+        (replace(OFFLINE, holder=None), 0, "A is offline since 11:59:52", 0),
+        (kept_out(lockout="by Ana since noon: oil"), 0, "A is locked out by Ana since noon: oil", 0),
+        (kept_out(fire_latched=True), 0, "there was a fire", 0),
+        (replace(STATE, mode=Mode.INSPECTION), 0, "the mode of A is inspection", 0),
+        (kept_out(maybe_aboard=Holder("rmf", "tiny")), 0, "a robot of rmf:tiny may be in the car", 0),
+    ],
+)
+def test_a_ride_that_cannot_begin_waits_and_says_for_what(
+    state: LiftState, ahead: int, reason: str, shown_ahead: int
+) -> None:
+    after = step(ride(), sight(state, ahead=ahead))
+    assert after.actions == ()
+    assert after.record.phase is Phase.QUEUED
+    assert after.record.reason.startswith(reason)
+    assert after.record.ahead == shown_ahead
+
+
+def test_the_robot_that_may_be_in_the_car_may_take_it_up_again() -> None:
+    assert step(ride(), sight(kept_out(maybe_aboard=HOLDER))).actions == (Open(),)
+
+
+def test_a_lift_that_refused_is_asked_again_after_a_while_and_the_ride_says_why_it_waits() -> None:
+    refused = asked(ride(), "A takes robots 06:00 to 20:00", sight(now=10.0))
+    soon = step(refused, sight(now=10.0 + REPEAT_S - 0.1))
+    assert (soon.actions, soon.record.reason) == ((), "A takes robots 06:00 to 20:00")
+    assert step(refused, sight(now=10.0 + REPEAT_S)).actions == (Open(),)
+
+
+def test_a_ride_with_its_session_calls_the_car_to_the_robot() -> None:
+    called = opened(ride(), "s1", sight(now=2.0))
+    assert (called.phase, called.phase_since, called.session, called.ahead) == (Phase.CALLED, 2.0, "s1", None)
+    assert step(called, sight(here("L2", RobotDoor.CLOSED), session(None))).actions == (GoTo("L1"),)
+    under_way = step(replace(called, asked_at=2.0), sight(away(), session("L1"), now=3.0))
+    assert (under_way.actions, under_way.record.reason) == ((), "the car is on its way to L1")
+
+
+def test_a_car_that_does_not_come_is_asked_for_again() -> None:
+    late = sight(away(), session("L1"), now=REPEAT_S)
+    assert step(ride(Phase.CALLED), late).actions == (GoTo("L1"),)
+
+
+OPEN_AT_START = sight(here("L1"), session("L1", Who.MAY_BOARD, there=True))
+
+
+def test_the_robot_is_told_to_enter_while_the_door_stands_open_for_it() -> None:
+    after = step(ride(Phase.CALLED), OPEN_AT_START)
+    assert (after.record.phase, after.record.guidance, after.record.reason) == (Phase.BOARDING, Guidance.ENTER, "")
+    assert after.record.maybe_aboard
+
+
+def _but(seen: RideSight, **more: object) -> RideSight:
+    """The same, but for some words of the state."""
+    return replace(seen, state=replace(seen.state, **more))  # type: ignore[arg-type]  # fields of LiftState
+
+
+def _with(seen: RideSight, **more: object) -> RideSight:
+    """The same, but for some words of the session."""
+    assert seen.session is not None
+    return replace(seen, session=replace(seen.session, **more))  # type: ignore[arg-type]  # fields of SessionInfo
+
+
+NOT_OPEN: dict[str, Callable[[RideSight], RideSight]] = {
+    "offline": lambda seen: _but(seen, quality=Quality.OFFLINE),
+    "another floor": lambda seen: _but(seen, floor="L2"),
+    "no floor": lambda seen: _but(seen, floor=None),
+    "not standing": lambda seen: _but(seen, standing=False),
+    "door closing": lambda seen: _but(seen, robot_door=RobotDoor.MOVING, doors={Side.FRONT: Door.CLOSING}),
+    "door shut": lambda seen: _but(seen, robot_door=RobotDoor.CLOSED, doors={Side.FRONT: Door.CLOSED}),
+    "open and not for robots": lambda seen: _but(seen, robot_door=RobotDoor.MOVING),
+    "not its own": lambda seen: _but(seen, holder=Holder("rmf", "tiny")),
+    "free": lambda seen: _but(seen, holder=None),
+    "not arrived": lambda seen: _with(seen, arrived=False),
+    "not held": lambda seen: _with(seen, door_held=False),
+    "wanted elsewhere": lambda seen: _with(seen, floor="L2"),
+    "not known": lambda seen: replace(seen, session=None),
+}
+
+
+@pytest.mark.parametrize("fault", NOT_OPEN)
+def test_nothing_but_an_open_held_door_of_its_own_lets_a_robot_in_or_out(fault: str) -> None:
+    at_start = NOT_OPEN[fault](OPEN_AT_START)
+    boarding = step(ride(Phase.BOARDING), at_start).record
+    assert (boarding.phase, boarding.guidance) == (Phase.BOARDING, Guidance.WAIT)
+    assert boarding.reason
+    there = NOT_OPEN[fault](sight(here("L3"), session("L3", Who.ABOARD, there=True)))
+    for phase in (Phase.RIDING, Phase.ALIGHTING):
+        inside = step(ride(phase), there).record
+        assert (inside.phase, inside.guidance) == (phase, Guidance.STAY)
+        assert inside.reason
+    clearing = step(ride(Phase.CLEARING, entered=True, clear_at="L3", clearing=CLEARING), there).record
+    assert (clearing.phase, clearing.guidance) == (Phase.CLEARING, Guidance.STAY)
+    assert clearing.reason.startswith("cancelled: no order; ")
+
+
+def test_a_lift_that_does_not_permit_it_lets_no_robot_in_though_its_door_is_open() -> None:
+    seen = _but(OPEN_AT_START, permissions={"may_enter": False, "may_leave": True})
+    after = step(ride(Phase.BOARDING), seen).record
+    assert (after.guidance, after.reason) == (Guidance.WAIT, "the lift does not give `may_enter`")
+
+
+def test_the_reason_says_since_when_the_lift_is_offline_and_does_not_count_seconds() -> None:
+    first = step(ride(Phase.RIDING), sight(OFFLINE, session("L3", Who.ABOARD), now=3.0)).record
+    assert first.reason == "A is offline since 11:59:52"
+    assert step(first, sight(OFFLINE, session("L3", Who.ABOARD), now=4.0)).record.changed_at == first.changed_at
+
+
+def test_words_that_differ_in_their_seconds_only_are_no_change() -> None:
+    waits = replace(session("L1"), waiting_for="the lift, for 3 s")
+    first = step(ride(Phase.CALLED), sight(away(), waits, now=1.0)).record
+    then = step(first, sight(away(), replace(waits, waiting_for="the lift, for 4 s"), now=2.0)).record
+    assert (then.reason, then.changed_at) == (first.reason, first.changed_at)
+
+
+def test_a_robot_inside_is_reported_before_the_car_is_sent_on() -> None:
+    just_in = ride(Phase.RIDING)
+    assert step(just_in, sight(here("L1"), session("L1", Who.MAY_BOARD, there=True))).actions == (
+        InPlace(),
+        GoTo("L3"),
+    )
+    assert step(just_in, sight(away(), session("L3", Who.ABOARD))).actions == ()
+
+
+def test_what_was_refused_is_not_asked_for_again_at_once() -> None:
+    seen = sight(here("L1"), session("L1", Who.MAY_BOARD, there=True), now=1.0)
+    refused = asked(ride(Phase.RIDING), "A is offline", seen)
+    waiting = step(refused, replace(seen, now=2.0))
+    assert (waiting.actions, waiting.record.reason) == ((), "A is offline")
+    assert step(refused, replace(seen, now=1.0 + REPEAT_S)).actions == (InPlace(), GoTo("L3"))
+
+
+def test_the_robot_is_told_to_leave_once_the_door_stands_open_at_its_destination() -> None:
+    after = step(ride(Phase.RIDING), sight(here("L3"), session("L3", Who.ABOARD, there=True))).record
+    assert (after.phase, after.guidance, after.could_leave_at) == (Phase.ALIGHTING, Guidance.LEAVE, "L3")
+
+
+def test_a_lease_is_renewed_before_it_ends() -> None:
+    there = replace(session("L3", Who.ABOARD, there=True), lease_ends_in_s=60.0)
+    assert step(ride(Phase.ALIGHTING), sight(here("L3"), there, now=9.0)).actions == ()
+    assert step(ride(Phase.ALIGHTING), sight(here("L3"), there, now=10.0)).actions == (Renew(),)
+    short = replace(there, lease_ends_in_s=1.5)
+    assert step(ride(Phase.ALIGHTING), sight(here("L3"), short, now=1.5)).actions == (Renew(),)
+    offline = sight(OFFLINE, there, now=10.0)
+    assert step(ride(Phase.ALIGHTING), offline).actions == (Renew(),)
+
+
+@pytest.mark.parametrize("phase", WITH_SESSION)
+def test_nothing_is_asked_after_a_restart_before_the_robot_is_heard(phase: Phase) -> None:
+    unheard = ride(phase, unheard_since=0.0, clearing=CLEARING)
+    after = step(unheard, sight(away(), session("L2", Who.MAY_BOARD), now=50.0))
+    assert after.actions == ()
+    assert "waits to hear the robot" in after.record.reason
+
+
+def test_a_queued_ride_takes_no_lift_after_a_restart_before_its_robot_is_heard() -> None:
+    after = step(ride(unheard_since=0.0), sight(now=5.0))
+    assert (after.actions, after.record.reason) == ((), "waits to hear the robot after a restart of the manager")
+
+
+@pytest.mark.parametrize("phase", WITH_SESSION)
+@pytest.mark.parametrize(
+    "reason", [EndReason.FIRE, EndReason.MODE, EndReason.LOCKOUT, EndReason.FORCED, EndReason.LEASE]
+)
+def test_a_ride_whose_session_somebody_ended_gives_up_and_hands_on_the_advice(phase: Phase, reason: EndReason) -> None:
+    over = ended(reason, "there is a fire", Advice.STAY_ABOARD)
+    after = step(ride(phase, clearing=CLEARING), sight(STATE, over))
+    assert after.actions == ()
+    told = (after.record.phase, after.record.guidance, after.record.reason, after.record.advice)
+    assert told == (Phase.GAVE_UP, Guidance.GAVE_UP, "there is a fire", Advice.STAY_ABOARD)
+    assert after.record.maybe_aboard is (phase is not Phase.CALLED)
+
+
+@pytest.mark.parametrize("phase", WITH_SESSION)
+def test_a_ride_waits_through_the_end_of_the_manager(phase: Phase) -> None:
+    over = ended(EndReason.STOPPING, "the manager is stopping", Advice.CLEAR_DOORWAY)
+    after = step(ride(phase), sight(STATE, over, now=5000.0))
+    assert (after.record.phase, after.actions) == (phase, ())
+    assert after.record.guidance in (Guidance.WAIT, Guidance.STAY)
+
+
+@pytest.mark.parametrize("phase", WITH_SESSION)
+def test_a_ride_whose_session_nobody_knows_gives_up(phase: Phase) -> None:
+    after = step(ride(phase), sight(gone="its session is over: the lease ran out")).record
+    assert (after.phase, after.reason) == (Phase.GAVE_UP, "its session is over: the lease ran out")
+    assert after.ended_at == 1.0
+    if phase is not Phase.CALLED:
+        assert after.advice is Advice.STAY_ABOARD
+
+
+def test_a_ride_that_waits_too_long_gives_up_with_what_it_waited_for() -> None:
+    after = step(ride(), sight(replace(OFFLINE, holder=None), now=600.0))
+    assert (after.record.phase, after.actions) == (Phase.GAVE_UP, ())
+    assert after.record.reason == "it waited for 600 s: A is offline since 11:59:52"
+    assert after.record.advice is None
+
+
+def test_a_car_that_does_not_come_in_time_is_given_back() -> None:
+    after = step(ride(Phase.CALLED), sight(away(), session("L1"), now=300.0))
+    assert (after.record.phase, after.actions) == (Phase.GAVE_UP, (Close(left=False),))
+    assert not after.record.maybe_aboard
+
+
+@pytest.mark.parametrize(
+    ("phase", "limit_s", "warns"),
+    [(Phase.BOARDING, 120.0, False), (Phase.RIDING, 200.0, True), (Phase.ALIGHTING, 100.0, True)],
+)
+def test_a_robot_that_may_be_inside_when_time_is_up_is_let_out(phase: Phase, limit_s: float, *, warns: bool) -> None:
+    seen = sight(OFFLINE, session("L1", Who.MAY_BOARD), now=limit_s - 0.1)
+    assert step(ride(phase), seen).record.phase is phase
+    after = step(ride(phase), replace(seen, now=limit_s))
+    assert (after.record.phase, after.record.phase_since) == (Phase.CLEARING, limit_s)
+    assert after.record.clearing is not None
+    assert after.record.clearing.ending is Phase.GAVE_UP
+    assert any(isinstance(action, Warn) for action in after.actions) is warns
+    assert not any(isinstance(action, Close) for action in after.actions)
+
+
+def test_a_robot_that_is_not_heard_to_leave_is_given_up_with_an_alarm_and_its_car_is_not_given_away() -> None:
+    clearing = ride(Phase.CLEARING, entered=True, clearing=Clearing(Phase.GAVE_UP, "too late"), clear_at="L3")
+    after = step(clearing, sight(OFFLINE, session("L3", Who.ABOARD), now=100.0))
+    warn, close = after.actions
+    assert isinstance(warn, Warn)
+    assert warn.text.startswith("ride_given_up: a robot of ride:fleet/amr-7 is in the car of A")
+    assert close == Close(left=False)
+    assert (after.record.phase, after.record.maybe_aboard) == (Phase.GAVE_UP, True)
+    assert after.record.advice is Advice.CLEAR_DOORWAY
+
+
+@pytest.mark.parametrize(
+    ("state", "clear_at", "stands_s", "wanted"),
+    [
+        (here("L1", RobotDoor.CLOSED), None, 5.0, "L1"),
+        (away(), None, None, "L3"),
+        (away("L2"), "L1", None, "L3"),
+        (here("L2", RobotDoor.CLOSED), "L3", 5.0, "L2"),
+        (here("L2", RobotDoor.CLOSED), "L3", 0.5, "L3"),
+        (OFFLINE, "L3", None, "L3"),
+    ],
+)
+def test_a_robot_inside_is_let_out_where_the_car_stands_or_stops_next(
+    state: LiftState, clear_at: str | None, stands_s: float | None, wanted: str
+) -> None:
+    stands = None if stands_s is None or state.floor is None else (state.floor, 20.0 - stands_s)
+    clearing = ride(Phase.CLEARING, entered=True, clearing=CLEARING, clear_at=clear_at, stands=stands)
+    after = step(clearing, sight(state, session("L3", Who.ABOARD), now=20.0))
+    assert after.record.clear_at == wanted
+
+
+def test_a_robot_that_said_nothing_is_let_out_where_it_may_have_gone_in() -> None:
+    clearing = ride(Phase.CLEARING, clearing=CLEARING)
+    away_then = step(clearing, sight(away("L2"), session("L1", Who.MAY_BOARD), now=9.0))
+    assert away_then.actions == (GoTo("L1"),)
+    assert away_then.record.guidance is Guidance.WAIT
+    there = step(clearing, sight(here("L1"), session("L1", Who.MAY_BOARD, there=True)))
+    assert there.record.guidance is Guidance.LEAVE
+
+
+@pytest.mark.parametrize("phase", [Phase.DONE, Phase.CANCELLED, Phase.GAVE_UP])
+def test_a_ride_that_is_over_stays_as_it_is(phase: Phase) -> None:
+    over = ride(phase, maybe_aboard=True)
+    assert step(over, OPEN_AT_START).record == over
+    assert shown(over, 0.0).phase_ends_in_s is None
+
+
+def test_a_change_has_its_time_of_day() -> None:
+    after = step(ride(), sight(now=7.0, ahead=1)).record
+    assert (after.changed_at - NOON).total_seconds() == 7.0
