@@ -23,7 +23,10 @@ class Snapshot(Answer):
 
 
 class StateEvent(Answer):
-    """What a lift publishes has changed in more than its age."""
+    """What a lift publishes has changed in more than its age.
+
+    Its ages are right within 0.25 s when it is handed to the connection; what was received is as old as that and the time since.
+    """
 
     event: Literal["state"] = "state"
     lift: Lift
@@ -119,6 +122,12 @@ class Frame(Answer):
     hex: str
     text: str = Field(description="In words.")
     at_s: float = Field(description="Monotonic seconds of the manager: only differences mean anything.")
+
+
+class Links(Answer):
+    """Every controller of the site, by its name in the site file."""
+
+    links: tuple[str, ...] = Field(examples=[["plc"]])
 
 
 AnyEvent = Annotated[

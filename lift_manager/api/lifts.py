@@ -63,7 +63,7 @@ class Lift(Answer):
     not_visible: Mapping[str, str] = Field(description="Safety signals that this lift does not show, and why.")
 
     @classmethod
-    def of(cls, state: LiftState, *, max_age_s: float, waiting: int) -> Lift:
+    def of(cls, state: LiftState, *, max_age_s: float) -> Lift:
         """Return it as published."""
         told, holder = state.restrictions, state.holder
         return cls(
@@ -84,7 +84,7 @@ class Lift(Answer):
             session=None
             if holder is None
             else Held(face=holder.face, name=holder.name, for_s=state.held_since_s or 0.0),
-            waiting=waiting,
+            waiting=state.waiting,
             restrictions=Restricted(
                 fire_latched=told.fire_latched,
                 lockout=told.lockout,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
 from pydantic_core import PydanticCustomError
+
+from register_maps.words import Side
 
 _JOINERS = "\u200c\u200d"
 """Unseen, but Persian and Indian scripts cannot be written without them."""
@@ -29,6 +31,8 @@ ShortName = Annotated[
 """A name from a caller."""
 Token = Annotated[str, StringConstraints(min_length=1, max_length=128, pattern=r"^[\x21-\x7e]+$")]
 """An idempotency key: printable ASCII without blanks."""
+Door = Annotated[Side, Field(strict=False)]
+"""A door by its name: a body that was decoded from JSON holds text, which strict would not take."""
 
 
 class Part(BaseModel):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 from pydantic import AwareDatetime, Field, model_validator
+from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Part, Words
+from lift_manager.api.parts import Answer, Door, Part, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
 from lift_manager.domain import ride as rides
 from lift_manager.domain.ride import Guidance, Phase, RidePlan
@@ -38,7 +39,7 @@ class RideRequest(Part):
     )
     from_: _Floor = Field(alias="from", description="Where the robot waits.")
     to: _Floor = Field(description="Where it wants to be.", examples=["L3"])
-    door: Side | None = Field(
+    door: Door | None = Field(
         default=None, description="By which door it boards; only lifts with this door there are taken."
     )
     robot: RobotName
@@ -49,7 +50,7 @@ class RideRequest(Part):
     @model_validator(mode="after")
     def _goes_somewhere(self) -> RideRequest:
         if self.from_ == self.to:
-            raise ValueError("from and to are the same floor")
+            raise PydanticCustomError("misfit", "must be another floor than from", {"field": "to"})
         return self
 
 

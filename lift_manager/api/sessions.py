@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, Field, model_validator
+from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Part, ShortName, Token
+from lift_manager.api.parts import Answer, Door, Part, ShortName, Token
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.service import Advice, EndReason
 from lift_manager.domain.session_requests import Do, Followed, SessionInfo, Status
-from register_maps.words import Side
 
 Ttl = Annotated[
     float | None,
@@ -41,6 +41,16 @@ IdempotencyKey = Annotated[
 ]
 
 
+def _said(value: object) -> object:
+    # to Literal, 1 is True as well
+    if value is not None and value is not True:
+        raise PydanticCustomError("not_true", "must be true")
+    return value
+
+
+_Clear = Annotated[Literal[True] | None, BeforeValidator(_said)]
+
+
 class OpenSessionRequest(Part):
     """The lift for one caller alone. Nothing is called by it."""
 
@@ -60,6 +70,7 @@ class CloseRequest(Part):
 
     robot: RobotWord | None = Field(
         default=None,
+        strict=False,
         description="`left`: the robot is outside and clear of the door, which a lift that asks for it is told.",
     )
 
@@ -76,15 +87,13 @@ class HandOverRequest(Part):
 class CommandRequest(Part):
     """One thing to do within a session."""
 
-    do: Do
+    do: Do = Field(strict=False)
     floor: str | None = Field(default=None, max_length=200, description="With `go_to`.", examples=["L2"])
     hold_door: bool = Field(default=True, description="With `go_to`: hold the door once the car is there.")
-    door: Side | None = Field(
+    door: Door | None = Field(
         default=None, description="With `close_door`: one door; all of the floor where it is left out."
     )
-    clear: Literal[True] | None = Field(
-        default=None, description="With `close_door`, which needs it: nothing stands in the doorway."
-    )
+    clear: _Clear = Field(default=None, description="With `close_door`, which needs it: nothing stands in the doorway.")
     idempotency_key: IdempotencyKey
 
     @model_validator(mode="after")
@@ -93,12 +102,16 @@ class CommandRequest(Part):
         for name, needed in needs.items():
             given = getattr(self, name) is not None
             if needed and not given:
-                raise ValueError(f"{self.do} needs {name}")
+                raise _misfit(name, f"is missing: {self.do} needs it")
             if given and not needed:
-                raise ValueError(f"{name} does not go with {self.do}")
+                raise _misfit(name, f"does not go with {self.do}")
         if self.door is not None and self.do is not Do.CLOSE_DOOR:
-            raise ValueError(f"door does not go with {self.do}")
+            raise _misfit("door", f"does not go with {self.do}")
         return self
+
+
+def _misfit(field: str, text: str) -> PydanticCustomError:
+    return PydanticCustomError("misfit", "{text}", {"field": field, "text": text})
 
 
 class Over(Answer):

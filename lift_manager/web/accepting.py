@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import resource
 import socket
 import ssl
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import NamedTuple
 
-CONNECTIONS_LIMIT = 250
-"""Chosen: a site has tens of robots, and of the 1024 descriptors that a process has by default the controllers need theirs."""
+MOST_CONNECTIONS = 1000
+"""Chosen: a site has tens of robots, and hundreds of pages and programs that listen."""
+_SHARE = 4
+"""Of so many descriptors one is for a client; the others are for controllers, the disk and what a client makes the manager open."""
+FILES_WANTED = 8192
+"""Descriptors. Chosen: for as many clients, and more controllers than a site has; most systems begin with 1024 and allow more."""
 HANDSHAKE_WITHIN_S = 10.0
 """Chosen: as long as a head may take; a handshake is three packets."""
 YIELDS_AFTER_S = 1.0
@@ -26,6 +31,25 @@ _log = logging.getLogger(__name__)
 
 NextContext = Callable[[], ssl.SSLContext]
 """Returns the TLS of one connection."""
+
+
+def connections_limit() -> int:
+    """Return how many clients may be connected: a share of the descriptors that this process may open, and never too many."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return MOST_CONNECTIONS if soft == resource.RLIM_INFINITY else min(MOST_CONNECTIONS, soft // _SHARE)
+
+
+def streams_limit() -> int:
+    """Return how many of them may be event streams, which stay: the others are for those who ask something and go."""
+    return max(1, connections_limit() * 6 // 10)
+
+
+def allow_files(wanted: int = FILES_WANTED) -> None:
+    """Raise the number of descriptors that this process may open to what is wanted, as far as the system lets it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 class _Coming(NamedTuple):
@@ -50,14 +74,16 @@ class Acceptor:
         next_context: NextContext | None,
         *,
         handshake_s: float,
+        limit: int,
     ) -> None:
-        """Begin. `connected`: the protocols whose connection is made and not lost yet, kept by them."""
+        """Begin. `connected`: the protocols whose connection is made and not lost yet, kept by them; `limit` is how many may be."""
         self._loop = asyncio.get_running_loop()
         self._sock = sock
         self._make = make
         self._connected = connected
         self._next_context = next_context
         self._handshake_s = handshake_s
+        self._limit = limit
         self._coming: dict[asyncio.Task[None], _Coming] = {}
         self._again: asyncio.TimerHandle | None = None
         self._is_short = False
@@ -90,7 +116,7 @@ class Acceptor:
         """Whether there is a place, or one that could be cleared."""
         # one set, because a protocol is in both for a moment
         taken = {*(coming.protocol for coming in self._coming.values()), *self._connected}
-        if len(taken) < CONNECTIONS_LIMIT:
+        if len(taken) < self._limit:
             return True
         for task, oldest in self._coming.items():
             if self._loop.time() < oldest.since + YIELDS_AFTER_S:

@@ -60,7 +60,7 @@ class Gate:
         self._app = app
         self._keys = keys
         self._note = note
-        self._routes = [(compile_path(route.path), route) for route in routes]
+        self._routes = [(compile_path(route.path)[0], route) for route in routes]
         self._attempts = Attempts()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -88,7 +88,7 @@ class Gate:
             if isinstance(key, No):
                 return key
             scope[_CALLER] = key
-            lifts = [] if route is None else _asked(route, lift, scope)
+            lifts = [] if route is None else _asked(route, lift, scope, key)
             if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
                 about = f"the key {key.name} may not do this"
                 return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
@@ -98,14 +98,11 @@ class Gate:
 
     def _find(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
         """Return the route, the lift in its path, and which methods the path takes where it is not this one."""
-        others: tuple[str, ...] = ()
-        for (pattern, _, _), route in self._routes:
-            if (match := pattern.match(path)) is None:
-                continue
-            if method in route.methods:
+        for pattern, route in self._routes:
+            if method in route.methods and (match := pattern.match(path)) is not None:
                 return route, match.groupdict().get("lift", ""), ()
-            others = (*others, *route.methods)
-        return None, "", others
+        others = [method for pattern, route in self._routes if pattern.match(path) for method in route.methods]
+        return None, "", tuple(dict.fromkeys(others))
 
     def _caller(self, scope: Scope) -> Key | No:
         sent = Headers(scope=scope).getlist("authorization")
@@ -134,12 +131,14 @@ def caller_name(path: str, key: Key) -> str:
     return f"workshop:{key.name}" if is_workshop(path) else key.name
 
 
-def _asked(route: Route, lift: str, scope: Scope) -> list[str]:
+def _asked(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
     match route.lift_in:
         case LiftIn.PATH:
             return [lift]
         case LiftIn.QUERY:
             return lift_names_in(scope["query_string"])
+        case LiftIn.BODY:
+            return list(key.lifts)  # the route looks at the lift itself
         case None:
             return []
 

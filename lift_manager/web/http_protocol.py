@@ -19,6 +19,9 @@ HEADERS_LIMIT = 100
 HEAD_WITHIN_S = 10.0
 """Chosen: a head is one packet; who takes longer sends it drop by drop to keep the connection."""
 
+TAKEN_WITHIN_S = 60.0
+"""Chosen: what waits is some 64 KiB at most (uvicorn's high-water mark), and whoever has not taken it by then does not read."""
+
 _BAD = No(400, "not_http", ADVICE)
 _TOO_LONG = No(
     431,
@@ -38,6 +41,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
     _head_bytes = 0
     _in_head = True
     _late: asyncio.TimerHandle | None = None
+    _unread: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin."""
@@ -47,6 +51,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
         self._end_head()
+        self._end_unread()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -57,6 +62,17 @@ class JsonHttpProtocol(HttpToolsProtocol):
             if self._head_bytes > HEAD_LIMIT_BYTES:
                 self._no = _TOO_LONG
                 self.send_400_response("")
+
+    def pause_writing(self) -> None:
+        """Wait for a client that does not take its answer, but not for ever: an event stream would keep its place."""
+        self.flow.pause_writing()
+        if self._unread is None:
+            self._unread = self.loop.call_later(TAKEN_WITHIN_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """Go on: the client reads."""
+        self._end_unread()
+        self.flow.resume_writing()
 
     def on_message_begin(self) -> None:
         """Take the first byte of a request."""
@@ -95,6 +111,11 @@ class JsonHttpProtocol(HttpToolsProtocol):
         if self._late is not None:
             self._late.cancel()
             self._late = None
+
+    def _end_unread(self) -> None:
+        if self._unread is not None:
+            self._unread.cancel()
+            self._unread = None
 
     def _hang_up(self) -> None:
         self.transport.close()

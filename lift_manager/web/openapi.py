@@ -10,7 +10,8 @@ from starlette.routing import compile_path
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.domain.access import ROLES, Need, Role, Route
-from lift_manager.web.faces import is_api
+from lift_manager.web.faces import is_api, is_workshop
+from lift_manager.web.schemas import PROBLEM, put_back, schema_of
 from lift_manager.web.workshop_docs import ENVELOPE
 
 SCHEME = "key"
@@ -34,6 +35,13 @@ _REFUSALS = {
 _OF_KEYS = {401, 403}
 
 Document = dict[str, Any]
+_DETAIL: Document = {
+    "type": "object",
+    "properties": {"detail": {"type": "string"}},
+    "required": ["detail"],
+    "example": {"detail": "a key is needed"},
+}
+"""What is answered where no face has a form of its own, as under `/metrics`."""
 
 
 def describe_access(app: FastAPI, routes: Sequence[Route]) -> None:
@@ -43,8 +51,10 @@ def describe_access(app: FastAPI, routes: Sequence[Route]) -> None:
 
     def openapi() -> Document:
         if app.openapi_schema is None:
-            document = made()
-            document.setdefault("components", {})["securitySchemes"] = {SCHEME: _SCHEME}
+            document: Document = {key: put_back(part) for key, part in made().items()}
+            components = document.setdefault("components", {})
+            components["securitySchemes"] = {SCHEME: _SCHEME}
+            components.setdefault("schemas", {})["Problem"] = schema_of(Problem)
             paths = document["paths"]
             for path, operations in list(paths.items()):
                 for method in list(operations):
@@ -65,11 +75,9 @@ def _describe(path: str, operation: Document, need: Need) -> None:
     # {}: a site without keys asks for none
     operation["security"] = [] if need is Need.NOTHING else [{SCHEME: []}, {}]
     operation["description"] = f"{operation.get('description', '').rstrip()}\n\n{_who(need)}\n"
-    content = (
-        {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}
-        if is_api(path)
-        else {"application/json": {"schema": ENVELOPE}}
-    )
+    content = {MEDIA_TYPE: {"schema": PROBLEM}}
+    if not is_api(path):
+        content = {"application/json": {"schema": ENVELOPE if is_workshop(path) else _DETAIL}}
     responses: Document = operation["responses"]
     for status, text in _REFUSALS.items():
         if need is Need.NOTHING and status in _OF_KEYS:

@@ -17,7 +17,8 @@ from lift_manager.api.people import (
     LockoutEndedAnswer,
     LockoutRequest,
 )
-from lift_manager.api.problem import MEDIA_TYPE, Problem
+from lift_manager.api.problem import MEDIA_TYPE
+from lift_manager.web.schemas import PROBLEM, schema_of
 
 TAG = "people"
 
@@ -34,6 +35,7 @@ _ERRORS = {
     404: "There is no such lift (`unknown_lift`), or its name holds a line break (`no_such_path`).",
     413: "The body is too long (`too_long`).",
     422: "The body is not what is expected (`malformed`); `field` names the key.",
+    503: "The manager is about to end (`stopping`), or cannot write it down (`not_recorded`).",
 }
 
 
@@ -79,7 +81,7 @@ def force_release() -> dict[str, Any]:
         "Ends the session of whoever holds the lift and lets everything go; the car is not moved. For a holder that does not answer"
         " any more: a robot that stands in the doorway or rides in the car loses its held door.",
         (ForceReleaseRequest, ForceReleasedAnswer),
-        "Nobody holds the lift (`not_held`), or the manager is about to end (`stopping`).",
+        "Nobody holds the lift (`not_held`).",
     )
 
 
@@ -87,9 +89,9 @@ def _route(
     summary: str, description: str, forms: tuple[type[BaseModel], type[BaseModel]], conflict: str
 ) -> dict[str, Any]:
     body, answer = forms
-    schema = body.model_json_schema()
+    schema = schema_of(body)
     errors = {
-        status: {"description": text, "content": {MEDIA_TYPE: {"schema": Problem.model_json_schema()}}}
+        status: {"description": text, "content": {MEDIA_TYPE: {"schema": PROBLEM}}}
         for status, text in sorted((_ERRORS | {409: conflict}).items())
     }
     return {

@@ -11,7 +11,8 @@ from collections.abc import Generator
 import uvicorn
 from starlette.types import ASGIApp
 
-from lift_manager.web.accepting import HANDSHAKE_WITHIN_S, Acceptor, NextContext
+from lift_manager.web.accepting import HANDSHAKE_WITHIN_S, Acceptor, NextContext, connections_limit
+from lift_manager.web.ending import KEY, Ending
 from lift_manager.web.errors import ListenError
 from lift_manager.web.http_protocol import JsonHttpProtocol
 from lift_manager.web.tls import ServerCertificates
@@ -81,9 +82,11 @@ async def serve(
     *,
     tls: ServerCertificates | None = None,
     handshake_s: float = HANDSHAKE_WITHIN_S,
+    connections: int | None = None,
 ) -> None:
     """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed; HTTPS alone with `tls`.
 
+    At most so many `connections` are there at a time; where nobody says, as many as this computer has descriptors for.
     Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
     `with` around it.
     """
@@ -101,7 +104,7 @@ async def serve(
     )
     # the annotation says int, but the number goes straight to asyncio.wait_for
     config.timeout_graceful_shutdown = CANCEL_AFTER_S  # type: ignore[assignment]
-    server = _Server(config, None if tls is None else tls.next_context, handshake_s)
+    server = _Server(config, None if tls is None else tls.next_context, handshake_s, connections or connections_limit())
     try:
         await server.serve(sockets=[sock])
     except asyncio.CancelledError:
@@ -115,24 +118,26 @@ async def serve(
 class _Server(uvicorn.Server):
     """uvicorn's server as a part of a program, not as its owner, and with our own way of taking connections."""
 
-    def __init__(self, config: uvicorn.Config, tls: NextContext | None, handshake_s: float) -> None:
+    def __init__(self, config: uvicorn.Config, tls: NextContext | None, handshake_s: float, connections: int) -> None:
         super().__init__(config)
         self.servers = []
         self._tls = tls
         self._handshake_s = handshake_s
+        self._limit = connections
+        self._ending = Ending()
         self._acceptors: list[Acceptor] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Take connections."""
         connected = self.server_state.connections
         self._acceptors += [
-            Acceptor(sock, self._protocol, connected, self._tls, handshake_s=self._handshake_s)
+            Acceptor(sock, self._protocol, connected, self._tls, handshake_s=self._handshake_s, limit=self._limit)
             for sock in sockets or ()
         ]
         self.started = True
 
     def _protocol(self) -> JsonHttpProtocol:
-        return JsonHttpProtocol(self.config, self.server_state, app_state={})
+        return JsonHttpProtocol(self.config, self.server_state, app_state={KEY: self._ending})
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
@@ -143,10 +148,11 @@ class _Server(uvicorn.Server):
         """Hang up on whoever does not finish soon.
 
         uvicorn would wait for an event stream until its time-out and then log the stream's cancellation as an error;
-        told that the client is gone, a stream ends by itself.
+        told of the end, or that the client is gone, a stream ends by itself.
         """
         for acceptor in self._acceptors:
             acceptor.close()
+        self._ending.tell()
         for connection in list(self.server_state.connections):
             connection.shutdown()
         await self._until_idle()

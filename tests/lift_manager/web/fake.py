@@ -1,9 +1,9 @@
 """A manager for the tests of the web face, and ways to ask the application something."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
@@ -11,16 +11,18 @@ import httpx
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
-from lift_manager.core.facade import LiftFacade
+from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
+from lift_manager.domain.events import Event, Occurrence
 from lift_manager.domain.keys import Keys
 from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.domain.state import Holder, LiftState
 from lift_manager.web.accepting import HANDSHAKE_WITHIN_S
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
 from lift_manager.web.tls import ServerCertificates
-from register_maps.words import Mode, Motion
+from tests.lift_manager.web.fake_rides import FakeRides
+from tests.lift_manager.web.fake_sessions import FakeSessions
 
 BASE = "/open-rmf/demo-lift"
 STATE = f"{BASE}/lift_state"
@@ -29,30 +31,11 @@ ACCEPTED = b'{"data":{},"success":true,"msg":""}'
 AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
 CALL = b'{"floor":"L2","door_state":0}'
 
-IDLE = LiftState(
-    lift="lift",
-    floors=("L1", "L2"),
-    quality=Quality.LIVE,
-    reason="",
-    age_s=0.1,
-    floor="L1",
-    standing=True,
-    destination="L1",
-    robot_door=RobotDoor.CLOSED,
-    doors={},
-    motion=Motion.STOPPED,
-    mode=Mode.NORMAL,
-    holder=None,
-    held_since_s=None,
-    not_visible={},
-)
-
 
 @dataclass
-class FakeManager:
+class FakeManager(FakeSessions, FakeRides):
     """Says what it was told to say, and remembers what it was asked."""
 
-    lifts: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE, "Güter": replace(IDLE, lift="Güter")})
     answer: Accepted | Refused = field(default_factory=Accepted)
     asked: list[Ask] = field(default_factory=list)
     unwritten: frozenset[str] = frozenset()
@@ -62,12 +45,14 @@ class FakeManager:
     """What people said."""
     away: list[TurnedAway] = field(default_factory=list)
     """Whom the face refused by itself."""
+    boot: str = "b0"
+    newest: int = 0
+    _ears: list[Callable[[Occurrence], None]] = field(default_factory=list)
 
-    def lift_names(self) -> tuple[str, ...]:
-        return tuple(self.lifts)
-
-    def state(self, lift: str) -> LiftState | None:
-        return self.lifts.get(lift)
+    @property
+    def changes(self) -> list[object]:
+        """Everything that was asked to change something, by any face."""
+        return [*self.asked, *self.said, *self.done, *self.wishes, *self.said_of_rides]
 
     def request(self, ask: Ask) -> Accepted | Refused:
         self.asked.append(ask)
@@ -99,6 +84,21 @@ class FakeManager:
     def remembered(self, lift: str) -> Remembered | None:
         return Remembered() if lift in self.lifts else None
 
+    def freshen(self) -> None:
+        """Every state is as it was said to be."""
+
+    @contextmanager
+    def tap(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+        self._ears.append(hear)
+        yield
+        self._ears.remove(hear)
+
+    def happens(self, event: Event) -> None:
+        """Let everybody who listens hear of it."""
+        self.newest += 1
+        for hear in self._ears:
+            hear(Occurrence(f"{self.boot}-{self.newest}", 0.0, event))
+
     def _unknown(self, lift: str) -> Refused | None:
         return None if lift in self.lifts else Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are lift")
 
@@ -107,7 +107,7 @@ def one_lift(state: LiftState) -> FakeManager:
     return FakeManager({state.lift: state})
 
 
-def ask(facade: LiftFacade, method: str, url: str, *, keys: Keys | None = None, **more: Any) -> httpx.Response:
+def ask(facade: Facade, method: str, url: str, *, keys: Keys | None = None, **more: Any) -> httpx.Response:
     return ask_app(make_app(facade, keys), method, url, **more)
 
 
@@ -121,12 +121,16 @@ def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
 
 @asynccontextmanager
 async def serving(
-    app: ASGIApp, tls: ServerCertificates | None = None, *, handshake_s: float = HANDSHAKE_WITHIN_S
+    app: ASGIApp,
+    tls: ServerCertificates | None = None,
+    *,
+    handshake_s: float = HANDSHAKE_WITHIN_S,
+    connections: int | None = None,
 ) -> AsyncIterator[int]:
     """The application on a free port of 127.0.0.1."""
     sock = listen("127.0.0.1", 0)
     port: int = sock.getsockname()[1]
-    task = asyncio.create_task(serve(app, sock, tls=tls, handshake_s=handshake_s))
+    task = asyncio.create_task(serve(app, sock, tls=tls, handshake_s=handshake_s, connections=connections))
     try:
         yield port
     finally:

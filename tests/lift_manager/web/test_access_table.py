@@ -1,17 +1,28 @@
 """ACCESS.md is what the code says, and what the application does: every cell of it is asked."""
 
 import asyncio
-from collections.abc import Iterator, Mapping
-from urllib.parse import quote
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+from urllib.parse import quote, unquote
 
 import httpx
 import pytest
+from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
+from starlette.types import Message, Scope
 
-from lift_manager.domain.access import ROUTES, Need, Role, Route
+from lift_manager.domain.access import ROUTES, LiftIn, Need, Role, Route
+from lift_manager.domain.description import WireFrame
+from lift_manager.domain.keys import KeyRing
+from lift_manager.domain.state import Holder
 from lift_manager.web.access_table import COLUMNS, FILE, NO_KEYS, access_table
 from lift_manager.web.app import make_app
-from tests.lift_manager.web.fake import FakeManager, ask, ask_app
+from tests.lift_manager.web.fake import FakeManager, ask_app
+from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.fake_rides import a_ride
+from tests.lift_manager.web.fake_sessions import a_command, a_session
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, key, ring
 
 ASKERS: dict[str, tuple[Role | None, tuple[str, ...]]] = {
@@ -22,13 +33,24 @@ ASKERS: dict[str, tuple[Role | None, tuple[str, ...]]] = {
     "operator": (Role.OPERATOR, (NAMED, OTHER)),
     "commissioner": (Role.COMMISSIONER, (NAMED, OTHER)),
 }
-BODY = {"floor": "L2", "door_state": 0, "by": "M. Weber", "reason": "new ropes"}
+BODY = {
+    "floor": "L2",
+    "door_state": 0,
+    "by": "M. Weber",
+    "reason": "new ropes",
+    "to": "L2",
+    "from": "L1",
+    "do": "go_to",
+}
 KEYS_OF = {
     "lift_request": ("floor", "door_state"),
     "lockout": ("by", "reason"),
     "force-release": ("by", "reason"),
     "acknowledge": ("by",),
     "end": ("by",),
+    "hand-over": ("to",),
+    "commands": ("do", "floor"),
+    "rides": ("from", "to"),
 }
 
 
@@ -49,11 +71,25 @@ def cells(columns: tuple[str, ...]) -> Iterator[tuple[str, str, str, bool]]:
 def url_of(path: str, lift: str) -> str:
     asset = "swagger-ui.css" if path.startswith("/docs") else "logo-mini.svg"
     named = path.replace("{lift:path}", quote(lift, safe="")).replace("{path:path}", asset)
+    named = (
+        named.replace("{session}", "s1").replace("{command}", "1").replace("{ride}", "r1").replace("{link:path}", "plc")
+    )
     return f"{named}?lift_name={quote(lift)}" if "lift_" in path else named
 
 
-def body_of(path: str) -> Mapping[str, object]:
-    return {name: BODY[name] for name in KEYS_OF.get(path.rsplit("/", 1)[-1], ())}
+def body_of(path: str, lift: str) -> Mapping[str, object]:
+    found = {name: BODY[name] for name in KEYS_OF.get(path.rsplit("/", 1)[-1], ())}
+    return found | {"lift": lift} if path == "/api/v1/rides" else found
+
+
+def manager_of(role: Role | None, lift: str) -> FakeManager:
+    """A manager with a session and a ride of this caller, on this lift."""
+    facade, name = FakeManager(), "anonymous" if role is None else f"the {role}"
+    session = a_session(Holder("api", name), "s1", lift)
+    facade.there(session)
+    facade.commands["s1", "1"] = a_command(session, "1")
+    facade.going_on(a_ride(Holder("ride", name), "r1", lift))
+    return facade
 
 
 def test_the_file_is_what_the_code_says() -> None:
@@ -70,34 +106,103 @@ def test_the_application_has_every_route_of_the_table_and_no_other() -> None:
     assert found == {(method, route.path) for route in ROUTES for method in route.methods}
 
 
+class Frames:
+    """One link, on which nothing goes."""
+
+    def link_names(self) -> tuple[str, ...]:
+        return ("plc",)
+
+    @contextmanager
+    def tap_frames(self, link: str, hear: Callable[[WireFrame], None]) -> Iterator[None]:
+        yield
+
+
+def whole(facade: FakeManager, keys: KeyRing | None = None) -> FastAPI:
+    """The application with every part that it may have."""
+    return make_app(facade, keys, frames=Frames(), metrics=nothing_measured)
+
+
+async def nothing_measured(accept: str) -> tuple[bytes, str]:
+    return b"", accept or "text/plain"
+
+
+async def status_of(app: FastAPI, request: httpx.Request, client: str = "127.0.0.1") -> int:
+    """The status of an answer, hanging up as soon as it has begun: a stream of events would never end."""
+    begun = asyncio.get_running_loop().create_future()
+    body = [{"type": "http.request", "body": request.content, "more_body": False}]
+
+    async def receive() -> Message:
+        if body:
+            return body.pop()
+        await begun
+        return {"type": "http.disconnect"}
+
+    async def send(message: Message) -> None:
+        if not begun.done():
+            begun.set_result(message["status"])
+
+    path, _, query = request.url.raw_path.partition(b"?")
+    scope: Scope = {
+        "type": "http",
+        "http_version": "1.1",
+        "method": request.method,
+        "scheme": "http",
+        "path": unquote(path.decode()),
+        "raw_path": path,
+        "root_path": "",
+        "query_string": query,
+        "headers": [(name.lower(), value) for name, value in request.headers.raw],
+        "client": (client, 50000),
+        "server": ("127.0.0.1", 5003),
+    }
+    async with asyncio.timeout(10):
+        await app(scope, receive, send)
+    return int(begun.result())
+
+
+def told(app: FastAPI, method: str, url: str, *, client: str = "127.0.0.1", **more: Any) -> int:
+    return asyncio.run(status_of(app, httpx.Request(method, f"http://127.0.0.1:5003{url}", **more), client))
+
+
+YES = {200, 201, 202, 307}
+
+
 @pytest.mark.parametrize(("method", "path", "column", "may"), list(cells(COLUMNS)))
 def test_with_keys_the_application_does_what_the_table_says(method: str, path: str, column: str, may: bool) -> None:
     role, lifts = ASKERS[column]
     for lift in lifts:
-        facade = FakeManager()
+        facade = manager_of(role, lift)
         headers = {} if role is None else bearing(role)
-        answer = ask(facade, method, url_of(path, lift), keys=ring(*Role), headers=headers, json=body_of(path))
+        app = whole(facade, ring(*Role))
+        status = told(app, method, url_of(path, lift), headers=headers, json=body_of(path, lift))
         if may:
-            assert answer.status_code in {200, 307}, answer.text
+            assert status in YES
         else:
-            assert answer.status_code == (401 if role is None else 403), answer.text
-        assert bool(facade.asked or facade.said) is (may and method == "POST")
+            assert status == (401 if role is None else 403)
+        assert bool(facade.changes) is (may and method == "POST")
 
 
 @pytest.mark.parametrize(("method", "path", "column", "may"), list(cells(NO_KEYS)))
 def test_without_keys_the_application_does_what_the_table_says(method: str, path: str, column: str, may: bool) -> None:
-    facade = FakeManager()
+    facade = manager_of(None, NAMED)
     client = "127.0.0.1" if column == "this computer" else "192.0.2.7"
+    status = told(whole(facade), method, url_of(path, NAMED), client=client, json=body_of(path, NAMED))
+    assert (status in YES) is may
+    assert may or status == 403
+    assert bool(facade.changes) is (may and method == "POST")
 
-    async def once() -> httpx.Response:
-        transport = httpx.ASGITransport(make_app(facade), client=(client, 50000))
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:5003") as http:
-            return await http.request(method, url_of(path, NAMED), json=body_of(path))
 
-    answer = asyncio.run(once())
-    assert (answer.status_code in {200, 307}) is may, answer.text
-    assert may or answer.status_code == 403
-    assert bool(facade.asked or facade.said) is (may and method == "POST")
+OF_A_LIFT = [(method, route) for route in ROUTES if route.lift_in is LiftIn.PATH for method in route.methods]
+
+
+@pytest.mark.parametrize("lift", ["east/wing", "sessions", "rides", "a/sessions", "capabilities", "a/sessions/b"])
+def test_the_application_takes_the_route_and_the_lift_that_the_gate_looked_at(lift: str) -> None:
+    for method, route in OF_A_LIFT:
+        if lift == "a/sessions/b" and route.path == "/api/v1/lifts/{lift:path}":
+            continue  # a session's path; README and OpenAPI document say where this lift is to be read
+        facade = manager_of(None, lift)
+        facade.lifts = {lift: replace(IDLE, lift=lift)}
+        assert told(whole(facade), method, url_of(route.path, lift), json=body_of(route.path, lift)) in YES
 
 
 def test_a_route_that_is_not_in_the_table_does_not_exist_with_any_key_or_none() -> None:
@@ -112,7 +217,7 @@ def test_a_route_that_is_not_in_the_table_does_not_exist_with_any_key_or_none() 
 
         assert ask_app(app, "POST", "/api/v1/forgotten", headers=headers).status_code == 404
         wrong_method = ask_app(app, "DELETE", "/api/v1/lifts/lift/lockout", headers=headers)
-        assert (wrong_method.status_code, wrong_method.headers["allow"]) == (405, "POST")
+        assert (wrong_method.status_code, wrong_method.headers["allow"]) == (405, "POST, GET")
         assert "/api/v1/forgotten" not in ask_app(app, "GET", "/openapi.json").json()["paths"]
     assert reached == []
 

@@ -6,7 +6,8 @@ import pytest
 
 from lift_manager.domain.access import Role
 from lift_manager.domain.state import Quality
-from tests.lift_manager.web.fake import IDLE, FakeManager, ask
+from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.keyed import ring
 
 UNWRITTEN = frozenset({"journal", "state"})

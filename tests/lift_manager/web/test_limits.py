@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import subprocess
+import sys
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack
 from typing import Any
@@ -11,13 +13,14 @@ import uvicorn
 from uvicorn.server import ServerState
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.web.accepting import CONNECTIONS_LIMIT
+from lift_manager.web.accepting import MOST_CONNECTIONS
 from lift_manager.web.app import make_app
 from lift_manager.web.body import KEYS_LIMIT, LIMIT_BYTES
 from lift_manager.web.http_protocol import (
     HEAD_LIMIT_BYTES,
     HEAD_WITHIN_S,
     HEADERS_LIMIT,
+    TAKEN_WITHIN_S,
     JsonHttpProtocol,
 )
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, connected, serving
@@ -90,8 +93,8 @@ def test_a_connection_counts_each_of_its_requests_for_itself() -> None:
 
 def test_more_connections_than_there_is_room_for_are_hung_up_on_and_the_others_go_on() -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager())) as port, AsyncExitStack() as stack:
-            kept = [await stack.enter_async_context(connected(port)) for _ in range(CONNECTIONS_LIMIT)]
+        async with serving(make_app(FakeManager()), connections=50) as port, AsyncExitStack() as stack:
+            kept = [await stack.enter_async_context(connected(port)) for _ in range(50)]
             for reader, writer in (kept[0], kept[-1]):
                 writer.write(NAMES + b"\r\n")
                 assert await reader.readexactly(12) == b"HTTP/1.1 200"
@@ -146,12 +149,16 @@ class Line(asyncio.Transport):
     def __init__(self) -> None:
         super().__init__()
         self.closed = False
+        self.aborted = False
 
     def is_closing(self) -> bool:
         return self.closed
 
     def close(self) -> None:
         self.closed = True
+
+    def abort(self) -> None:
+        self.aborted = True
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         raise AssertionError(bytes(data))
@@ -189,3 +196,40 @@ def test_a_connection_on_which_nobody_says_anything_is_hung_up_on() -> None:
         assert line.closed
 
     run_virtual(main)
+
+
+def test_whoever_does_not_take_an_answer_is_hung_up_on_after_a_minute_and_whoever_takes_it_late_is_not() -> None:
+    async def main() -> None:
+        protocol, line = await begun()
+        protocol.pause_writing()
+        await elapse(TAKEN_WITHIN_S - 1)
+        protocol.resume_writing()
+        await elapse(TAKEN_WITHIN_S)
+        assert not line.aborted
+        protocol.pause_writing()
+        protocol.pause_writing()
+        await elapse(TAKEN_WITHIN_S + 0.1)
+        assert line.aborted
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("soft", "hard", "connections", "streams"),
+    [
+        (1024, 1024, 256, 153),
+        (1024, 4096, MOST_CONNECTIONS, 600),
+        (64, 64, 16, 9),
+        (8192, 20000, MOST_CONNECTIONS, 600),
+    ],
+)
+def test_clients_have_a_quarter_of_the_descriptors_and_streams_a_part_of_that(
+    soft: int, hard: int, connections: int, streams: int
+) -> None:
+    code = (
+        "import resource; from lift_manager.web import accepting as a;"
+        f" resource.setrlimit(resource.RLIMIT_NOFILE, ({soft}, {hard})); a.allow_files();"
+        " print(a.connections_limit(), a.streams_limit())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(connections), str(streams)]

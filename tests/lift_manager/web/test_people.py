@@ -235,8 +235,9 @@ def test_names_in_any_script_are_taken(by: str, kept: str) -> None:
 
 
 def test_a_path_or_a_method_that_does_not_exist_is_a_problem_too() -> None:
-    refused(ask(FakeManager(), "GET", f"{BASE}/lift/lockout"), 405, "wrong_method")
-    refused(ask(FakeManager(), "POST", f"{BASE}/lift/nothing"), 404, "no_such_path")
+    refused(ask(FakeManager(), "PUT", f"{BASE}/lift/lockout"), 405, "wrong_method")
+    refused(ask(FakeManager(), "POST", f"{BASE}/lift/nothing"), 405, "wrong_method")
+    refused(ask(FakeManager(), "POST", "/api/v1/nothing"), 404, "no_such_path")
 
 
 def test_the_documentation_names_every_field_and_every_refusal() -> None:
@@ -245,6 +246,18 @@ def test_the_documentation_names_every_field_and_every_refusal() -> None:
         route = schema["paths"][f"/api/v1/lifts/{{lift}}/{what}"]["post"]
         documented = route["requestBody"]["content"]["application/json"]["schema"]
         assert documented["required"] == list(body)
-        assert sorted(route["responses"]) == ["200", "400", "401", "403", "404", "409", "413", "422", "431", "500"]
+        assert sorted(route["responses"]) == [
+            "200",
+            "400",
+            "401",
+            "403",
+            "404",
+            "409",
+            "413",
+            "422",
+            "431",
+            "500",
+            "503",
+        ]
         assert route["summary"]
         assert route["description"]

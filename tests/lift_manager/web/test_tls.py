@@ -16,7 +16,6 @@ import pytest
 import uvloop
 from cryptography import x509
 
-from lift_manager.web.accepting import CONNECTIONS_LIMIT
 from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
 from lift_manager.web.tls import ServerCertificates, ServerTls
@@ -285,9 +284,9 @@ def test_whoever_does_not_finish_the_handshake_counts_as_a_connection_and_makes_
 ) -> None:
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeManager()), tls) as port, AsyncExitStack() as stack:
+        async with serving(make_app(FakeManager()), tls, connections=50) as port, AsyncExitStack() as stack:
             assert "lift-pc" in await names_shown(port, authority)
-            halves = [await stack.enter_async_context(connected(port)) for _ in range(CONNECTIONS_LIMIT)]
+            halves = [await stack.enter_async_context(connected(port)) for _ in range(50)]
             for _, writer in halves:
                 writer.write(sent)
             with pytest.raises(OSError):  # noqa: PT011  which one depends on the loop
@@ -319,8 +318,8 @@ def test_a_handshake_that_failed_leaves_its_place(
 
     async def main() -> None:
         tls = ServerCertificates(replace(files, client_ca=authority.file))
-        async with serving(make_app(FakeManager()), tls) as port:
-            for _ in range(CONNECTIONS_LIMIT + 1):
+        async with serving(make_app(FakeManager()), tls, connections=20) as port:
+            for _ in range(21):
                 with suppress(OSError):
                     await names_shown(port, stranger)
             assert await is_heard(port, authority, authority.issue("robot", "robot"))

@@ -7,7 +7,8 @@ import pytest
 from lift_manager.domain.asking import Ask, Refusal, Refused
 from lift_manager.domain.state import Holder, Quality, RobotDoor
 from register_maps.words import Motion
-from tests.lift_manager.web.fake import ACCEPTED, BASE, CALL, IDLE, REQUEST, STATE, FakeManager, ask, one_lift
+from tests.lift_manager.web.fake import ACCEPTED, BASE, CALL, REQUEST, STATE, FakeManager, ask, one_lift
+from tests.lift_manager.web.fake_lifts import IDLE
 
 WORKSHOP = Holder("workshop", "workshop")
 

@@ -1,0 +1,129 @@
+"""Every answer no of /api/v1 by its code: the HTTP status, a title, and a line on what it means and what helps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import NamedTuple
+
+from lift_manager.domain.asking import Refusal
+
+
+class Code(NamedTuple):
+    """What a code stands for."""
+
+    status: int
+    title: str
+    text: str
+
+
+REFUSALS: Mapping[Refusal, Code] = {
+    Refusal.UNKNOWN_LIFT: Code(404, "There is no such lift", "The message lists the lifts there are."),
+    Refusal.NO_SUCH_SESSION: Code(
+        404,
+        "There is no such session",
+        "No session of this lift has that id, or it is another key's, or it ended too long ago to be remembered.",
+    ),
+    Refusal.NO_SUCH_COMMAND: Code(404, "There is no such command", "This session has, or remembers, none of that id."),
+    Refusal.UNKNOWN_RIDE: Code(
+        404, "There is no such ride", "None has that id, or it ended too long ago to be remembered."
+    ),
+    Refusal.UNKNOWN_FLOOR: Code(
+        422, "There is no such floor", "`field` names the key of the body; the message lists the floors there are."
+    ),
+    Refusal.NOT_YOUR_RIDE: Code(
+        403, "The ride is not the caller's", "A robot's key speaks for the rides that it began; an operator's for all."
+    ),
+    Refusal.HELD: Code(
+        409, "Somebody else holds the lift", "`holder` says who and `since_s` for how long. Ask again later, or ride."
+    ),
+    Refusal.QUEUED: Code(
+        409, "Others wait for the lift", "It is free, and `ahead` others come first. Keep asking: that keeps the place."
+    ),
+    Refusal.OFFLINE: Code(
+        409, "The lift cannot be read", "`age_s` says since when. Nothing is pressed on what nobody sees."
+    ),
+    Refusal.MODE: Code(
+        409, "The lift is in a mode for people only", "`mode` says which, `since_s` since when. Wait until it is over."
+    ),
+    Refusal.FIRE_LATCHED: Code(
+        409, "There was a fire", "A person has to check the lift and acknowledge before robots ride again."
+    ),
+    Refusal.FIRE_ACTIVE: Code(
+        409, "The lift still tells of a fire", "A fire is acknowledged once the lift tells of none any more."
+    ),
+    Refusal.LOCKED_OUT: Code(409, "The lift is locked out", "A person keeps robots off; the message says who and why."),
+    Refusal.NOT_LOCKED_OUT: Code(409, "The lift is not locked out", "So there is no lockout to end."),
+    Refusal.OUTSIDE_HOURS: Code(409, "Robots have no hours", "The message says when the site lets robots ride."),
+    Refusal.MONITOR_ONLY: Code(
+        409, "The lift is only watched", "The site file says `access: monitor`: nothing is ever written to this lift."
+    ),
+    Refusal.NOT_POSSIBLE: Code(
+        409,
+        "The lift cannot do this",
+        "Its map has no signal for it, or the site does not allow it. Asking again is no use.",
+    ),
+    Refusal.OCCUPANCY_UNKNOWN: Code(
+        409, "A robot may be in the car", "Its robot says that it left, or a person looks and acknowledges."
+    ),
+    Refusal.NOTHING_TO_ACKNOWLEDGE: Code(
+        409, "There is nothing to acknowledge", "No fire is latched, and no robot may be in the car."
+    ),
+    Refusal.NOT_HELD: Code(409, "Nobody holds the lift", "So there is no session to end or to hand over."),
+    Refusal.SESSION_OVER: Code(
+        409, "The session is over", "The message says why. Open another if the lift is still needed."
+    ),
+    Refusal.NOT_NOW: Code(
+        409, "This makes no sense now", "The message says where the session or the ride is, and what fits there."
+    ),
+    Refusal.TOO_OFTEN: Code(
+        429, "Too many changes of mind", "People and the journal are spared. Ask less often; repeats cost nothing."
+    ),
+    Refusal.TOO_MANY: Code(429, "Too many rides wait", "Cancel some, or ask again when some are over."),
+    Refusal.NOT_RECORDED: Code(
+        503,
+        "Nothing can be written down",
+        "The disk is full or broken, so nothing is pressed. The manager's log says more.",
+    ),
+    Refusal.STOPPING: Code(503, "The manager is stopping", "Ask again when it has started."),
+}
+"""What the manager refuses."""
+
+OWN: Mapping[str, Code] = {
+    "key_needed": Code(
+        401,
+        "A key is needed",
+        "Send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one.",
+    ),
+    "bad_key": Code(401, "The key does not count here", "It is mistyped, revoked, or of another site."),
+    "not_allowed": Code(403, "The key may not do this", "Its role is another, or it does not name the lift."),
+    "another_site": Code(403, "Another site's web page asked", "Only programs and this manager's own pages may."),
+    "other_computer": Code(
+        403,
+        "Another computer asked",
+        "A site without keys takes people's words from the manager's own computer alone. Make keys, or go there.",
+    ),
+    "key_in_address": Code(400, "The address holds a key", "Addresses are written down: revoke that key."),
+    "not_http": Code(400, "This could not be read as HTTP", "Mostly text in the address that is not percent-encoded."),
+    "no_such_path": Code(404, "Nothing is here", "The path is mistyped, or a name in it holds a line break."),
+    "wrong_method": Code(405, "The path takes another method", "The header `Allow` says which."),
+    "too_long": Code(413, "The body is too long", "At most 64 KB are read."),
+    "malformed": Code(
+        422, "The request is not what is expected", "`field` names the key of the body, or of the query, that is wrong."
+    ),
+    "head_too_long": Code(431, "Address and headers are too long", "At most 32 KB and 100 headers are read."),
+    "unknown_link": Code(404, "There is no such link", "GET /api/v1/links lists those there are."),
+    "too_many_streams": Code(
+        503, "Too many event streams are open", "Close those that nobody reads, or come back a little later."
+    ),
+    "http_error": Code(400, "The request was not served", "Something else about HTTP; the status says what."),
+    "internal_error": Code(500, "A bug in the manager", "The manager's log has the details: please report it."),
+}
+"""What the web face refuses by itself."""
+
+CODES: Mapping[str, Code] = {**{str(code): said for code, said in REFUSALS.items()}, **OWN}
+
+
+def title(code: str, status: int) -> str:
+    """Return what a code is called."""
+    return CODES[code].title if code in CODES and code != "http_error" else HTTPStatus(status).phrase

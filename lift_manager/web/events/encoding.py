@@ -1,0 +1,144 @@
+"""What is shown of each thing that happens. Pure. Ids of sessions and of requests within them are told to nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import assert_never
+
+from lift_manager.api.events import (
+    AdviceEvent,
+    AlarmEvent,
+    CommandEvent,
+    PersonEvent,
+    RequestEvent,
+    RideEvent,
+    SessionEvent,
+    StateEvent,
+)
+from lift_manager.api.lifts import Lift
+from lift_manager.api.rides import Ride
+from lift_manager.domain.events import (
+    Advised,
+    Alarm,
+    CommandEnded,
+    Event,
+    HandedOver,
+    LockedOut,
+    LockoutOver,
+    PersonAcknowledged,
+    ReleasedByPerson,
+    RequestFollowed,
+    RideChanged,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+    StateChanged,
+)
+from lift_manager.domain.state import Holder, LiftState
+
+Shown = StateEvent | SessionEvent | AdviceEvent | CommandEvent | RequestEvent | RideEvent | AlarmEvent | PersonEvent
+MaxAge = Callable[[str], float]
+"""Returns the `max_age_s` of a lift."""
+
+
+def shown(event: Event, max_age_of: MaxAge) -> Shown:
+    """Return an event as the stream has it."""
+    match event:
+        case StateChanged(lift, state):
+            return StateEvent(lift=Lift.of(state, max_age_s=max_age_of(lift)))
+        case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded():
+            return _session(event)
+        case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson():
+            return _person(event)
+        case Advised(lift, holder, advice, text):
+            return AdviceEvent(lift=lift, holder=str(holder), advice=advice, text=text)
+        case CommandEnded() | RequestFollowed():
+            return _outcome(event)
+        case Alarm(lift, text, holder):
+            return AlarmEvent(lift=lift, text=text, holder=_name(holder))
+        case RideChanged(_, ride):
+            return RideEvent(ride=Ride.of(ride))
+        case _:
+            assert_never(event)
+
+
+def ages(event: Event) -> bool:
+    """Whether an event says how long something has been so, or will be."""
+    return isinstance(event, StateChanged | RideChanged)
+
+
+def aged(event: Event, by_s: float) -> Event:
+    """Return an event as it reads after so many seconds."""
+    match event:
+        case StateChanged(lift, state):
+            return StateChanged(lift, _aged_state(state, by_s))
+        case RideChanged(lift, ride) if ride.phase_ends_in_s is not None:
+            return RideChanged(lift, replace(ride, phase_ends_in_s=max(0.0, ride.phase_ends_in_s - by_s)))
+        case _:
+            return event
+
+
+def _aged_state(state: LiftState, by_s: float) -> LiftState:
+    age_s = None if state.age_s is None else state.age_s + by_s
+    held_s = None if state.held_since_s is None else state.held_since_s + by_s
+    return replace(state, age_s=age_s, held_since_s=held_s)
+
+
+def _session(event: SessionOpened | SessionRestored | HandedOver | SessionEnded) -> SessionEvent:
+    lift, holder = event.lift, str(event.holder)
+    match event:
+        case SessionOpened(_, _, floor):
+            return SessionEvent(lift=lift, what="opened", holder=holder, to=floor or None)
+        case SessionRestored(_, _, floor, text):
+            return SessionEvent(lift=lift, what="restored", holder=holder, to=floor or None, text=text)
+        case HandedOver(_, _, to):
+            return SessionEvent(lift=lift, what="handed_over", holder=holder, to=str(to))
+        case SessionEnded(_, _, reason, text, advice):
+            return SessionEvent(lift=lift, what="ended", holder=holder, reason=reason, text=text, advice=advice)
+        case _:
+            assert_never(event)
+
+
+def _person(event: LockedOut | LockoutOver | PersonAcknowledged | ReleasedByPerson) -> PersonEvent:
+    match event:
+        case LockedOut(lift, lockout):
+            return PersonEvent(lift=lift, what="locked_out", by=lockout.by, text=lockout.reason, at=lockout.since)
+        case LockoutOver(lift, ended):
+            text = f"the lockout by {ended.lockout.by}: {ended.lockout.reason}"
+            return PersonEvent(lift=lift, what="lockout_over", by=ended.by, text=text, at=ended.at)
+        case PersonAcknowledged(lift, said):
+            return PersonEvent(lift=lift, what="acknowledged", by=said.by, text=" and ".join(said.what), at=said.at)
+        case ReleasedByPerson(lift, released):
+            text = f"{released.holder}: {released.reason}"
+            return PersonEvent(lift=lift, what="released", by=released.by, text=text, at=released.at)
+        case _:
+            assert_never(event)
+
+
+def _outcome(event: CommandEnded | RequestFollowed) -> CommandEvent | RequestEvent:
+    match event:
+        case CommandEnded(lift, outcome, holder):
+            return CommandEvent(
+                lift=lift,
+                command=str(outcome.command),
+                holder=_name(holder),
+                result=outcome.result,
+                proof=outcome.proof,
+                reason=outcome.reason,
+            )
+        case RequestFollowed(lift, request):
+            return RequestEvent(
+                lift=lift,
+                holder=str(request.holder),
+                do=request.do,
+                floor=request.floor,
+                status=request.status,
+                reason=request.reason,
+            )
+        case _:
+            assert_never(event)
+
+
+def _name(holder: Holder | None) -> str | None:
+    return None if holder is None else str(holder)

@@ -1,0 +1,280 @@
+"""Events for all readers: each is encoded once, and kept for a while for those whose connection breaks."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import NamedTuple, Protocol
+
+from lift_manager.api.events import Lost, Snapshot
+from lift_manager.api.lifts import Lift
+from lift_manager.api.rides import Ride
+from lift_manager.core.facade import EventSource, LiftFacade
+from lift_manager.domain import ride as rides
+from lift_manager.domain.events import Event, Occurrence, RideChanged, StateChanged
+from lift_manager.web.events import sse
+from lift_manager.web.events.encoding import MaxAge, aged, ages, shown
+from lift_manager.web.events.readers import Places, Reader
+
+KEPT = 4096
+"""Events kept for readers that come back. Chosen: 20 s of a hundred lifts that all move, when a reader comes back within two; 8 MB at most."""
+KEPT_S = 300.0
+"""Chosen: whoever was away for longer is better served with how things are."""
+FRESH_S = 0.25
+"""Ages and times left in an event are at most so much older than the moment at which it is handed to a connection."""
+
+
+class Source(LiftFacade, EventSource, Protocol):
+    """What event streams want to know of a manager; a part of its Facade."""
+
+    def ride(self, ride: str) -> rides.Ride | None: ...
+    def rides(self) -> tuple[rides.Ride, ...]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a reader wants to hear of: one lift, one ride with the states of its lift, or, with neither, everything."""
+
+    lift: str | None = None
+    ride: str | None = None
+
+
+class Heard:
+    """One event; its bytes are made when the first reader wants them, and made again when the ages in them have passed."""
+
+    __slots__ = ("_ages", "_at", "_encoded_at", "_event", "_id", "_max_age_of", "_wire", "lifts", "number", "ride")
+
+    def __init__(self, event_id: str, at: float, event: Event, lifts: tuple[str, ...], max_age_of: MaxAge) -> None:
+        """`lifts` are those that it concerns."""
+        self._id, self._at, self._event, self._max_age_of = event_id, at, event, max_age_of
+        self._ages = ages(event)
+        self._wire = b""
+        self._encoded_at = at
+        self.number = int(event_id.rpartition("-")[2] or 0)
+        self.lifts = lifts
+        self.ride = event.ride.id if isinstance(event, RideChanged) else ""
+
+    @property
+    def at(self) -> float:
+        """Loop time at which it was published."""
+        return self._at
+
+    @property
+    def is_state(self) -> bool:
+        """Whether it says how a lift is."""
+        return isinstance(self._event, StateChanged)
+
+    def wire(self, now: float) -> bytes:
+        """Return its bytes; the ages in them are right."""
+        if not self._wire or (self._ages and now - self._encoded_at > FRESH_S):
+            event = aged(self._event, now - self._at) if self._ages else self._event
+            said = shown(event, self._max_age_of)
+            self._wire, self._encoded_at = sse.event(said.event, said, self._id), now
+        return self._wire
+
+
+class _Taken(NamedTuple):
+    """A snapshot, for all who want the same one within a moment."""
+
+    wire: bytes
+    number: int
+    """Of the newest event that is in it."""
+    at: float
+
+
+class Feed:
+    """One for an application. It begins to listen with the first reader, and goes on for those that come back."""
+
+    def __init__(self, source: Source, places: Places) -> None:
+        self._source = source
+        self._places = places
+        self._kept: deque[Heard] = deque(maxlen=KEPT)
+        self._everything: dict[Reader, None] = {}
+        self._of_lift: defaultdict[str, dict[Reader, None]] = defaultdict(dict)
+        self._of_ride: defaultdict[str, dict[Reader, None]] = defaultdict(dict)
+        self._riding: dict[str, str] = {}
+        """The lift of each ride that goes on."""
+        self._watched: dict[str, str] = {}
+        """The lift of each ride that somebody hears of."""
+        self._moved: dict[int, Heard] = {}
+        """By the number of the event that tells of another lift for a ride: how that lift was then."""
+        self._taken: dict[tuple[About, bool], _Taken] = {}
+        """The snapshots of the last moment: a hundred readers that come back at once cost one."""
+        self._max_ages: dict[str, float] = {}
+        self._listening: ExitStack | None = None
+
+    @contextmanager
+    def reader(self, about: About, last_id: str | None, admits: Callable[[], bool]) -> Iterator[Reader]:
+        """Serve a reader for as long as the context lasts.
+
+        `last_id` is the newest event that it has heard: it hears what came after, or where that is gone, how things are. `admits`
+        says whether it may still read.
+        """
+        self._listen()
+        first, missed = sse.retry(self._places.retry_ms), None
+        if last_id is not None:
+            missed = self._missed(last_id, about)
+        if missed is None:
+            taken, missed = self._snapshot(about, lost=last_id is not None)
+            first += taken
+        reader = Reader(first, missed, lambda lost, since: self._renew(about, lost, since))
+        readers = self._everything
+        if about.ride is not None:
+            readers = self._of_ride[about.ride]
+            self._watched[about.ride] = self._lift_of(about.ride)
+        elif about.lift is not None:
+            readers = self._of_lift[about.lift]
+        readers[reader] = None
+        try:
+            with self._places.taken(reader, admits):
+                yield reader
+        finally:
+            del readers[reader]
+            if about.ride is not None and not readers:
+                del self._of_ride[about.ride], self._watched[about.ride]
+
+    def _listen(self) -> None:
+        if self._listening is None:
+            self._listening = ExitStack()
+            self._riding = {ride.id: ride.lift for ride in self._source.rides() if ride.phase not in rides.OVER}
+            self._listening.enter_context(self._source.tap(self._hear))
+
+    def _hear(self, occurrence: Occurrence) -> None:
+        event = occurrence.event
+        lifts: tuple[str, ...] = (event.lift,)
+        if isinstance(event, RideChanged) and (left := self._follow(event)) != event.lift:
+            lifts = (event.lift, left)
+        heard = Heard(occurrence.id, occurrence.at, event, lifts, self._max_age_s)
+        self._keep(heard)
+        if len(lifts) > 1 and (state := self._source.state(event.lift)) is not None:
+            now_there = Heard("", occurrence.at, StateChanged(event.lift, state), lifts, self._max_age_s)
+            self._moved[heard.number] = now_there
+            for reader in self._of_ride.get(heard.ride, ()):
+                reader.put(now_there)
+        for readers in (self._everything, *(self._of_lift[lift] for lift in lifts if lift in self._of_lift)):
+            for reader in readers:
+                reader.put(heard)
+        self._tell_riders(heard)
+
+    def _tell_riders(self, heard: Heard) -> None:
+        if heard.ride:
+            for reader in self._of_ride.get(heard.ride, ()):
+                reader.put(heard)
+        elif heard.is_state:
+            for ride, lift in self._watched.items():
+                if lift in heard.lifts:
+                    for reader in self._of_ride[ride]:
+                        reader.put(heard)
+
+    def _follow(self, event: RideChanged) -> str:
+        """Return the lift that a ride was on before this event."""
+        ride = event.ride
+        before = self._riding.get(ride.id, event.lift)
+        if ride.id in self._watched:
+            self._watched[ride.id] = event.lift
+        if ride.phase in rides.OVER:
+            self._riding.pop(ride.id, None)
+        else:
+            self._riding[ride.id] = event.lift
+        return before
+
+    def _lift_of(self, ride: str) -> str:
+        if ride in self._riding:
+            return self._riding[ride]
+        known = self._source.ride(ride)
+        return "" if known is None else known.lift
+
+    def _keep(self, heard: Heard) -> None:
+        if len(self._kept) == KEPT:
+            self._moved.pop(self._kept[0].number, None)
+        self._kept.append(heard)
+        while self._kept[0].at < heard.at - KEPT_S:
+            self._moved.pop(self._kept.popleft().number, None)
+
+    def _missed(self, last_id: str, about: About) -> list[Heard] | None:
+        """Return what came after an event; None where that cannot be told."""
+        number, newest = number_of(last_id, self._source.boot), self._source.newest
+        if number is None or number > newest or not self._reaches(number):
+            return None
+        return self._after(number, about)
+
+    def _after(self, number: int, about: About) -> list[Heard]:
+        after = list(takewhile(lambda heard: heard.number > number, reversed(self._kept)))[::-1]
+        if about.ride is not None:
+            return list(self._missed_of_ride(after, about.ride))
+        if about.lift is not None:
+            return [heard for heard in after if about.lift in heard.lifts]
+        return after
+
+    def _missed_of_ride(self, after: list[Heard], ride: str) -> Iterator[Heard]:
+        changes = (heard for heard in after if heard.ride == ride)
+        first = next(changes, None)
+        # the last of these is the lift that it was on before
+        lift = self._lift_of(ride) if first is None else first.lifts[-1]
+        for heard in after:
+            if heard.ride == ride:
+                if heard.number in self._moved:
+                    yield self._moved[heard.number]
+                lift = heard.lifts[0]
+                yield heard
+            elif heard.is_state and lift in heard.lifts:
+                yield heard
+
+    def _renew(self, about: About, lost: int, since: float) -> tuple[bytes, list[Heard]]:
+        taken, after = self._snapshot(about, lost=False, since=since)
+        # what came after it was counted as lost, and comes all the same
+        return sse.event("lost", Lost(events=lost - len(after))) + taken, after
+
+    def _snapshot(self, about: About, *, lost: bool, since: float = -math.inf) -> tuple[bytes, list[Heard]]:
+        """Return how things are, or were a moment ago but after `since`, and what came after it."""
+        now = asyncio.get_running_loop().time()
+        taken = self._taken.get((about, lost))
+        if taken is None or taken.at < now - FRESH_S or taken.at <= since or not self._reaches(taken.number):
+            self._taken = {key: kept for key, kept in self._taken.items() if kept.at >= now - FRESH_S}
+            wire = self._take(about, lost=lost)
+            taken = self._taken[about, lost] = _Taken(wire, self._source.newest, now)
+            return wire, []
+        return taken.wire, self._after(taken.number, about)
+
+    def _reaches(self, number: int) -> bool:
+        """Whether everything after this event is kept."""
+        return number == self._source.newest or (bool(self._kept) and self._kept[0].number <= number + 1)
+
+    def _take(self, about: About, *, lost: bool) -> bytes:
+        source = self._source
+        source.freshen()
+        if about.ride is not None:
+            named = source.ride(about.ride)
+            found: tuple[rides.Ride, ...] = () if named is None else (named,)
+            lifts: tuple[str, ...] = tuple(ride.lift for ride in found)
+        else:
+            lifts = source.lift_names() if about.lift is None else (about.lift,)
+            found = tuple(ride for ride in source.rides() if ride.phase not in rides.OVER and ride.lift in lifts)
+        states = ((lift, source.state(lift)) for lift in lifts)
+        said = Snapshot(
+            lifts=tuple(Lift.of(state, max_age_s=self._max_age_s(lift)) for lift, state in states if state is not None),
+            rides=tuple(Ride.of(ride) for ride in found),
+            lost=lost,
+        )
+        return sse.event("snapshot", said, f"{source.boot}-{source.newest}")
+
+    def _max_age_s(self, lift: str) -> float:
+        if lift not in self._max_ages:
+            described = self._source.describe(lift)
+            if described is None:
+                return 0.0
+            self._max_ages[lift] = described.able.max_age_s
+        return self._max_ages[lift]
+
+
+def number_of(event_id: str, boot: str) -> int | None:
+    """Return the number in the id of an event; None for one of another process, and for what is none."""
+    of, _, number = event_id.rpartition("-")
+    if of != boot or not number.isascii() or not number.isdigit() or len(number) > 18:
+        return None
+    return int(number)

@@ -1,0 +1,116 @@
+"""One lift, one session, one ride: the examples that /docs shows."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+from lift_manager.api.lifts import Held, Lift, LiftCapabilities, Restricted, Signal, Signals
+from lift_manager.api.rides import Plan, Ride
+from lift_manager.api.sessions import Command, Session
+from lift_manager.domain.boarding import Who
+from lift_manager.domain.ride import Guidance, Phase
+from lift_manager.domain.session_requests import Do, Status
+from lift_manager.domain.state import Quality, RobotDoor
+from register_maps.words import Door, Mode, Motion, Side
+
+_AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
+
+LIFT = Lift(
+    name="east",
+    floors=("L1", "L2", "L3"),
+    quality=Quality.LIVE,
+    reason="",
+    age_s=0.12,
+    max_age_s=2.0,
+    floor="L1",
+    standing=True,
+    destination="L1",
+    robot_door=RobotDoor.OPEN,
+    doors={Side.FRONT: Door.OPEN},
+    motion=Motion.STOPPED,
+    mode=Mode.NORMAL,
+    permissions={"robots_allowed": True},
+    session=Held(face="api", name="amr-7", for_s=12.5),
+    waiting=1,
+    restrictions=Restricted(fire_latched=False, lockout="", maybe_occupied_by=None, waiting_for=""),
+    not_visible={"overload": "the map has no signal for it"},
+)
+CAPABILITIES = LiftCapabilities(
+    name="east",
+    floors=("L1", "L2", "L3"),
+    doors_at={"L1": (Side.FRONT,), "L2": (Side.FRONT,), "L3": (Side.FRONT,)},
+    access="control",
+    commands=("go_to", "hold_door.front"),
+    signals=("door.front", "floor", "mode", "motion"),
+    evidence="level",
+    max_age_s=2.0,
+    poll_s=0.2,
+    lease_s=300.0,
+    max_session_s=1800.0,
+    max_session_hold_s=900.0,
+    arrive_within_s=120.0,
+    robot_hours="",
+    robot_words=False,
+    not_visible={"overload": "the map has no signal for it"},
+    map="generic-registers",
+    trust="vendor-manual",
+)
+SIGNALS = Signals(
+    name="east",
+    age_s=0.12,
+    max_age_s=2.0,
+    signals=(Signal(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.12),),
+)
+SESSION = Session(
+    id="s-4f1d2c",
+    lift="east",
+    holder="api:amr-7",
+    floor=None,
+    hold_door=False,
+    opened_at=_AT,
+    lease_ends_in_s=60.0,
+    ends_in_s=1800.0,
+    hold_ends_in_s=None,
+    arrived=False,
+    door_held=False,
+    robot=Who.EMPTY,
+    waiting_for="",
+    restored=False,
+    over=None,
+)
+PENDING = Command(
+    id="7",
+    lift="east",
+    do=Do.GO_TO,
+    floor="L2",
+    status=Status.PENDING,
+    reason="",
+    proof="none",
+    asked_at=_AT,
+    ended_at=None,
+)
+CONFIRMED = PENDING.model_copy(
+    update={"status": Status.CONFIRMED, "proof": "lamp", "ended_at": _AT + timedelta(seconds=0.4)}
+)
+RIDE = Ride.model_validate(
+    {
+        "id": "r-81c0",
+        "lift": "east",
+        "any_lift": True,
+        "from": "L1",
+        "to": "L3",
+        "door": None,
+        "robot": "amr-7",
+        "caller": "ride:amr-7",
+        "phase": Phase.BOARDING,
+        "guidance": Guidance.ENTER,
+        "reason": "",
+        "advice": None,
+        "ahead": None,
+        "phase_ends_in_s": 118.0,
+        "maybe_aboard": True,
+        "begun_at": _AT,
+        "changed_at": _AT + timedelta(seconds=20),
+    }
+)
+PLAN = Plan(lift="east", ahead=1, reason="1 waits before it")

@@ -1,0 +1,161 @@
+"""Lifts over HTTP: what they publish, and that nothing is sent twice to who has it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import httpx
+import pytest
+
+from lift_manager.domain.access import Role
+from lift_manager.domain.state import Holder, LiftState, Quality
+from lift_manager.web.etags import is_known
+from tests.lift_manager.web.fake import FakeManager, ask, one_lift
+from tests.lift_manager.web.fake_lifts import DOOR, IDLE
+from tests.lift_manager.web.keyed import bearing, ring
+from tests.lift_manager.web.test_people import refused
+
+LIFTS = "/api/v1/lifts"
+HELD = replace(IDLE, holder=Holder("api", "amr-7"), held_since_s=12.5)
+OFFLINE = replace(IDLE, quality=Quality.OFFLINE, reason="nothing newer within 2 s: no answer", age_s=7.25)
+EVERY = ["", "/lift", "/lift/capabilities", "/lift/signals"]
+
+
+def read(facade: FakeManager, path: str, tag: str | None = None) -> httpx.Response:
+    headers = {} if tag is None else {"If-None-Match": tag}
+    return ask(facade, "GET", f"{LIFTS}{path}", headers=headers)
+
+
+def test_every_lift_is_told_in_the_order_of_the_site() -> None:
+    answer = read(FakeManager(), "")
+    assert answer.status_code == 200
+    assert [lift["name"] for lift in answer.json()["lifts"]] == ["lift", "Güter"]
+
+
+def test_a_lift_says_who_holds_it_and_from_when_on_it_is_too_old() -> None:
+    said = read(one_lift(replace(HELD, waiting=2)), "/lift").json()
+    assert (said["name"], said["floor"], said["robot_door"], said["quality"]) == ("lift", "L1", "closed", "live")
+    assert said["session"] == {"face": "api", "name": "amr-7", "for_s": 12.5}
+    assert (said["age_s"], said["max_age_s"], said["waiting"]) == (0.1, 2.0, 2)
+
+
+def test_what_a_lift_can_do_and_what_its_signals_say_is_told() -> None:
+    able = read(FakeManager(), "/lift/capabilities").json()
+    assert (able["commands"], able["access"], able["map"]) == (
+        ["go_to", "hold_door.front"],
+        "control",
+        "generic-registers",
+    )
+    assert able["doors_at"] == {"L1": ["front"], "L2": ["front"]}
+    (door,) = read(FakeManager(), "/lift/signals").json()["signals"]
+    assert door["name"] == "door.front"
+    assert (door["value"], door["raw"], door["age_s"]) == ("open", 2, 0.1)
+    assert door["addresses"] == ["holding:12"]
+
+
+@pytest.mark.parametrize("path", ["/elevator", "/", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
+def test_an_unknown_lift_is_404_with_the_lifts_there_are(path: str) -> None:
+    assert refused(read(FakeManager(), path), 404, "unknown_lift").endswith("the lifts are lift, Güter")
+
+
+@pytest.mark.parametrize(
+    ("name", "quoted"), [("Güter", "G%C3%BCter"), ("G/2", "G%2F2"), ("G/2", "G/2"), ("a b", "a%20b")]
+)
+@pytest.mark.parametrize("part", ["", "/capabilities", "/signals"])
+def test_a_lift_with_any_name_can_be_read(name: str, quoted: str, part: str) -> None:
+    answer = read(FakeManager({name: replace(IDLE, lift=name)}), f"/{quoted}{part}")
+    assert (answer.status_code, answer.json()["name"]) == (200, name)
+
+
+@pytest.mark.parametrize("path", EVERY)
+def test_who_has_an_answer_is_told_that_nothing_but_time_has_passed_and_how_old_it_is(path: str) -> None:
+    first = read(one_lift(HELD), path)
+    assert first.headers["cache-control"] == "no-cache"
+    assert float(first.headers["lift-age-s"]) == pytest.approx(0.1)
+    later = FakeManager({"lift": replace(HELD, age_s=0.9, held_since_s=99.0)}, says=(replace(DOOR, age_s=1.5),))
+    again = read(later, path, first.headers["etag"])
+    assert (again.status_code, again.content) == (304, b"")
+    assert again.headers["etag"] == first.headers["etag"]
+    assert again.headers["cache-control"] == "no-cache"
+    assert float(again.headers["lift-age-s"]) == pytest.approx(0.9)
+    assert float(read(later, path).headers["lift-age-s"]) == pytest.approx(0.9)
+
+
+CHANGES: list[Mapping[str, Any]] = [
+    {"floor": "L2"},
+    {"floor": None, "standing": False},
+    {"holder": None, "held_since_s": None},
+    {"holder": Holder("api", "amr-8")},
+    {"waiting": 1},
+    {"quality": Quality.OFFLINE, "reason": "nothing newer within 2 s: no answer"},
+    {"permissions": {"may_enter": True}},
+    {"restrictions": replace(IDLE.restrictions, fire_latched=True)},
+    {"not_visible": {"fire": "no signal"}},
+]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
+@pytest.mark.parametrize("path", ["", "/lift"])
+def test_whatever_else_has_changed_is_sent(change: Mapping[str, Any], path: str) -> None:
+    tag = read(one_lift(HELD), path).headers["etag"]
+    answer = read(one_lift(replace(HELD, **change)), path, tag)
+    assert answer.status_code == 200
+    assert answer.headers["etag"] != tag
+
+
+@pytest.mark.parametrize("change", [{"value": "closed"}, {"raw": 1}, {"value": None}])
+def test_a_signal_that_has_changed_is_sent(change: Mapping[str, Any]) -> None:
+    tag = read(FakeManager(), "/lift/signals").headers["etag"]
+    assert read(FakeManager(says=(replace(DOOR, **change),)), "/lift/signals", tag).status_code == 200
+
+
+def test_an_offline_lift_stays_the_same_though_its_reason_counts_seconds() -> None:
+    tag = read(one_lift(replace(OFFLINE, reason="silent for 7.2 s")), "/lift").headers["etag"]
+    assert read(one_lift(replace(OFFLINE, reason="silent for 19 s", age_s=19.0)), "/lift", tag).status_code == 304
+    assert read(one_lift(replace(OFFLINE, reason="refused for 19 s", age_s=19.0)), "/lift", tag).status_code == 200
+
+
+@pytest.mark.parametrize("path", EVERY)
+def test_a_lift_that_was_never_read_has_no_age(path: str) -> None:
+    never = one_lift(replace(OFFLINE, age_s=None))
+    assert "lift-age-s" not in read(never, path).headers
+    assert "lift-age-s" not in read(never, path, "*").headers
+
+
+def test_the_age_of_all_is_that_of_the_oldest_live_one() -> None:
+    def aged(lift: str, age_s: float, quality: Quality = Quality.LIVE) -> LiftState:
+        return replace(IDLE, lift=lift, age_s=age_s, quality=quality)
+
+    states = [aged("a", 0.25), aged("b", 0.75), aged("c", 500.0, Quality.OFFLINE)]
+    answer = read(FakeManager({state.lift: state for state in states}), "")
+    assert answer.headers["lift-age-s"] == "0.750"
+
+
+@pytest.mark.parametrize(
+    ("lines", "known"),
+    [
+        (['W/"abc"'], True),
+        (['"abc"'], True),
+        (["*"], True),
+        ([" * "], True),
+        (['"x", W/"abc" , "y"'], True),
+        (['"x"', 'W/"abc"'], True),
+        ([], False),
+        ([""], False),
+        (["abc"], False),
+        (['W/"abcd"'], False),
+        (['"x", "y"'], False),
+        (['"*"'], False),
+    ],
+)
+def test_if_none_match_is_compared_weakly_and_may_be_a_list(lines: list[str], known: bool) -> None:
+    assert is_known("abc", lines) is known
+
+
+def test_a_tag_tells_nothing_to_who_may_not_read() -> None:
+    headers = {"If-None-Match": "*"}
+    assert ask(FakeManager(), "GET", f"{LIFTS}/lift", keys=ring(Role.ROBOT), headers=headers).status_code == 401
+    read_by = ask(
+        FakeManager(), "GET", f"{LIFTS}/G%C3%BCter", keys=ring(Role.ROBOT), headers={**headers, **bearing(Role.ROBOT)}
+    )
+    assert read_by.status_code == 304

@@ -1,0 +1,124 @@
+"""The OpenAPI document of /api/v1: every operation with its words and examples, and each example as its schema has it."""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any
+
+import jsonschema
+import pytest
+
+from lift_manager.api.problem import MEDIA_TYPE
+from lift_manager.domain.access import ROUTES, Need
+from lift_manager.web.codes import CODES
+from tests.lift_manager.web.fake import FakeManager, ask
+
+Json = dict[str, Any]
+API = [
+    (method.lower(), route.path.replace(":path}", "}"))
+    for route in ROUTES
+    for method in route.methods
+    if route.path.startswith("/api/v1") and "/events" not in route.path and "/links" not in route.path
+]
+
+
+@cache
+def document() -> Json:
+    found: Json = ask(FakeManager(), "GET", "/openapi.json").json()
+    return found
+
+
+def operation(method: str, path: str) -> Json:
+    found: Json = document()["paths"][path][method]
+    return found
+
+
+def contents(of: Mapping[str, Any]) -> Iterator[tuple[str, Json]]:
+    """Every body of an operation, with where it is."""
+    if "requestBody" in of:
+        yield "request", of["requestBody"]["content"]["application/json"]
+    for status, said in of["responses"].items():
+        for kind, content in said.get("content", {}).items():
+            yield f"{status} {kind}", content
+
+
+def references(part: object) -> Iterator[str]:
+    if isinstance(part, dict):
+        if isinstance(name := part.get("$ref"), str):
+            yield name
+        part = list(part.values())
+    if isinstance(part, list):
+        for inner in part:
+            yield from references(inner)
+
+
+@pytest.mark.parametrize(("method", "path"), API)
+def test_every_operation_says_what_it_is_for_and_what_can_come(method: str, path: str) -> None:
+    said = operation(method, path)
+    assert said["summary"]
+    assert said["description"]
+    assert said["tags"]
+    assert all(answer["description"] for answer in said["responses"].values())
+    assert {"400", "401", "403", "431", "500"} <= said["responses"].keys()
+    if "{lift}" in path:
+        assert "404" in said["responses"]
+    if method == "post":
+        assert {"409", "503"} <= said["responses"].keys()
+    if "requestBody" in said:
+        assert {"413", "422"} <= said["responses"].keys()
+    named = {parameter["name"] for parameter in said.get("parameters", ()) if parameter["in"] == "path"}
+    assert named == {part.strip("{}") for part in path.split("/") if part.startswith("{")}
+
+
+@pytest.mark.parametrize(
+    ("method", "path"), [one for one in API if "acknowledge" not in one[1] and "lockout" not in one[1]]
+)
+def test_every_body_has_examples_and_they_are_as_its_schema_has_them(method: str, path: str) -> None:
+    if path.endswith("force-release"):
+        return
+    for where, content in contents(operation(method, path)):
+        schema = {**content["schema"], "components": document()["components"]}
+        examples = content.get("examples", {})
+        if not where.endswith(MEDIA_TYPE):
+            assert examples, where
+        for example in examples.values():
+            jsonschema.validate(example["value"], schema, format_checker=jsonschema.FormatChecker())
+
+
+@pytest.mark.parametrize(("method", "path"), API)
+def test_every_documented_code_is_in_the_table_with_this_status(method: str, path: str) -> None:
+    for status, said in operation(method, path)["responses"].items():
+        for code, example in said.get("content", {}).get(MEDIA_TYPE, {}).get("examples", {}).items():
+            assert CODES[code].status == int(status) == example["value"]["status"]
+            assert f"`{code}`" in said["description"]
+
+
+def test_every_reference_leads_somewhere() -> None:
+    for name in set(references(document())):
+        part: Any = document()
+        for key in name.removeprefix("#/").split("/"):
+            part = part[key]
+        assert part
+
+
+@pytest.mark.parametrize("path", ["commands", "commands/{command}"])
+def test_the_wait_is_documented_with_its_bounds(path: str) -> None:
+    said = operation("post" if path == "commands" else "get", f"/api/v1/lifts/{{lift}}/sessions/{{session}}/{path}")
+    (wait,) = (one for one in said["parameters"] if one["name"] == "wait")
+    assert (wait["in"], wait["schema"]["minimum"], wait["schema"]["maximum"]) == ("query", 0, 30)
+
+
+def test_the_bodies_that_may_be_left_out_are_said_to_be() -> None:
+    for method, path in API:
+        body = operation(method, path).get("requestBody")
+        if body is not None:
+            needs = body["content"]["application/json"]["schema"].get("required", [])
+            assert body["required"] is bool(needs), path
+
+
+def test_lifts_document_the_etag_of_both_answers() -> None:
+    for route in ROUTES:
+        if route.path.startswith("/api/v1/lifts") and route.need is Need.READ:
+            said = operation("get", route.path.replace(":path}", "}"))
+            for status in ("200", "304"):
+                assert {"ETag", "Cache-Control", "lift-age-s"} <= said["responses"][status]["headers"].keys()
+            assert "If-None-Match" in {parameter["name"] for parameter in said["parameters"]}

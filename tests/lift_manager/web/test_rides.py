@@ -1,0 +1,248 @@
+"""Rides over HTTP: which lifts a caller may ride on, who speaks for a ride, and what the manager is asked."""
+
+from dataclasses import replace
+from typing import Any
+
+import httpx
+import pytest
+
+from lift_manager.domain.access import Role
+from lift_manager.domain.asking import Blocking, Refusal, Refused
+from lift_manager.domain.ride import RideLimits, RideRequest
+from lift_manager.domain.state import Holder
+from lift_manager.web.codes import REFUSALS
+from register_maps.words import Side
+from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake_rides import a_ride
+from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, ring
+from tests.lift_manager.web.test_people import refused
+
+RIDES = "/api/v1/rides"
+WISH = {"lift": "lift", "from": "L1", "to": "L2"}
+WORDS = ["entered", "left", "here", "cancel"]
+ANYBODY = Holder("ride", "anonymous")
+OF_ROBOT = Holder("ride", "the robot")
+
+
+def post(facade: FakeManager, url: str, role: Role | None = None, **more: Any) -> httpx.Response:
+    keys, headers = (ring(), {}) if role is None else (ring(*Role), bearing(role))
+    return ask(facade, "POST", url, keys=keys, headers={**headers, **more.pop("headers", {})}, **more)
+
+
+def of(holder: Holder, lift: str = "lift") -> FakeManager:
+    facade = FakeManager()
+    facade.going_on(a_ride(holder, "r1", lift))
+    return facade
+
+
+def test_a_ride_is_begun_with_201_and_the_address_where_it_is() -> None:
+    facade = FakeManager()
+    limits = {"queued_s": 30, "boarding_s": 60.5}
+    answer = post(
+        facade, RIDES, json={**WISH, "door": "rear", "robot": "amr-7", "idempotency_key": "k1", "limits": limits}
+    )
+    assert answer.status_code == 201
+    assert facade.wishes == [
+        RideRequest(
+            lifts=("lift",),
+            any_lift=False,
+            start="L1",
+            destination="L2",
+            door=Side.REAR,
+            robot="amr-7",
+            caller=Holder("ride", "amr-7"),
+            key="k1",
+            limits=RideLimits(queued_s=30.0, boarding_s=60.5),
+        )
+    ]
+    there = answer.url.join(answer.headers["location"]).path
+    assert there == f"{RIDES}/r1"
+    assert ask(facade, "GET", there).json() == answer.json()
+    said = answer.json()
+    assert (said["from"], said["to"], said["guidance"], said["caller"]) == ("L1", "L2", "enter", "ride:amr-7")
+
+
+def test_the_same_idempotency_key_gives_the_same_ride_with_200() -> None:
+    facade = FakeManager()
+    first, again = (post(facade, RIDES, json={**WISH, "idempotency_key": "k1"}) for _ in range(2))
+    assert (first.status_code, again.status_code, len(facade.known)) == (201, 200, 1)
+    assert first.json() == again.json()
+
+
+def test_a_dry_run_is_a_plan_and_begins_nothing() -> None:
+    facade = FakeManager()
+    answer = post(facade, RIDES, json={**WISH, "dry_run": True, "idempotency_key": "k1"})
+    assert (answer.status_code, answer.json()) == (200, {"lift": "lift", "ahead": 0, "reason": ""})
+    assert (len(facade.planned), facade.wishes, facade.known) == (1, [], {})
+
+
+@pytest.mark.parametrize("dry_run", [False, True])
+@pytest.mark.parametrize(
+    ("role", "lift", "lifts"),
+    [
+        (None, "any", (NAMED, OTHER)),
+        (None, OTHER, (OTHER,)),
+        (Role.ROBOT, "any", (NAMED,)),
+        (Role.ROBOT, NAMED, (NAMED,)),
+        (Role.OPERATOR, "any", (NAMED, OTHER)),
+        (Role.COMMISSIONER, OTHER, (OTHER,)),
+    ],
+)
+def test_a_caller_rides_on_the_lifts_that_it_commands(
+    role: Role | None, lift: str, lifts: tuple[str, ...], dry_run: bool
+) -> None:
+    facade = FakeManager()
+    assert post(facade, RIDES, role, json={**WISH, "lift": lift, "dry_run": dry_run}).is_success
+    (wish,) = facade.wishes + facade.planned
+    assert (wish.lifts, wish.any_lift) == (lifts, lift == "any")
+
+
+@pytest.mark.parametrize("dry_run", [False, True])
+@pytest.mark.parametrize("lift", [OTHER, "elevator", ""])
+def test_a_robots_key_rides_on_no_lift_that_it_does_not_name(lift: str, dry_run: bool) -> None:
+    facade = FakeManager()
+    answer = post(facade, RIDES, Role.ROBOT, json={**WISH, "lift": lift, "dry_run": dry_run})
+    assert refused(answer, 403, "not_allowed") == (
+        "this key commands lift and no other; another lift needs a key that names it"
+    )
+    assert facade.wishes + facade.planned == []
+    assert [(away.code, away.lift, away.caller) for away in facade.away] == [("not_allowed", lift, "the robot")]
+
+
+def test_any_is_refused_where_the_key_names_no_lift_of_the_site() -> None:
+    facade = FakeManager({"cellar": next(iter(FakeManager().lifts.values()))})
+    refused(post(facade, RIDES, Role.ROBOT, json={**WISH, "lift": "any"}), 403, "not_allowed")
+    assert facade.wishes == []
+
+
+def test_a_viewer_sees_rides_and_begins_none() -> None:
+    facade = of(OF_ROBOT)
+    more: dict[str, Any] = {"keys": ring(*Role), "headers": bearing(Role.VIEWER)}
+    assert [ride["id"] for ride in ask(facade, "GET", RIDES, **more).json()["rides"]] == ["r1"]
+    assert ask(facade, "GET", f"{RIDES}/r1", **more).json()["caller"] == "ride:the robot"
+    for url in (RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)):
+        refused(post(facade, url, Role.VIEWER, json=WISH), 403, "not_allowed")
+    assert facade.changes == []
+
+
+@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.parametrize(
+    ("role", "owner", "speaker"),
+    [
+        (None, "anonymous", Holder("ride", "anonymous")),
+        (None, "amr-7", Holder("ride", "amr-7")),
+        (Role.ROBOT, "the robot", Holder("ride", "the robot")),
+        (Role.ROBOT, "the robot/amr-7", Holder("ride", "the robot/amr-7")),
+        (Role.OPERATOR, "the robot", None),
+        (Role.COMMISSIONER, "somebody else", None),
+    ],
+)
+def test_a_ride_is_spoken_for_by_its_key_and_by_people(
+    word: str, role: Role | None, owner: str, speaker: Holder | None
+) -> None:
+    facade = of(Holder("ride", owner))
+    assert post(facade, f"{RIDES}/r1/{word}", role).status_code == 200
+    assert facade.said_of_rides == [("r1", "cancelled" if word == "cancel" else word, speaker)]
+
+
+@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.parametrize("owner", ["the", "the robot 2", "the operator", "amr/the robot"])
+def test_a_robots_key_does_not_speak_for_another_keys_ride(word: str, owner: str) -> None:
+    facade = of(Holder("ride", owner))
+    refused(post(facade, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_your_ride")
+    assert facade.said_of_rides == []
+    assert [away.code for away in facade.away] == ["not_your_ride"]
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_a_key_that_no_longer_names_the_lift_of_its_ride_says_nothing_to_it(word: str) -> None:
+    facade = of(OF_ROBOT, OTHER)
+    refused(post(facade, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_allowed")
+    assert facade.said_of_rides == []
+
+
+def test_a_cancel_says_why() -> None:
+    facade = of(ANYBODY)
+    answer = post(facade, f"{RIDES}/r1/cancel", json={"reason": "order withdrawn"})
+    assert (answer.json()["phase"], answer.json()["reason"]) == ("clearing", "order withdrawn")
+    assert facade.said_of_rides == [("r1", "order withdrawn", ANYBODY)]
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_an_unknown_ride_is_404(word: str) -> None:
+    facade = FakeManager()
+    refused(post(facade, f"{RIDES}/r9/{word}", Role.ROBOT), 404, "unknown_ride")
+    assert '"r9"' in refused(ask(facade, "GET", f"{RIDES}/r9"), 404, "unknown_ride")
+
+
+@pytest.mark.parametrize("url", [RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)])
+def test_a_web_page_of_another_site_is_refused(url: str) -> None:
+    facade = of(ANYBODY)
+    answer = post(facade, url, json=WISH, headers={"sec-fetch-site": "cross-site"})
+    refused(answer, 403, "another_site")
+    assert facade.changes == []
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "status", "field"),
+    [
+        ({"lift": "elevator"}, "unknown_lift", 404, "lift"),
+        ({"from": "L9"}, "unknown_floor", 422, "from"),
+        ({"to": "L9"}, "unknown_floor", 422, "to"),
+        ({"lift": "any", "to": "L9"}, "unknown_floor", 422, "to"),
+    ],
+)
+@pytest.mark.parametrize("dry_run", [False, True])
+def test_what_the_site_has_not_is_refused_with_the_field(
+    change: dict[str, str], code: str, status: int, field: str, dry_run: bool
+) -> None:
+    answer = post(FakeManager(), RIDES, json={**WISH, **change, "dry_run": dry_run})
+    refused(answer, status, code)
+    assert answer.json()["field"] == field
+
+
+@pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
+def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(code: Refusal) -> None:
+    facade = of(ANYBODY)
+    facade.ride_refused = Refused(code, "because", Blocking(Holder("rmf", "rmf"), since_s=12.0, ahead=3))
+    for url in (RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)):
+        answer = post(facade, url, json=WISH if url == RIDES else None)
+        assert refused(answer, REFUSALS[code].status, code) == "because"
+        assert (answer.json()["holder"], answer.json()["ahead"]) == ("rmf", 3)
+
+
+MALFORMED: list[tuple[dict[str, object], str, str]] = [
+    ({"lift": None}, "lift", "lift must be text"),
+    ({"from": 1}, "from", "from must be text"),
+    ({"from_": "L1"}, "from_", "from_ is not known here"),
+    ({"to": "L1"}, "to", "to must be another floor than from"),
+    ({"to": "x" * 201}, "to", "to must not be longer than 200 characters"),
+    ({"door": "left"}, "door", "door must be 'front' or 'rear'"),
+    ({"limits": {"boarding_s": 0}}, "limits.boarding_s", "limits.boarding_s must be at least 1"),
+    ({"limits": {"nap_s": 5}}, "limits.nap_s", "limits.nap_s is not known here"),
+    ({"limits": 5}, "limits", "limits must be an object"),
+    ({"dry_run": "yes"}, "dry_run", "dry_run must be true or false"),
+]
+
+
+@pytest.mark.parametrize(("change", "field", "words"), MALFORMED)
+def test_a_malformed_wish_is_422_with_the_field(change: dict[str, object], field: str, words: str) -> None:
+    facade = FakeManager()
+    answer = post(facade, RIDES, json={**WISH, **change})
+    detail = refused(answer, 422, "malformed")
+    assert words in detail
+    assert 'expected {"lift": text, "from": text, "to": text, "door"?: one of front, rear' in detail
+    assert answer.json()["field"] == field
+    assert facade.changes == []
+
+
+def test_a_missing_floor_is_named_as_the_body_names_it() -> None:
+    answer = post(FakeManager(), RIDES, json={"lift": "lift", "to": "L2"})
+    assert "from is missing" in refused(answer, 422, "malformed")
+    assert answer.json()["field"] == "from"
+
+
+def test_rides_are_told_in_the_managers_order() -> None:
+    facade = of(ANYBODY)
+    facade.going_on(replace(a_ride(OF_ROBOT, "r0"), robot="amr-7"))
+    assert [ride["id"] for ride in ask(facade, "GET", RIDES).json()["rides"]] == ["r1", "r0"]

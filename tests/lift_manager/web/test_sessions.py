@@ -1,0 +1,286 @@
+"""Sessions over HTTP: who a caller is, whose a session is, and what becomes of what is asked within it."""
+
+import json
+from typing import Any
+
+import httpx
+import pytest
+
+from lift_manager.domain.access import Role
+from lift_manager.domain.asking import Blocking, Refusal, Refused, RobotWord
+from lift_manager.domain.keys import Key, KeyRing, digest_of, token
+from lift_manager.domain.session_requests import Do, OpenSession, SessionRequest
+from lift_manager.domain.state import Holder
+from lift_manager.web.body import LIMIT_BYTES
+from lift_manager.web.codes import REFUSALS
+from register_maps.words import Mode, Side
+from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake_sessions import a_command, a_session
+from tests.lift_manager.web.keyed import bearing, ring
+from tests.lift_manager.web.test_people import refused
+
+SESSIONS = "/api/v1/lifts/lift/sessions"
+S1 = f"{SESSIONS}/s1"
+GO = {"do": "go_to", "floor": "L2"}
+ANYBODY = Holder("api", "anonymous")
+CHANGES: list[tuple[str, dict[str, object]]] = [
+    ("renew", {}),
+    ("close", {}),
+    ("hand-over", {"to": "amr-8"}),
+    ("commands", {**GO}),
+]
+every_change = pytest.mark.parametrize(("what", "body"), CHANGES)
+
+
+def of(holder: Holder, lift: str = "lift") -> FakeManager:
+    """A manager with the session s1 of this holder, and its command 1."""
+    facade = FakeManager()
+    session = a_session(holder, "s1", lift)
+    facade.there(session)
+    facade.commands["s1", "1"] = a_command(session, "1")
+    return facade
+
+
+def post(facade: FakeManager, url: str, **more: Any) -> httpx.Response:
+    return ask(facade, "POST", url, **more)
+
+
+def test_a_session_is_opened_with_201_and_the_address_where_it_is() -> None:
+    facade = FakeManager()
+    answer = post(facade, SESSIONS, json={"robot": "amr-7", "ttl_s": 60, "idempotency_key": "k1"})
+    assert answer.status_code == 201
+    assert facade.done == [OpenSession("lift", Holder("api", "amr-7"), "k1", 60.0)]
+    there = answer.url.join(answer.headers["location"]).path
+    assert there == f"{SESSIONS}/{answer.json()['id']}"
+    assert ask(facade, "GET", there).json() == answer.json()
+    assert answer.headers["cache-control"] == "no-store"
+
+
+def test_the_same_idempotency_key_gives_the_same_session_with_200() -> None:
+    facade = FakeManager()
+    first, again = (post(facade, SESSIONS, json={"idempotency_key": "k1"}) for _ in range(2))
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert first.json() == again.json()
+    assert "location" not in again.headers
+
+
+@pytest.mark.parametrize("content", [b"", b"  ", b"{}"])
+def test_who_wants_nothing_special_sends_no_body(content: bytes) -> None:
+    facade = of(ANYBODY)
+    assert post(facade, SESSIONS, content=content).status_code == 201
+    assert facade.done == [OpenSession("lift", ANYBODY)]
+    assert post(facade, f"{S1}/renew", content=content).status_code == 200
+    assert post(facade, f"{S1}/close", content=content).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("role", "robot", "name"),
+    [
+        (None, None, "anonymous"),
+        (None, "amr-7", "amr-7"),
+        (Role.ROBOT, None, "the robot"),
+        (Role.ROBOT, "amr-7", "the robot/amr-7"),
+        (Role.OPERATOR, "a/b", "the operator/a/b"),
+    ],
+)
+def test_a_caller_is_its_key_and_its_robot(role: Role | None, robot: str | None, name: str) -> None:
+    facade = FakeManager()
+    keys, headers = (ring(), {}) if role is None else (ring(role), bearing(role))
+    post(facade, SESSIONS, keys=keys, headers=headers, json={"robot": robot})
+    (asked,) = facade.done
+    assert isinstance(asked, OpenSession)
+    assert asked.holder == Holder("api", name)
+
+
+def test_renew_and_close_and_hand_over_speak_in_the_name_of_the_session() -> None:
+    holder = Holder("api", "the robot/amr-7")
+    more = {"keys": ring(Role.ROBOT), "headers": bearing(Role.ROBOT)}
+    facade = of(holder)
+    assert post(facade, f"{S1}/renew", json={"ttl_s": 30}, **more).json()["lease_ends_in_s"] == 30.0
+    assert post(facade, f"{S1}/close", json={"robot": "left"}, **more).json()["over"]["reason"] == "released"
+    handed = post(facade, f"{S1}/hand-over", json={"to": "other", "robot": "amr-9"}, **more).json()
+    assert (handed["holder"], handed["id"]) == ("api:other/amr-9", "s1-2")
+    assert facade.done == [
+        ("renew", "lift", "s1", holder, 30.0),
+        ("close", "lift", "s1", holder, RobotWord.LEFT),
+        ("hand over", "lift", "s1", holder, Holder("api", "other/amr-9")),
+    ]
+
+
+def test_a_command_is_taken_with_202_and_the_address_where_its_outcome_will_be() -> None:
+    facade = of(ANYBODY)
+    body = {"do": "close_door", "door": "rear", "clear": True, "idempotency_key": "k2"}
+    answer = post(facade, f"{S1}/commands", json=body)
+    assert (answer.status_code, answer.json()["status"]) == (202, "pending")
+    assert facade.done == [
+        SessionRequest(lift="lift", session="s1", holder=ANYBODY, do=Do.CLOSE_DOOR, side=Side.REAR, key="k2")
+    ]
+    there = answer.url.join(answer.headers["location"]).path
+    assert ask(facade, "GET", there).json() == answer.json()
+    assert facade.waited_s == []
+
+
+@pytest.mark.parametrize("wait", ["5", "0.5", "30", "3e1", "+5"])
+def test_who_waits_is_answered_once_the_command_has_ended(wait: str) -> None:
+    facade = of(ANYBODY)
+    answer = post(facade, f"{S1}/commands?wait={wait.replace('+', '%2B')}", json=GO)
+    assert (answer.status_code, answer.json()["status"]) == (202, "confirmed")
+    assert ask(facade, "GET", f"{S1}/commands/1?wait={wait.replace('+', '%2B')}").json()["status"] == "confirmed"
+    assert facade.waited_s == [float(wait)] * 2
+
+
+@pytest.mark.parametrize("wait", ["", "x", "-1", "30.1", "nan", "inf", "1&wait=2", "1" * 5000])
+def test_a_wait_that_is_none_is_422_before_anything_is_asked(wait: str) -> None:
+    facade = of(ANYBODY)
+    for method, url in (("POST", f"{S1}/commands?wait={wait}"), ("GET", f"{S1}/commands/1?wait={wait}")):
+        answer = ask(facade, method, url, json=GO)
+        assert "from 0 to 30" in refused(answer, 422, "malformed")
+        assert answer.json()["field"] == "wait"
+    assert facade.done == []
+
+
+def test_an_unknown_session_or_command_is_404() -> None:
+    facade = of(ANYBODY)
+    refused(ask(facade, "GET", f"{SESSIONS}/s9"), 404, "no_such_session")
+    refused(ask(facade, "GET", f"{S1}/commands/9"), 404, "no_such_command")
+    refused(ask(facade, "GET", f"{S1}/commands/9?wait=1"), 404, "no_such_command")
+    refused(ask(facade, "GET", "/api/v1/lifts/elevator/sessions/s1"), 404, "unknown_lift")
+    refused(post(facade, "/api/v1/lifts/elevator/sessions"), 404, "unknown_lift")
+
+
+FLEET = [("amr", "11111111"), ("amr-2", "22222222"), ("am", "33333333")]
+
+
+def bearer(name: str) -> dict[str, str]:
+    number = dict(FLEET)[name]
+    return {"Authorization": f"Bearer {token(number, digest_of(name)).reveal()}"}
+
+
+KEYS = KeyRing(
+    (Key(number, name, Role.OPERATOR if name == "am" else Role.ROBOT, ("lift",)), digest_of(digest_of(name)))
+    for name, number in FLEET
+)
+
+
+@pytest.mark.parametrize("owner", ["amr", "amr/robot", "amr/amr-2"])
+def test_a_session_is_its_keys_alone_and_all_others_are_told_what_they_are_told_of_none(owner: str) -> None:
+    for name, _ in FLEET:
+        facade = of(Holder("api", owner))
+        urls: list[tuple[str, str, str | None]] = [("GET", S1, None), ("GET", f"{S1}/commands/1", None)]
+        urls += [("POST", f"{S1}/{what}", json.dumps(body)) for what, body in CHANGES]
+        for method, url, body in urls:
+            answer = ask(facade, method, url, keys=KEYS, headers=bearer(name), content=body)
+            if name == "amr":
+                assert answer.is_success, (url, answer.text)
+                facade.there(a_session(Holder("api", owner)))
+                continue
+            unknown = ask(facade, method, url.replace("s1", "s9"), keys=KEYS, headers=bearer(name), content=body)
+            refused(answer, 404, "no_such_session")
+            assert (answer.content, answer.headers) == (unknown.content, unknown.headers)
+            assert facade.away[-1].code == "no_such_session"
+            assert facade.away[-1].caller == name
+        assert (facade.done == []) is (name != "amr")
+
+
+@pytest.mark.parametrize("holder", [Holder("ride", "amr"), Holder("workshop", "amr"), Holder("rmf", "rmf")])
+def test_a_session_of_another_face_is_none_here_even_with_the_same_key(holder: Holder) -> None:
+    facade = of(holder)
+    refused(ask(facade, "GET", S1, keys=KEYS, headers=bearer("amr")), 404, "no_such_session")
+    refused(ask(facade, "POST", f"{S1}/close"), 404, "no_such_session")
+    assert facade.done == []
+
+
+@every_change
+def test_a_web_page_of_another_site_is_refused(what: str, body: dict[str, object]) -> None:
+    facade = of(ANYBODY)
+    headers = {"origin": "http://evil.example"}
+    refused(post(facade, f"{S1}/{what}", json=body, headers=headers), 403, "another_site")
+    refused(post(facade, SESSIONS, headers=headers), 403, "another_site")
+    assert facade.done == []
+    assert [away.code for away in facade.away] == ["another_site"] * 2
+
+
+BLOCKED = Blocking(Holder("rmf", "rmf"), Mode.FIRE, 12.0, 3.5, 2)
+
+
+@every_change
+@pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
+def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(
+    what: str, body: dict[str, object], code: Refusal
+) -> None:
+    facade = of(ANYBODY)
+    facade.refuses = Refused(code, "because", BLOCKED)
+    answer = post(facade, f"{S1}/{what}", json=body)
+    detail = refused(answer, REFUSALS[code].status, code)
+    if code is not Refusal.NO_SUCH_SESSION:
+        assert detail == "because"
+        told = {name: answer.json()[name] for name in ("holder", "mode", "since_s", "age_s", "ahead")}
+        assert told == {"holder": "rmf", "mode": "fire", "since_s": 12.0, "age_s": 3.5, "ahead": 2}
+
+
+def test_a_floor_that_the_lift_has_not_is_422_with_its_field() -> None:
+    answer = post(of(ANYBODY), f"{S1}/commands", json={"do": "go_to", "floor": "L9"})
+    assert "the floors are L1, L2" in refused(answer, 422, "unknown_floor")
+    assert answer.json()["field"] == "floor"
+
+
+MALFORMED: list[tuple[str, bytes, str | None, str]] = [
+    ("", b"[]", None, "must be a JSON object"),
+    ("", b'{"ttl_s": "60"}', "ttl_s", "ttl_s must be a number"),
+    ("", b'{"ttl_s": true}', "ttl_s", "ttl_s must be a number"),
+    ("", b'{"ttl_s": 0.5}', "ttl_s", "ttl_s must be at least 1"),
+    ("", b'{"ttl_s": 86401}', "ttl_s", "ttl_s must be at most 86400"),
+    ("", b'{"ttl_s": 1e999}', "ttl_s", "ttl_s must be at most"),
+    ("", b'{"ttl_s": NaN}', None, "NaN is not JSON"),
+    ("", b'{"robot": " "}', "robot", "robot must not be empty"),
+    ("", b'{"robot": "a\\nb"}', "robot", "one line"),
+    ("", b'{"idempotency_key": "a b"}', "idempotency_key", "must be printable ASCII without blanks"),
+    ("", b'{"who": 1}', "who", "who is not known here"),
+    ("/s1/renew", b'{"ttl_s": []}', "ttl_s", "ttl_s must be a number"),
+    ("/s1/close", b'{"robot": "gone"}', "robot", "robot must be 'in_place' or 'left'"),
+    ("/s1/hand-over", b"", None, "the body is empty"),
+    ("/s1/hand-over", b"{}", "to", "to is missing"),
+    ("/s1/commands", b"", None, "the body is empty"),
+    ("/s1/commands", b"{}", "do", "do is missing"),
+    ("/s1/commands", b'{"do": "reset"}', "do", "do must be 'go_to', 'hold_door'"),
+    ("/s1/commands", b'{"do": ["go_to"]}', "do", "do must be 'go_to', 'hold_door'"),
+    ("/s1/commands", b'{"do": "go_to"}', "floor", "floor is missing: go_to needs it"),
+    ("/s1/commands", b'{"do": "hold_door", "floor": "L2"}', "floor", "floor does not go with hold_door"),
+    ("/s1/commands", b'{"do": "go_to", "floor": 2}', "floor", "floor must be text"),
+    ("/s1/commands", b'{"do": "go_to", "floor": "\\ud800"}', "floor", "floor"),
+    ("/s1/commands", b'{"do": "close_door"}', "clear", "clear is missing: close_door needs it"),
+    ("/s1/commands", b'{"do": "close_door", "clear": false}', "clear", "clear must be true"),
+    ("/s1/commands", b'{"do": "close_door", "clear": 1}', "clear", "clear must be true"),
+    ("/s1/commands", b'{"do": "close_door", "clear": true, "door": "up"}', "door", "'front' or 'rear'"),
+    ("/s1/commands", b'{"do": "go_to", "floor": "L2", "door": "front"}', "door", "door does not go with go_to"),
+    ("/s1/commands", b'{"do": "go_to", "floor": "L2", "hold_door": 1}', "hold_door", "must be true or false"),
+]
+
+
+@pytest.mark.parametrize(("url", "body", "field", "words"), MALFORMED)
+def test_a_malformed_body_is_422_with_the_field_and_what_is_expected(
+    url: str, body: bytes, field: str | None, words: str
+) -> None:
+    facade = of(ANYBODY)
+    answer = post(facade, f"{SESSIONS}{url}", content=body)
+    detail = refused(answer, 422, "malformed")
+    assert words in detail
+    assert "; expected {" in detail
+    assert answer.json().get("field") == field
+    assert facade.done == []
+
+
+def test_what_is_expected_is_told_in_words() -> None:
+    detail = refused(post(of(ANYBODY), f"{S1}/commands", content=b"{}"), 422, "malformed")
+    assert detail.endswith(
+        'expected {"do": one of go_to, hold_door, let_go_door, close_door, robot_in_place, robot_left, "floor"?: text,'
+        ' "hold_door"?: true or false, "door"?: one of front, rear, "clear"?: true, "idempotency_key"?: text}'
+        " (? may be left out)"
+    )
+
+
+@pytest.mark.parametrize("url", [SESSIONS, *(f"{S1}/{what}" for what, _ in CHANGES)])
+def test_a_body_that_is_too_long_is_413(url: str) -> None:
+    facade = of(ANYBODY)
+    assert "65536 bytes" in refused(post(facade, url, content=b" " * (LIMIT_BYTES + 1)), 413, "too_long")
+    assert facade.done == []
