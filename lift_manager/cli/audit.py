@@ -68,6 +68,12 @@ Last = Annotated[
     ),
 ]
 Find = Annotated[str | None, typer.Option(metavar="TEXT", help="Rows with this in their text, in capitals or not.")]
+OfEvent = Annotated[
+    str | None,
+    typer.Option(
+        "--event", metavar="ID", help="The row of this event, whose id is in the log and in the event stream."
+    ),
+]
 Follow = Annotated[bool, typer.Option("--follow", help="Go on with new rows as they come, until Ctrl-C.")]
 Csv = Annotated[
     Path | None, typer.Option("--csv", metavar="FILE", help="Write every column for a spreadsheet; - prints it.")
@@ -113,6 +119,7 @@ def audit(  # noqa: PLR0913  a parameter per option
     until: Until = None,
     last: Last = None,
     find: Find = None,
+    event: OfEvent = None,
     follow: Follow = False,
     as_csv: Csv = None,
     as_jsonl: Jsonl = None,
@@ -124,11 +131,11 @@ def audit(  # noqa: PLR0913  a parameter per option
     seal = _seal(since_seal)
     walk = verified or seal is not None
     _one_of({"--follow": follow, "--csv": as_csv is not None, "--jsonl": as_jsonl is not None, "--verify": walk})
-    if walk and (lift, kinds, caller, since, until, last, find) != (None,) * 7:
+    if walk and (lift, kinds, caller, since, until, last, find, event) != (None,) * 8:
         raise typer.BadParameter("the whole chain is verified; leave out what chooses rows", param_hint="--verify")
     source = _source(site, journal)
     now = datetime.now(UTC).astimezone(source.zone)
-    wanted = Wanted(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find)
+    wanted = Wanted(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
     try:
         if walk:
             _verify(source, seal)

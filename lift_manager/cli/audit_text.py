@@ -19,7 +19,7 @@ from rich.text import Text
 
 from lift_manager.domain.journal import Json, RowKind
 from lift_manager.store.journal.chain import Stored, canonical
-from lift_manager.store.journal.read import time_of
+from lift_manager.store.journal.read import event_of, time_of
 
 _JOINERS = "\u200c\u200d"
 """Unseen, but Persian and Indian scripts cannot be written without them."""
@@ -45,6 +45,7 @@ class Sheet:
         self._lift = _width(names, least=4, most=20 if wide else 10)
         self._caller = _width([row.caller for row in rows], least=12, most=28 if wide else 18)
         self._number = max(len(str(rows[-1].seq)) if rows else 0, 6) if wide else 0
+        self._event = _width([event_of(row) for row in rows], least=15, most=24) if console.width >= 140 else 0
         self._day: date | None = None
 
     def show(self, rows: Sequence[Stored]) -> None:
@@ -61,7 +62,8 @@ class Sheet:
                 table = self._table(at)
             cells = [f"{at:%H:%M:%S}", shown(row.lift), row.kind, shown(row.caller), shown(row.text)]
             style = _STYLES.get(row.kind, "")
-            table.add_row(*([str(row.seq)] if self._number else []), *(Text(cell, style) for cell in cells))
+            numbers, events = [str(row.seq)] if self._number else [], [event_of(row)] if self._event else []
+            table.add_row(*numbers, *(Text(cell, style) for cell in cells), *map(shown, events))
         self._print(table)
 
     def _print(self, table: Table | None) -> None:
@@ -82,6 +84,8 @@ class Sheet:
         for name, width in (("lift", self._lift), ("kind", 7), ("caller", self._caller)):
             table.add_column(name, width=width, overflow="fold")
         table.add_column("text", ratio=1, overflow="fold")
+        if self._event:
+            table.add_column("event", width=self._event, style="dim", overflow="fold")
         return table
 
     def _line(self, row: Stored) -> str:
@@ -93,6 +97,7 @@ class Sheet:
             f"{shown(row.kind):7}",
             f"{shown(row.caller):{self._caller}}",
             shown(row.text),
+            f"[{shown(event)}]" if (event := event_of(row)) else "",
         )
         return "  ".join(cells).rstrip()
 

@@ -17,6 +17,8 @@ COMMANDS = {
     "check": "trying:check",
     "simulate": "trying:simulate",
     "keys": "keys:app",
+    "lifts": "lifts:lifts",
+    "ride": "ride:ride",
     "ack": "operate:ack",
     "lockout": "operate:lockout",
     "release": "operate:release",

@@ -14,13 +14,15 @@ import typer
 from drivers.errors import ControllerTaken
 from lift_manager import app as running
 from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, state_path_of
-from lift_manager.cli.loop import log_to_stderr, run
+from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
+from lift_manager.cli.loop import run
 from lift_manager.config.load import LoadedSite
 from lift_manager.store.errors import StoreError
 from lift_manager.store.journal.writer import SqliteJournal, opened_journal
 from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.store.place import journal_path
 from lift_manager.store.state_file import StateFile, opened
+from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
 from lift_manager.web.origin import is_loopback
 from lift_manager.web.server import listen
@@ -46,9 +48,11 @@ def serve(
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="Listen here instead of the site file's port.")
     ] = None,
+    log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
     """Run the lift manager for a site."""
-    log_to_stderr()
+    log_to_stderr(log_format)
+    allow_files()
     loaded = loaded_site(site)
     if loaded.unusable:
         raise refused(MapFileError(loaded.unusable))

@@ -17,10 +17,12 @@ from lift_manager.cli.common import (
     refused,
     say,
 )
-from lift_manager.cli.loop import log_to_stderr, run
+from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
+from lift_manager.cli.loop import run
 from lift_manager.config.load import check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
+from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
@@ -33,9 +35,11 @@ Speed = Annotated[
 def demo(
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the manager; 0 takes any free one.")] = 5003,
     speed: Speed = 1.0,
+    log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
     """Run three simulated lifts and a manager, with nothing to configure."""
-    log_to_stderr()
+    log_to_stderr(log_format)
+    allow_files()
     try:
         sock = listen("127.0.0.1", port)
     except ListenError as error:

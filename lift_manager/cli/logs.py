@@ -1,0 +1,87 @@
+"""The log of a command that runs for long: for a person who watches, or an object per line for programs."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from datetime import UTC, datetime
+from enum import StrEnum, unique
+from typing import Annotated, TextIO
+
+import typer
+
+from lift_manager.domain.keys import redacted
+
+VARIABLE = "LIFT_MANAGER_LOG_FORMAT"
+
+
+@unique
+class LogFormat(StrEnum):
+    """What a line of the log looks like."""
+
+    HUMAN = "human"
+    JSON = "json"
+
+
+LogOption = Annotated[
+    LogFormat,
+    typer.Option("--log-format", envvar=VARIABLE, help="Lines for people, or an object of JSON per line for programs."),
+]
+
+
+def log_to(stream: TextIO, form: LogFormat) -> logging.Handler:
+    """Log everything of this process to a stream: also what its libraries say. Returns what does it."""
+    handler = logging.StreamHandler(stream)
+    handler.setFormatter(_FORMATTERS[form]())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    logging.getLogger("pymodbus").setLevel(logging.ERROR)
+    return handler
+
+
+def log_to_stderr(form: LogFormat = LogFormat.HUMAN) -> None:
+    """Log to where systemd, a container or a person looks."""
+    log_to(sys.stderr, form)
+
+
+class HumanFormatter(logging.Formatter):
+    """Takes keys out of whole entries, tracebacks included: the last net, for what no caller of a logger thought of."""
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s %(levelname)-7s %(message)s", datefmt="%H:%M:%S")
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line, or for an exception the lines."""
+        return redacted(super().format(record))
+
+
+class JsonFormatter(logging.Formatter):
+    """One object per line: `time` (RFC 3339, UTC), `level`, `logger`, `message`; where known `event`, `lift` and `exception`.
+
+    `event` is the id that the same event has in the journal and in the event stream. Keys are taken out as in lines for people.
+    """
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        at = datetime.fromtimestamp(record.created, UTC).replace(tzinfo=None)
+        said = {
+            "time": f"{at.isoformat(timespec='milliseconds')}Z",
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        for name in ("event", "lift"):
+            value = getattr(record, name, None)
+            if isinstance(value, str) and value:
+                said[name] = value
+        if record.exc_info:
+            said["exception"] = self.formatException(record.exc_info)
+        if record.stack_info:
+            said["stack"] = self.formatStack(record.stack_info)
+        return redacted(json.dumps(said, ensure_ascii=False))
+
+
+_FORMATTERS: dict[LogFormat, type[logging.Formatter]] = {
+    LogFormat.HUMAN: HumanFormatter,
+    LogFormat.JSON: JsonFormatter,
+}

@@ -1,0 +1,28 @@
+"""How long to wait before the next try. Pure."""
+
+from __future__ import annotations
+
+import random
+
+FIRST_S = 1.0
+LONGEST_S = 15.0
+"""Chosen: a manager that was started again is found within a quarter of a minute, and a hundred clients do not drown it."""
+
+
+class Backoff:
+    """1 s doubling to 15 s; each a little shorter by chance, so that clients cut off together do not come back together."""
+
+    def __init__(self, chance: random.Random | None = None) -> None:
+        """`chance` is seeded by tests."""
+        # nothing here is a secret
+        self._chance = chance or random.Random()  # noqa: S311  spreads clients, guards nothing
+        self._next_s = FIRST_S
+
+    def worked(self) -> None:
+        """Begin anew: something was heard."""
+        self._next_s = FIRST_S
+
+    def next_s(self) -> float:
+        """Return the pause before the next try, and double the one after it."""
+        pause, self._next_s = self._next_s, min(2 * self._next_s, LONGEST_S)
+        return pause * self._chance.uniform(0.5, 1.0)

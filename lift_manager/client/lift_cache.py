@@ -1,0 +1,71 @@
+"""What was heard of a lift, its age, and its ETag. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lift_manager.api.lifts import Lift
+from lift_manager.client.aging import age_s, is_too_old
+from lift_manager.domain.state import Quality, RobotDoor
+from register_maps.words import Mode, Motion
+
+AGE_HEADER = "lift-age-s"
+"""In seconds, with 304: all that changes by itself."""
+
+
+@dataclass(frozen=True)
+class KnownLift:
+    """The newest answer about a lift."""
+
+    lift: Lift
+    asked_at: float
+    """When its question left, in monotonic seconds."""
+    etag: str = ""
+
+    def at(self, now: float) -> Lift:
+        """Return it as it is to be taken now: with its age, and offline by itself once it is too old."""
+        age = age_s(self.lift.age_s, self.asked_at, now)
+        if self.lift.quality is Quality.OFFLINE:
+            return self.lift.model_copy(update={"age_s": age})
+        if not is_too_old(age, self.lift.max_age_s):
+            return self.lift.model_copy(update={"age_s": age})
+        silent_s = now - self.asked_at
+        return unknown(self.lift, age, f"the manager has not been heard for {silent_s:.1f} s")
+
+    def same(self, told_s: float | None, asked_at: float) -> KnownLift:
+        """Return it after the manager said that nothing but the age has changed."""
+        held = self.lift.session
+        if held is not None:
+            held = held.model_copy(update={"for_s": held.for_s + asked_at - self.asked_at})
+        lift = self.lift.model_copy(update={"age_s": told_s, "session": held})
+        return KnownLift(lift, asked_at, self.etag)
+
+
+def unknown(lift: Lift, age: float | None, reason: str) -> Lift:
+    """Return a lift of which nothing is known but what is written down: the answer that the manager gives of one that it cannot read."""
+    return lift.model_copy(
+        update={
+            "quality": Quality.OFFLINE,
+            "reason": reason,
+            "age_s": age,
+            "floor": None,
+            "standing": False,
+            "destination": lift.destination if lift.session is not None else None,
+            "robot_door": RobotDoor.MOVING,
+            "doors": {},
+            "motion": Motion.UNKNOWN,
+            "mode": Mode.UNKNOWN,
+            "permissions": {},
+        }
+    )
+
+
+def same_but_for_time(one: Lift, other: Lift) -> bool:
+    """Whether two differ in nothing but what passes by itself."""
+    return _timeless(one) == _timeless(other)
+
+
+def _timeless(lift: Lift) -> Lift:
+    held = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
+    reason = "" if lift.quality is Quality.OFFLINE else lift.reason
+    return lift.model_copy(update={"age_s": None, "session": held, "reason": reason})

@@ -1,0 +1,32 @@
+"""Where things are under /api/v1. Pure."""
+
+from __future__ import annotations
+
+from urllib.parse import quote
+
+API = "/api/v1"
+
+
+def part(name: str) -> str:
+    """Return a name as one part of a path, whatever is in it: `/` and the dots of `..` too, which clients of HTTP would resolve."""
+    return quote(name, safe="").replace(".", "%2E")
+
+
+def lift_path(lift: str, *more: str) -> str:
+    """Return the path of a lift, or of something below it."""
+    return "/".join([API, "lifts", part(lift), *more])
+
+
+def session_path(lift: str, session: str, *more: str) -> str:
+    """Return the path of a session, or of something below it."""
+    return lift_path(lift, "sessions", part(session), *more)
+
+
+def ride_path(ride: str, *more: str) -> str:
+    """Return the path of a ride, or of something that is said about it."""
+    return "/".join([API, "rides", part(ride), *more])
+
+
+def frames_path(link: str) -> str:
+    """Return the path of what goes over a link."""
+    return "/".join([API, "links", part(link), "frames"])

@@ -1,0 +1,99 @@
+"""`lift-manager lifts` and `lift-manager ride` against a running manager."""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from lift_manager.lab.bench import LiftSite
+from tests.support.programs import LIFT_MANAGER, Started, call, free_port, run
+
+pytestmark = pytest.mark.lift("main", speed=5)
+RIDE = ("ride", "any", "L2", "L3", "--robot", "amr-7", "--manager")
+
+
+def test_the_lifts_are_shown_in_a_table_and_as_json(lift_site: LiftSite) -> None:
+    table = call("lifts", "--manager", lift_site.address)
+    assert table.returncode == 0
+    head, line = table.stdout.splitlines()
+    assert head.split() == ["lift", "floor", "door", "motion", "mode", "held", "by", "age", "note"]
+    assert line.split()[:5] == ["main", "L1", "front", "closed", "stopped"]
+    (lift,) = json.loads(call("lifts", "--json", "--manager", lift_site.address).stdout)
+    assert (lift["name"], lift["quality"]) == ("main", "live")
+
+
+def test_changes_are_followed(lift_site: LiftSite) -> None:
+    with Started() as start:
+        following = start("lifts", "--follow", "--manager", lift_site.address)
+        following.says(r"main: normal, at L1, door front closed, stopped")
+        lift_site.lock_out(by="M. Weber", reason="new ropes")
+        following.says(r"main: .*new ropes")
+        code, _ = following.stop(signal.SIGINT)
+        assert (code, following.err) == (0, "")
+
+
+def test_without_a_manager_one_sentence_says_so(tmp_path: Path) -> None:
+    for words in (("lifts", "--manager"), ("lifts", "--follow", "--manager"), (*RIDE[:-1], "--yes", "--manager")):
+        done = call(*words, f"http://127.0.0.1:{free_port()}")
+        assert done.returncode == 1
+        assert done.stderr.startswith("no manager answers at http://127.0.0.1:")
+        assert "Traceback" not in done.stderr
+
+
+def test_a_ride_by_itself_gets_there(lift_site: LiftSite) -> None:
+    done = call(*RIDE, lift_site.address, "--yes")
+    assert done.returncode == 0, done
+    told = [line.partition(": ")[2].split(";")[0] for line in done.stdout.splitlines()]
+    assert [word for word in told if word in ("enter", "leave", "done")] == ["enter", "leave", "done"]
+
+
+def test_without_a_terminal_nobody_can_say_the_words(lift_site: LiftSite) -> None:
+    done = run(*RIDE, lift_site.address)
+    assert done.returncode == 2
+    assert "--yes" in done.stderr
+
+
+def test_what_the_manager_refuses_is_said_in_its_words(lift_site: LiftSite) -> None:
+    done = call("ride", "main", "L2", "L9", "--robot", "amr-7", "--yes", "--manager", lift_site.address)
+    assert done.returncode == 1
+    assert "L9" in done.stderr
+
+
+def test_ctrl_c_cancels_and_waits_for_the_end(lift_site: LiftSite) -> None:
+    with lift_site.held("L4"), Started() as start:
+        program = start(*RIDE, lift_site.address, "--yes")
+        program.says(r"wait \(1 ahead\)")
+        code, _ = program.stop(signal.SIGINT)
+        assert code == 3
+        assert "cancelled" in program.out
+
+
+@contextmanager
+def at_a_terminal(*words: str) -> Iterator[tuple[subprocess.Popen[bytes], int]]:
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(
+        [*LIFT_MANAGER, *words], stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as program:
+        os.close(theirs)
+        try:
+            yield program, ours
+        finally:
+            program.kill()
+            os.close(ours)
+
+
+def test_at_a_terminal_a_person_says_the_words(lift_site: LiftSite) -> None:
+    with at_a_terminal(*RIDE, lift_site.address) as (program, keyboard):
+        assert program.stderr is not None
+        assert program.stdout is not None
+        for prompt in (b"is inside", b"is outside"):
+            assert prompt in program.stderr.readline()
+            os.write(keyboard, b"\n")
+        assert program.wait(30) == 0
+        assert b"done" in program.stdout.read()

@@ -1,0 +1,111 @@
+"""The view of the lifts: as old as it says, and offline by itself."""
+
+import asyncio
+
+import pytest
+
+from lift_manager.api.lifts import Held, Lift
+from lift_manager.client import LiftManagerClient, NotAllowed, NotFound, States
+from lift_manager.domain.state import Quality, RobotDoor
+from register_maps.words import Mode, Motion
+from tests.lift_manager.client.manager import IDLE, LIFT, OPEN, URL, Manager, no
+from tests.support.virtual_time import elapse, run_virtual
+
+
+def client_of(manager: Manager) -> LiftManagerClient:
+    return LiftManagerClient(URL, transport=manager)
+
+
+def now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+async def first(states: States, quality: Quality) -> Lift:
+    async for lift in states:
+        if lift.quality is quality:
+            return lift
+    raise AssertionError("it has no end")
+
+
+def test_every_lift_is_shown_first_and_then_each_that_changes() -> None:
+    async def main() -> None:
+        goods = IDLE.model_copy(update={"name": "goods"})
+        manager = Manager({LIFT: IDLE, "goods": goods})
+        async with client_of(manager) as client, client.states() as states:
+            assert [(await anext(states)).name for _ in range(2)] == [LIFT, "goods"]
+            await elapse(10)
+            manager.show(OPEN)
+            told_at = now()
+            assert (await anext(states)).robot_door is RobotDoor.OPEN
+            assert now() - told_at < 0.05
+            assert [lift.name for lift in states.lifts] == [LIFT, "goods"]
+
+    run_virtual(main)
+
+
+def test_a_lift_that_does_not_change_is_not_shown_again() -> None:
+    async def main() -> None:
+        held = IDLE.model_copy(update={"session": Held(face="api", name="amr-7", for_s=3.0)})
+        manager = Manager({LIFT: held})
+        async with client_of(manager) as client, client.states() as states:
+            await anext(states)
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(60):
+                    await anext(states)
+            assert states[LIFT].quality is Quality.LIVE
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("fails", ["up", "deaf"])
+@pytest.mark.parametrize("which", [None, LIFT])
+def test_a_lift_goes_offline_by_itself_once_nothing_was_heard_for_its_max_age(fails: str, which: str | None) -> None:
+    async def main() -> None:
+        manager = Manager({LIFT: OPEN})
+        async with client_of(manager) as client, client.states(which) as states:
+            assert (await first(states, Quality.LIVE)).robot_door is RobotDoor.OPEN
+            await elapse(7)
+            setattr(manager, fails, fails == "deaf")
+            gone_at = now()
+            gone = await first(states, Quality.OFFLINE)
+            # 0.1 s of it had passed when the manager read the lift
+            assert now() - gone_at <= 0.91
+            assert (gone.floor, gone.standing, gone.robot_door) == (None, False, RobotDoor.MOVING)
+            assert (gone.doors, gone.motion, gone.mode) == ({}, Motion.UNKNOWN, Mode.UNKNOWN)
+            assert "the manager has not been heard for" in gone.reason
+            await elapse(60)
+            age_s = states[LIFT].age_s
+            assert age_s is not None
+            assert age_s > 60
+            setattr(manager, fails, fails == "up")
+            assert (await first(states, Quality.LIVE)).robot_door is RobotDoor.OPEN
+
+    run_virtual(main)
+
+
+def test_answers_that_are_long_on_their_way_are_as_old_as_their_questions() -> None:
+    async def main() -> None:
+        manager = Manager({LIFT: OPEN}, late_s=0.95)
+        async with client_of(manager) as client, client.states() as states:
+            for _ in range(200):
+                await elapse(0.05)
+                assert all(lift.robot_door is RobotDoor.MOVING for lift in states.lifts)
+
+    run_virtual(main)
+
+
+def test_what_the_manager_will_not_tell_is_raised() -> None:
+    async def main() -> None:
+        manager = Manager(handlers={("GET", "/api/v1/lifts"): lambda _: no(401, "key_needed")})
+        async with client_of(manager) as client:
+            async with client.states() as states:
+                with pytest.raises(NotAllowed):
+                    await anext(states)
+            async with client.states("attic") as states:
+                with pytest.raises(NotFound):
+                    await anext(states)
+            async with client.states() as states:
+                with pytest.raises(KeyError):
+                    states["attic"]
+
+    run_virtual(main)
