@@ -13,6 +13,8 @@ from pathlib import Path
 from socket import socket
 from zoneinfo import ZoneInfo
 
+from fastapi import FastAPI
+
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.lines import Line
@@ -28,6 +30,7 @@ from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
 from lift_manager.config.tls import path_of, tls_cautions
+from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
@@ -36,10 +39,13 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.core.progress import patience_s
 from lift_manager.core.recording import LiftLog, RecordingBus
 from lift_manager.core.ticker import Ticker
+from lift_manager.domain.events import Event
 from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.journal import Row
 from lift_manager.domain.journal_rows import manager_ended, manager_started
 from lift_manager.domain.state import Quality
+from lift_manager.metrics.metrics import Metrics
+from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
 from lift_manager.web.app import make_app, running_version
@@ -78,6 +84,11 @@ class Building:
 
     manager: LiftManager
     links: tuple[Link, ...]
+    sources: SiteLinks
+    """What faces know of the links."""
+    metrics: Metrics
+    bus: Bus[Event]
+    """What the parts tell each other."""
 
 
 def over_network(folder: Path) -> Callable[[Controller], Wire]:
@@ -111,14 +122,17 @@ def build(
     bus = RecordingBus(journal)
     ticker = Ticker()
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
-    lifts = []
+    lifts, commands = [], {}
     for index, name in enumerate(loaded.site.lifts):
         log = LiftLog(name, journal, memory)
         driver = _driver(name, loaded, links, log)
         first_poll_s = loaded.poll_s(name) * index / len(loaded.site.lifts)
         options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
+        commands[name] = driver.capabilities.commands
         lifts.append(LiftTask(driver, options, bus, ticker, memory=memory, log=log, clock=clock))
-    return Building(LiftManager(lifts, bus, memory, journal), tuple(links.values()))
+    manager, sources = LiftManager(lifts, bus, memory, journal, clock), SiteLinks(links)
+    metrics = Metrics(manager, sources, commands, version=running_version())
+    return Building(manager, tuple(links.values()), sources, metrics, bus)
 
 
 def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_poll_s: float) -> LiftOptions:
@@ -176,7 +190,7 @@ async def run(
         async with asyncio.TaskGroup() as tasks:
             manager.note(_started(loaded))
             parts = [*(link.run() for link in building.links), *manager.drives(), manager.run()]
-            parts += [manager.remember(), manager.record(), remind(loaded)]
+            parts += [manager.remember(), manager.record(), building.metrics.run(), remind(loaded)]
             if keys is not None:
                 parts.append(keys.run(manager.note))
             if tls is not None:
@@ -185,7 +199,7 @@ async def run(
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            serving = tasks.create_task(guarded(serve(make_app(building.manager, keys), sock, tls=tls)))
+            serving = tasks.create_task(guarded(serve(_web(building, keys), sock, tls=tls)))
             limits = patience(loaded, building.links) if systemd.is_heard else {}
             alive = watch(systemd, limits, manager.polls, lambda: _status(manager))
             running.append(tasks.create_task(guarded(alive)))
@@ -280,6 +294,10 @@ def stop_on_signals(stop: asyncio.Event) -> None:
         # not every event loop has signal handlers; there Ctrl-C still raises KeyboardInterrupt
         with suppress(NotImplementedError):
             loop.add_signal_handler(number, stop.set)
+
+
+def _web(building: Building, keys: KeyFile | None) -> FastAPI:
+    return make_app(building.manager, keys, frames=building.sources, metrics=building.metrics.scrape)
 
 
 async def _let_go(manager: LiftManager) -> bool:

@@ -486,3 +486,31 @@ def test_what_is_seen_is_shown_as_it_is_and_the_rest_as_its_number() -> None:
     assert shown("\x00\x07\x7f\x9b\n\u2028\u202e\U000e0041\ud800") == (
         "\\u0000\\u0007\\u007f\\u009b\\u000a\\u2028\\u202e\\udb40\\udc41\\ud800"
     )
+
+
+def test_the_row_of_an_event_is_found_by_the_id_that_the_log_has(building: Building) -> None:
+    building.write((NOON, "alarm", "east wing", "", "the door is blocked"), data={"event": "mi9x1k2a-42", "n": 1})
+    building.write(
+        (NOON, "alarm", "east wing", "", 'no event: "event":"mi9x1k2a-42"'), data={"text": '"event":"mi9x1k2a-42"'}
+    )
+    building.write((NOON, "alarm", "east wing", "", "another"), data={"event": "mi9x1k2a-421"})
+    building.write((NOON, "alarm", "east wing", "", "from before such ids"))
+    assert numbers(building.audit("--event", "mi9x1k2a-42")) == [1]
+    assert building.audit("--event", "mi9x1k2a-42").rstrip().endswith("the door is blocked  [mi9x1k2a-42]")
+    assert building.audit("--event", "mi9x1k2a-4") == ""
+    (line,) = building.audit("--event", "mi9x1k2a-42", "--jsonl", "-").splitlines()
+    assert json.loads(line)["data"] == {"event": "mi9x1k2a-42", "n": 1}
+    assert "[" not in building.audit("--find", "from before")
+    assert "holds" in building.audit("--verify")
+
+
+def test_a_wide_terminal_has_a_column_of_events(building: Building) -> None:
+    building.write((NOON, "alarm", "east wing", "", "the door is blocked"), data={"event": "mi9x1k2a-42"})
+    building.end()
+    with open_journal(building.journal) as reader:
+        rows = list(reader.rows())
+    for width, there in ((140, True), (139, False)):
+        console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
+        Sheet(console, ZoneInfo("UTC"), rows, ()).show(rows)
+        assert isinstance(console.file, io.StringIO)
+        assert ("mi9x1k2a-42" in console.file.getvalue()) is there

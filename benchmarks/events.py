@@ -1,0 +1,270 @@
+"""What listeners cost: 500 event streams of 10 events a second each and 200 requests a second, while 100 lifts are polled ten times a second.
+
+    python benchmarks/events.py [--streams 500] [--rate 10] [--requests 200] [--lifts 100] [--seconds 10] [--loop uvloop asyncio]
+
+Three processes: the controllers, the manager with its web server, and the clients, on loopback. The lag of an event is from its
+publication in the manager until its bytes are with the client, by the one monotonic clock of the computer. It ends by itself after
+about 20 s for each loop, with 1 where the 99th percentile is not below 50 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import random
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import uvloop
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
+
+from benchmarks import common
+from lift_manager.app import Building
+from lift_manager.domain.events import StateChanged
+from lift_manager.web.app import make_app
+from lift_manager.web.server import listen, serve
+
+POLL_S = 0.1
+SETTLE_S = 3.0
+"""Streams open, caches fill."""
+WITHIN_S = 0.050
+"""What is asked of the 99th percentile."""
+CLIENTS = 20
+"""Connections over which requests are made."""
+LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
+    "uvloop": uvloop.new_event_loop,
+    "asyncio": asyncio.new_event_loop,
+}
+MARK = b"published at "
+ASK = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: lifts\r\n\r\n"
+LISTEN = b"GET /api/v1/events HTTP/1.1\r\nHost: lifts\r\n\r\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How much is asked for."""
+
+    streams: int
+    rate: float
+    """Events of one stream a second."""
+    requests: float
+    """A second, together."""
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What the clients saw."""
+
+    lags: list[float]
+    """Seconds from publication to receipt, of every event of every stream."""
+    lost: int
+    answers: list[float]
+    """Seconds from a request to the first byte of its answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What it took the manager."""
+
+    core: float
+    """CPU time over wall time."""
+    polls_per_s: float
+    events: int
+    """Published."""
+
+
+class Listener(asyncio.Protocol):
+    """One event stream: notes how old each event is when it comes, and keeps no more of it than that."""
+
+    def __init__(self, lags: list[float]) -> None:
+        self._lags = lags
+        self._rest = b""
+        self.lost = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Ask."""
+        transport.write(LISTEN)  # type: ignore[attr-defined]  # it is a transport for writing
+
+    def data_received(self, data: bytes) -> None:
+        """Take what came: whole events end with an empty line."""
+        now = time.monotonic()
+        *whole, self._rest = (self._rest + data).split(b"\n\n")
+        for event in whole:
+            self.lost += event.count(b"event: lost")
+            _, mark, published = event.partition(MARK)
+            if mark:
+                self._lags.append(now - float(published[: published.index(b" ")]))
+
+
+class Asker(asyncio.Protocol):
+    """One connection over which requests are made, one after the other."""
+
+    def __init__(self, answers: list[float]) -> None:
+        self._answers = answers
+        self._asked_at: float | None = None
+        self._counts = True
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the way to ask."""
+        self._transport = transport
+
+    def ask(self, lift: str) -> None:
+        """Ask for the state of a lift, unless an answer is awaited still."""
+        if self._asked_at is None:
+            self._asked_at = time.monotonic()
+            self._transport.write(ASK % lift.encode())  # type: ignore[attr-defined]  # it is a transport for writing
+
+    def forget(self) -> None:
+        """Do not count what was asked before this."""
+        self._counts = False
+
+    def data_received(self, data: bytes) -> None:
+        """Take an answer, which is one packet."""
+        if self._asked_at is not None and self._counts:
+            self._answers.append(time.monotonic() - self._asked_at)
+        self._asked_at, self._counts = None, True
+
+
+def _clients(port: int, lifts: list[str], plan: Plan, tell: Connection) -> None:
+    """The process of the clients: opens everything, settles, counts for so many seconds, tells."""
+    common.allow_files(plan.streams + CLIENTS)
+
+    async def play() -> Heard:
+        loop, lags, answers = asyncio.get_running_loop(), list[float](), list[float]()
+        dice = random.Random(1)
+        listeners = [
+            (await loop.create_connection(lambda: Listener(lags), "127.0.0.1", port))[1] for _ in range(plan.streams)
+        ]
+        askers = [(await loop.create_connection(lambda: Asker(answers), "127.0.0.1", port))[1] for _ in range(CLIENTS)]
+        tell.send("open")
+        begins = loop.time() + SETTLE_S
+        ends, due, number, counting = begins + plan.seconds, loop.time(), 0, False
+        while due < ends:
+            due += 1 / plan.requests
+            await asyncio.sleep(max(0.0, due - loop.time()))
+            askers[number % CLIENTS].ask(dice.choice(lifts))
+            number += 1
+            if not counting and loop.time() >= begins:
+                counting = True
+                lags.clear()
+                answers.clear()
+                for asker in askers:
+                    asker.forget()
+        return Heard(lags, sum(listener.lost for listener in listeners), answers)
+
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        tell.send(runner.run(play()))
+
+
+async def _publish(building: Building, rate: float, until: float) -> int:
+    """Let a lift change so many times a second; when that was is in the event."""
+    loop, manager = asyncio.get_running_loop(), building.manager
+    state = manager.state(manager.lift_names()[0])
+    if state is None:
+        raise SystemExit("the manager has no lift")
+    due, count = loop.time(), 0
+    while loop.time() < until:
+        due += 1 / rate
+        await asyncio.sleep(max(0.0, due - loop.time()))
+        now = time.monotonic()
+        building.bus.publish(StateChanged(state.lift, replace(state, reason=f"{MARK.decode()}{now:.6f} s")))
+        count += 1
+    return count
+
+
+async def measure(ports: list[int], plan: Plan, clients: Connection, port_of: Connection) -> Cost:
+    """Run the manager under load."""
+    loop, building = asyncio.get_running_loop(), common.building(ports, POLL_S)
+    sock = listen("127.0.0.1", 0)
+    async with asyncio.TaskGroup() as group:
+        works = [link.run() for link in building.links]
+        app = make_app(building.manager, streams=plan.streams)
+        works += [building.manager.run(), serve(app, sock, connections=plan.streams + 2 * CLIENTS)]
+        tasks = [group.create_task(work) for work in works]
+        port_of.send((sock.getsockname()[1], building.manager.lift_names()))
+        while not clients.poll():  # noqa: ASYNC110  a pipe from another process
+            await asyncio.sleep(0.05)
+        clients.recv()
+        await _publish(building, plan.rate, loop.time() + SETTLE_S)
+        began, cpu, polls = time.monotonic(), time.process_time(), sum(building.manager.polls().values())
+        events = await _publish(building, plan.rate, loop.time() + plan.seconds)
+        took, cpu = time.monotonic() - began, time.process_time() - cpu
+        polls = sum(building.manager.polls().values()) - polls
+        for task in tasks:
+            task.cancel()
+    return Cost(cpu / took, polls / took, events)
+
+
+def _manager(ports: list[int], plan: Plan, name: str, clients: Connection, tell: Connection) -> None:
+    """The process of the manager."""
+    common.allow_files(len(ports) + plan.streams + 2 * CLIENTS)
+    with asyncio.Runner(loop_factory=LOOPS[name]) as runner:
+        tell.send(runner.run(measure(ports, plan, clients, tell)))
+
+
+def round_of(ports: list[int], plan: Plan, name: str) -> tuple[Cost, Heard]:
+    """Run a manager and its clients, each in a process of its own."""
+    manager_tells, manager = common.FORK.Pipe(duplex=False)
+    clients_tell, clients = common.FORK.Pipe(duplex=False)
+    opened, open_ = common.FORK.Pipe(duplex=False)
+    serving = common.FORK.Process(target=_manager, args=(ports, plan, name, opened, manager), daemon=True)
+    serving.start()
+    port, lifts = manager_tells.recv()
+    asking = common.FORK.Process(target=_clients, args=(port, list(lifts), plan, clients), daemon=True)
+    asking.start()
+    try:
+        open_.send(clients_tell.recv())
+        heard: Heard = clients_tell.recv()
+        cost: Cost = manager_tells.recv()
+    finally:
+        for process in (asking, serving):
+            process.terminate()
+            process.join()
+    return cost, heard
+
+
+def show(name: str, cost: Cost, heard: Heard, plan: Plan) -> bool:
+    """Print one round; returns whether the lag is what is asked for."""
+    lags, answers = (statistics.quantiles(found, n=100) for found in (heard.lags, heard.answers))
+    print(
+        f"{name:<9}{cost.polls_per_s:>9.0f}{len(heard.lags) / plan.seconds:>10.0f}{lags[49] * 1e3:>9.1f} ms{lags[98] * 1e3:>7.1f} ms"
+        f"{max(heard.lags) * 1e3:>7.1f} ms{len(heard.answers) / plan.seconds:>10.0f}{answers[49] * 1e3:>9.1f} ms{answers[98] * 1e3:>7.1f} ms"
+        f"{cost.core:>8.1%}{heard.lost:>6}{os.getloadavg()[0]:>7.1f}",
+        flush=True,
+    )
+    return lags[98] < WITHIN_S
+
+
+def main() -> None:
+    """Start the controllers, measure on each loop, print, end."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--streams", type=int, default=500)
+    parser.add_argument("--rate", type=float, default=10.0, help="events a second of each stream")
+    parser.add_argument("--requests", type=float, default=200.0, help="a second, together")
+    parser.add_argument("--lifts", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=10.0, help="measured in each round")
+    parser.add_argument("--loop", choices=sorted(LOOPS), nargs="+", default=["uvloop", "asyncio"])
+    chosen = parser.parse_args()
+    plan = Plan(chosen.streams, chosen.rate, chosen.requests, chosen.seconds)
+    common.allow_files(2 * chosen.lifts)
+    print(
+        f"{'loop':<9}{'polls/s':>9}{'events/s':>10}{'lag p50':>12}{'p99':>10}{'max':>10}{'answers/s':>10}{'p50':>12}{'p99':>10}"
+        f"{'core':>8}{'lost':>6}{'load':>7}",
+        flush=True,
+    )
+    with common.controllers(chosen.lifts, 5, None) as ports:
+        good = [show(name, *round_of(ports, plan, name), plan) for name in chosen.loop]
+    if not all(good):
+        raise SystemExit(f"the 99th percentile of the lag is not below {WITHIN_S * 1e3:.0f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""What happened, counted as it happens: from the events of the manager."""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from re import sub
+from typing import get_args
+
+from lift_manager.domain.events import (
+    Alarm,
+    CommandEnded,
+    Event,
+    RideChanged,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+)
+from lift_manager.domain.outcomes import UNCONFIRMED, Reason, reason_of
+from lift_manager.domain.ride import OVER, Ride
+from lift_manager.metrics.exposition import Family, Kind, labelled
+
+RIDES = 1000
+"""Rides that are over and remembered, so that none is counted twice. Chosen: more than end while anybody still speaks of one."""
+_EVENTS = {kind: sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower() for kind in get_args(Event)}
+"""What each kind of event is called: `session_opened`."""
+
+
+@dataclass(slots=True)
+class _Tally:
+    """Counts by labels."""
+
+    name: str
+    text: str
+    labels: tuple[str, ...]
+    counts: Counter[tuple[str, ...]] = field(default_factory=Counter)
+
+    def family(self) -> Family:
+        family = Family(self.name, Kind.COUNTER, self.text)
+        for words, count in self.counts.items():
+            family.add(labelled(**dict(zip(self.labels, words, strict=True))), count)
+        return family
+
+
+class EventCounts:
+    """Counts events by what they say in closed words: never by holder, session, ride or text."""
+
+    def __init__(self, commands: Mapping[str, Iterable[str]]) -> None:
+        """`commands` are those that each lift can be given: their counts begin at 0, so that the first of something is seen as a rise."""
+        self._events = _Tally("lift_manager_events_total", "Events published.", ("event",))
+        self._commands = _Tally(
+            "lift_manager_commands_total",
+            "Commands by what became of them.",
+            ("lift", "command", "result", "reason"),
+        )
+        self._opened = _Tally("lift_manager_sessions_opened_total", "Sessions that began.", ("lift", "face"))
+        self._ended = _Tally(
+            "lift_manager_sessions_ended_total", "Sessions that are over, by why.", ("lift", "face", "reason")
+        )
+        self._rides = _Tally("lift_manager_rides_ended_total", "Rides that are over, by how.", ("lift", "end"))
+        self._alarms = _Tally("lift_manager_alarms_total", "Things that a person should know of.", ("lift",))
+        self._over: OrderedDict[str, None] = OrderedDict()
+        self._events.counts.update({(word,): 0 for word in _EVENTS.values()})
+        for lift, names in commands.items():
+            self._alarms.counts[lift,] = 0
+            self._rides.counts.update({(lift, phase.value): 0 for phase in OVER})
+            self._commands.counts.update({(lift, name, UNCONFIRMED, Reason.NO_EVIDENCE.value): 0 for name in names})
+
+    def hear(self, event: Event) -> None:
+        """Count one event."""
+        self._events.counts[_EVENTS[type(event)],] += 1
+        match event:
+            case CommandEnded(lift, outcome):
+                self._commands.counts[lift, outcome.command.name, outcome.result.value, reason_of(outcome).value] += 1
+            case SessionOpened(lift, holder) | SessionRestored(lift, holder):
+                self._opened.counts[lift, holder.face] += 1
+            case SessionEnded(lift, holder, reason):
+                self._ended.counts[lift, holder.face, reason.value] += 1
+            case RideChanged(lift, ride):
+                self._ride(lift, ride)
+            case Alarm(lift):
+                self._alarms.counts[lift,] += 1
+            case _:
+                pass
+
+    def families(self) -> Iterator[Family]:
+        """Yield what was counted."""
+        for tally in (self._events, self._commands, self._opened, self._ended, self._rides, self._alarms):
+            yield tally.family()
+
+    def _ride(self, lift: str, ride: Ride) -> None:
+        """Count the end of a ride once: what changes of it afterwards is heard as well."""
+        if ride.phase not in OVER or ride.id in self._over:
+            return
+        self._over[ride.id] = None
+        if len(self._over) > RIDES:
+            self._over.popitem(last=False)
+        self._rides.counts[lift, ride.phase.value] += 1

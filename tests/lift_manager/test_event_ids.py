@@ -1,0 +1,70 @@
+"""One id for one event: in the log, in the journal on the disk, and in the event stream."""
+
+import asyncio
+import json
+import logging
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from fastapi import FastAPI
+
+from lift_manager.app import Building, build
+from lift_manager.cli.logs import JsonFormatter
+from lift_manager.config.load import load_site
+from lift_manager.core.journal import Journal
+from lift_manager.domain.keys import KeyRing
+from lift_manager.store.journal.read import Wanted, event_of, open_journal
+from lift_manager.store.journal.writer import opened_journal
+from lift_manager.web.events.routes import events_router
+from tests.lift_manager.web.fake import serving
+from tests.lift_manager.web.listening import Message, listening
+
+SITE = {
+    "schema": 1,
+    "name": "one id",
+    # nobody answers there: what people say needs no controller
+    "controllers": {"plc": {"host": "127.0.0.1", "port": 1, "map": "generic-registers"}},
+    "lifts": {"goods": {"controller": "plc", "floors": {"L1": 1, "L2": 2}}},
+}
+
+
+def of_site(folder: Path, journal: Journal) -> Building:
+    file = folder / "site.yaml"
+    file.write_text(json.dumps(SITE), "utf-8")  # JSON is YAML
+    return build(load_site(file), journal=journal)
+
+
+def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "one.journal.db"
+
+    async def main() -> list[Message]:
+        journal = opened_journal(path, "one id", keep_days=10, max_mb=10)
+        manager = of_site(tmp_path, journal).manager
+        recording = asyncio.ensure_future(manager.record())
+        app = FastAPI()
+        app.include_router(events_router(manager, None, KeyRing(), 10))
+        async with serving(app) as port, listening(port) as stream:
+            await stream.begin()
+            await stream.take(1)
+            manager.lock_out("goods", "A. Beck", "new ropes")
+            manager.end_lockout("goods", "A. Beck")
+            found = await stream.take(4)
+        await manager.settled()
+        recording.cancel()
+        await asyncio.gather(recording, return_exceptions=True)
+        return found
+
+    with caplog.at_level(logging.INFO):
+        heard = asyncio.run(main())
+    told = {message.data["what"]: message.id for message in heard if message.event == "person"}
+    assert set(told) == {"locked_out", "lockout_over"}
+    logged = [json.loads(JsonFormatter().format(record)) for record in caplog.records]
+    assert [line["event"] for line in logged if "event" in line] == list(told.values())
+    assert {line["lift"] for line in logged if "event" in line} == {"goods"}
+    with closing(open_journal(path)) as reader:
+        rows = [row for row in reader.rows() if event_of(row)]
+        assert [event_of(row) for row in rows] == list(told.values())
+        for what, event in told.items():
+            (row,) = reader.rows(Wanted(event=event))
+            assert json.loads(row.data)["said"] == {"locked_out": "lockout", "lockout_over": "lockout_end"}[what]

@@ -1,0 +1,122 @@
+"""What dashboard and alert rules ask for is what a manager exports."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from drivers.model import Command, CommandKind, Outcome, Result
+from lift_manager.domain.events import CommandEnded, SessionEnded, SessionOpened
+from lift_manager.domain.service import EndReason
+from lift_manager.domain.state import Holder
+from tests.lift_manager.metrics.measured import FakeManager, Rig, measured
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+DASHBOARD = json.loads((DEPLOY / "grafana/lift-manager.json").read_text("utf-8"))
+ALERTS = yaml.safe_load((DEPLOY / "prometheus/alerts.yml").read_text("utf-8"))
+RULES = [rule for group in ALERTS["groups"] for rule in group["rules"]]
+OF_PROMETHEUS = {"instance", "job", "le"}
+"""Labels that every series has, or every histogram."""
+FUNCTIONS = {
+    *("sum", "by", "count", "vector", "rate", "increase", "histogram_quantile", "max_over_time", "label_values"),
+    *("and", "or"),
+}
+_MATCHERS = re.compile(r"([a-z_]\w*)\s*\{([^}]*)\}")
+_BY = re.compile(r"\bby \(([^)]*)\)")
+_WORDS = re.compile(r"[a-zA-Z_]\w*")
+_STRINGS = re.compile(r'"[^"]*"')
+_RANGES = re.compile(r"\[[^\]]*\]")
+
+
+def exported() -> dict[str, set[str]]:
+    """Every sample that a manager exports, with its labels."""
+    found: dict[str, set[str]] = {"up": set()}
+    robot = Holder("api", "robot")
+
+    async def check(rig: Rig) -> None:
+        rig.manager.publish(
+            SessionOpened("lift", robot, "L1"),
+            SessionEnded("lift", robot, EndReason.LEASE, "", None),
+            CommandEnded("lift", Outcome(Command(CommandKind.GO_TO, "L1"), Result.REJECTED)),
+        )
+        for name, of_name in (await rig.read()).items():
+            found[name] = {label for labels in of_name for label, _ in labels}
+
+    measured(check, FakeManager(refused={("lift", "held"): 1}))
+    return found
+
+
+EXPORTED = exported()
+
+
+def asked() -> Iterator[tuple[str, str]]:
+    """Yield every expression, with where it stands."""
+    for rule in RULES:
+        yield rule["alert"], rule["expr"]
+    for panel in DASHBOARD["panels"]:
+        for target in panel.get("targets", ()):
+            yield panel["title"], target["expr"]
+    for variable in DASHBOARD["templating"]["list"]:
+        if variable["type"] == "query":
+            query = variable["query"]["query"]
+            yield f"variable {variable['name']}", re.sub(r", \w+\)$", ")", query)
+
+
+@pytest.mark.parametrize(("where", "expression"), list(asked()))
+def test_every_metric_and_every_label_that_is_asked_for_is_exported(where: str, expression: str) -> None:
+    labels = {label for group in _BY.findall(expression) for label in _WORDS.findall(group)}
+    metrics: set[str] = set()
+    for metric, matchers in _MATCHERS.findall(expression):
+        assert metric in EXPORTED, where
+        told = set(re.findall(r"(\w+)\s*[=!]~?", matchers))
+        assert told <= EXPORTED[metric] | OF_PROMETHEUS, where
+    bare = _RANGES.sub("", _STRINGS.sub("", _BY.sub("", re.sub(r"\{[^}]*\}", "", expression))))
+    metrics = set(_WORDS.findall(bare)) - FUNCTIONS
+    assert metrics, where
+    assert metrics <= EXPORTED.keys(), where
+    assert labels <= {label for metric in metrics for label in EXPORTED[metric]} | OF_PROMETHEUS, where
+
+
+def test_a_name_that_nobody_exports_is_found() -> None:
+    with pytest.raises(AssertionError):
+        test_every_metric_and_every_label_that_is_asked_for_is_exported("here", "lift_manager_lift_lives == 0")
+    with pytest.raises(AssertionError):
+        test_every_metric_and_every_label_that_is_asked_for_is_exported(
+            "here", 'lift_manager_lift_live{floor="L1"} == 0'
+        )
+    with pytest.raises(AssertionError):
+        test_every_metric_and_every_label_that_is_asked_for_is_exported(
+            "here", "sum by (door) (lift_manager_lift_live)"
+        )
+
+
+@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule["alert"])
+def test_every_alert_says_what_is_wrong_and_what_to_do(rule: dict[str, Any]) -> None:
+    said = rule["annotations"]
+    assert set(rule["labels"]) == {"severity"}
+    assert rule["labels"]["severity"] in {"info", "warning", "critical"}
+    assert len(said["summary"]) < 120
+    assert len(said["description"]) > 60
+    kept = {label for group in _BY.findall(rule["expr"]) for label in _WORDS.findall(group)}
+    for label in re.findall(r"\$labels\.(\w+)", said["summary"] + said["description"]):
+        metrics = set(_WORDS.findall(re.sub(r"\{[^}]*\}", "", rule["expr"]))) & EXPORTED.keys()
+        assert label in kept or (not kept and any(label in EXPORTED[name] | OF_PROMETHEUS for name in metrics))
+
+
+def test_the_dashboard_can_be_imported_anywhere() -> None:
+    assert [asked["pluginId"] for asked in DASHBOARD["__inputs"]] == ["prometheus"]
+    sources = [panel["datasource"]["uid"] for panel in DASHBOARD["panels"] if panel["type"] != "row"]
+    assert set(sources) == {"${datasource}"}
+    ids = [panel["id"] for panel in DASHBOARD["panels"]]
+    assert len(ids) == len(set(ids))
+
+
+def test_the_example_scrapes_the_job_that_the_alerts_ask_for() -> None:
+    (job,) = yaml.safe_load((DEPLOY / "prometheus/scrape.yml").read_text("utf-8"))
+    assert job["job_name"] == "lift-manager"
+    assert any(f'job="{job["job_name"]}"' in rule["expr"] for rule in RULES)
+    assert job["authorization"] == {"type": "Bearer", "credentials_file": "/etc/prometheus/lift-manager.key"}
