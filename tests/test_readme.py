@@ -5,6 +5,8 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -69,7 +71,7 @@ def test_every_command_of_the_readme_is_run_by_some_test() -> None:
     run_here = [*commands("./scripts/demo"), *commands("curl "), *commands(".venv/bin/lift-manager ")]
     run_by_test_scripts = ["./scripts/test"]
     assert sorted(COMMANDS) == sorted([*run_here, *run_by_test_scripts])
-    assert [len(commands(start)) for start in ("./scripts/demo", "curl ", ".venv/bin/lift-manager ")] == [1, 3, 4]
+    assert [len(commands(start)) for start in ("./scripts/demo", "curl ", ".venv/bin/lift-manager ")] == [1, 3, 5]
 
 
 @pytest.mark.external("curl")
@@ -85,11 +87,18 @@ def test_the_curl_lines_of_the_readme_and_of_the_demos_guide_make_the_ride_that_
     ride_by(call, look, release)
     assert f"http://127.0.0.1:{DEMO_PORT}/docs" in README
     assert b"<title>" in shell(f"curl http://{address}/docs")
+    ride = commands(".venv/bin/lift-manager ride ")[0]
+    ridden = shell(f"{with_interpreter(ride)} --manager http://{address}").decode()
+    assert ridden.index("enter") < ridden.index("stay") < ridden.index("leave")
+    three_lines = textwrap.indent(blocks("python")[0].replace("Client()", f"Client('http://{address}')"), "    ")
+    program = f"import asyncio\nfrom lift_manager.client import LiftManagerClient\nasync def main():\n{three_lines}\nasyncio.run(main())"
+    looked = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=20)
+    assert [line.split()[0] for line in looked.stdout.splitlines()] == ["lift", "tower", "goods"]
 
 
 @pytest.mark.external("curl")
 def test_the_readmes_lift_of_its_own_is_simulated_checked_and_served(start: Started, tmp_path: Path) -> None:
-    simulate, check, serve, _ = commands(".venv/bin/lift-manager ")
+    simulate, check, serve, _, _ = commands(".venv/bin/lift-manager ")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     site, port = tmp_path / "examples" / "first-site.yaml", str(free_port())
     for known in (simulate, site.read_text("utf-8")):

@@ -1,4 +1,9 @@
-"""What the event stream says. Each event has an id, a name (`event:` of the stream) and one of these objects as its data."""
+"""What the event stream says. Each event has an id, a name (`event:` of the stream) and one of these objects as its data.
+
+An event tells when to ask. What a robot acts on is the answer of GET, or an event whose age plus the time since it was received is
+within the lift's `max_age_s`; one that waited, on the way or behind a broken connection, may be of another moment. An event that is
+older than that when it is handed out invites nobody: a state is offline, and `enter` and `leave` are `wait` and `stay`.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +31,7 @@ class StateEvent(Answer):
     """What a lift publishes has changed in more than its age.
 
     Its ages are right within 0.25 s when it is handed to the connection; what was received is as old as that and the time since.
+    One that is older than the lift's `max_age_s` by then says `offline`, whatever the lift was.
     """
 
     event: Literal["state"] = "state"
@@ -80,10 +86,17 @@ class RequestEvent(Answer):
 
 
 class RideEvent(Answer):
-    """A ride has changed."""
+    """A ride has changed.
+
+    One that is older than the lift's `max_age_s` when it is handed to the connection says `wait` for `enter` and `stay` for `leave`, and
+    its reason says so.
+    """
 
     event: Literal["ride"] = "ride"
     ride: Ride
+    age_s: float = Field(
+        default=0.0, description="Seconds since it was published, within 0.25 s, when it is handed to the connection."
+    )
 
 
 class AlarmEvent(Answer):

@@ -57,7 +57,7 @@ class RideRequest(Part):
 class CancelRequest(Part):
     """The ride is not wanted any more."""
 
-    reason: Words = Field(default="cancelled", examples=["the order was withdrawn"])
+    reason: Words = Field(default="no reason given", examples=["the order was withdrawn"])
 
 
 class Ride(Answer):

@@ -35,7 +35,8 @@ IdempotencyKey = Annotated[
     Token | None,
     Field(
         default=None,
-        description="Made up by the caller, one for each wish: the same one again gives the same answer and begins nothing.",
+        description="Made up by the caller, one for each wish: the same one again gives the same answer and begins nothing;"
+        " with another wish it is refused (`key_reused`). A caller without a key of the site has to name its `robot` with it.",
         examples=["3f1c9a"],
     ),
 ]
@@ -62,7 +63,13 @@ class OpenSessionRequest(Part):
 class RenewRequest(Part):
     """The lease begins anew."""
 
-    ttl_s: Ttl
+    ttl_s: float | None = Field(
+        default=None,
+        ge=1.0,
+        le=86400.0,
+        description="Another length of the lease in seconds, at most the site's `lease_s`; left out, it stays as long as it was.",
+        examples=[60.0],
+    )
 
 
 class CloseRequest(Part):

@@ -57,10 +57,9 @@ async def _print(states: States, *, as_json: bool) -> None:
     silent = False
     async for lift in states:
         say([lift.model_dump_json() if as_json else _line(lift)])
-        unheard = lift.quality is Quality.OFFLINE and "has not been heard" in lift.reason
-        if unheard and not silent:
+        if not silent and not states.heard(lift.name):
             say_aside("the manager is not heard; this goes on by itself once it is")
-        silent = unheard
+        silent = not states.heard(lift.name)
         await asyncio.sleep(0)
 
 
@@ -80,7 +79,7 @@ def _plain(text: str) -> str:
 
 def _cells(lift: Lift) -> tuple[str, ...]:
     age = "-" if lift.age_s is None else f"{lift.age_s:.1f} s"
-    held = "-" if lift.session is None else f"{lift.session.face}:{lift.session.name}"
+    held = "-" if lift.session is None else _who(lift.session.face, lift.session.name)
     if lift.quality is Quality.OFFLINE:
         return lift.name, "-", "-", "-", "offline", held, age, _note(lift)
     doors = ", ".join(f"{side} {door}" for side, door in lift.doors.items()) or "-"
@@ -93,11 +92,21 @@ def _note(lift: Lift) -> str:
         lift.reason,
         "a fire has yet to be acknowledged" if told.fire_latched else "",
         told.lockout,
-        f"a robot of {told.maybe_occupied_by} may be in the car" if told.maybe_occupied_by else "",
+        f"robot {_who(*_parted(told.maybe_occupied_by))} may be in the car" if told.maybe_occupied_by else "",
         told.waiting_for,
         f"{lift.waiting} waiting" if lift.waiting else "",
     ]
     return "; ".join(note for note in notes if note)
+
+
+def _who(face: str, name: str) -> str:
+    return name if name == face else f"{name} ({face})"
+
+
+def _parted(holder: str) -> tuple[str, str]:
+    """Return face and name of `face:name`; who has but one name is called by it."""
+    face, _, name = holder.partition(":")
+    return face, name or face
 
 
 def _line(lift: Lift) -> str:

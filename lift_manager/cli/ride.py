@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 import typer
 
 from lift_manager.cli.common import say, say_aside
+from lift_manager.cli.keyboard import Answer, pressed
 from lift_manager.cli.secured import Ca, Certificate, CertificateKey
 from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
 from lift_manager.client.client import LiftManagerClient
-from lift_manager.client.errors import Refused
+from lift_manager.client.errors import Refused, Unreachable
+from lift_manager.client.paths import API, ride_path
 from lift_manager.client.ride import RideInHand
 from lift_manager.client.ride_step import Step
 from lift_manager.domain.ride import Guidance, Phase
@@ -22,7 +30,15 @@ PROMPTS = {
     Guidance.LEAVE: "press ENTER once the robot is outside",
 }
 END_WITHIN_S = 120.0
-"""Chosen: so long Ctrl-C waits for a robot that may be inside to be let out; a second one ends it at once."""
+"""Chosen: so long a cancelled ride is waited for, while a robot that may be inside is let out."""
+AGAIN_S = 1.0
+"""Chosen: between two tries to cancel a ride while no manager answers."""
+SIGNALS: dict[int, str] = {
+    getattr(signal, name): told
+    for name, told in (("SIGINT", "Ctrl-C"), ("SIGTERM", "SIGTERM"), ("SIGHUP", "SIGHUP: the terminal was closed"))
+    if hasattr(signal, name)
+}
+"""What ends a ride safely, as people know it. Windows has no SIGHUP."""
 
 
 def ride(  # noqa: PLR0913  each is an option of the command line
@@ -42,85 +58,177 @@ def ride(  # noqa: PLR0913  each is an option of the command line
 ) -> None:
     """Ride as a robot would: print what it is to do, and say its words. Ctrl-C cancels, and waits until the robot is let out.
 
-    Exit codes: 0 the robot is there; 1 no manager, or it said no; 3 the ride was cancelled; 4 it was given up.
+    SIGTERM, SIGHUP and Ctrl-D do the same; any of them a second time ends it at once, and the ride goes on.
+
+    Exit codes: 0 the robot is there; 1 no manager, or it said no; 3 the ride was cancelled; 4 it was given up; 5 the ride goes on.
     """
-    if not yes and not sys.stdin.isatty():
+    if not yes and (sys.platform == "win32" or not sys.stdin.isatty()):
         raise typer.BadParameter("without a terminal nobody can say that the robot is inside", param_hint="--yes")
     to = Speaker(manager, key_file, ca, certificate, certificate_key)
-    rider = _Rider(says_by_itself=yes)
+    rider = Rider(None if yes else sys.stdin.fileno())
     last = to.ask(lambda client: rider.ride(client, lift, start, destination, robot))
-    if last is None or last.ride.phase is Phase.CANCELLED:
+    if last is None or not last.over:
+        raise typer.Exit(5)
+    if last.ride.phase is Phase.CANCELLED:
         raise typer.Exit(3)
     if last.guidance is not Guidance.DONE:
         raise typer.Exit(4)
 
 
-class _Rider:
-    def __init__(self, *, says_by_itself: bool) -> None:
-        self._by_itself = says_by_itself
+class Rider:
+    """Goes through one ride, once."""
+
+    def __init__(self, terminal: int | None) -> None:
+        """`terminal` is where a person says that the robot is inside and outside; without one both are said as soon as they are due."""
+        self._terminal = terminal
+        self._id = ""
         self._last: Step | None = None
+        self._why = ""
+        self._stop, self._at_once = asyncio.Event(), asyncio.Event()
+
+    def stop(self, why: str) -> None:
+        """Cancel the ride and see its end; the second time, end at once."""
+        if self._stop.is_set():
+            self._at_once.set()
+        self._why = self._why or why
+        self._stop.set()
 
     async def ride(self, client: LiftManagerClient, lift: str, start: str, destination: str, robot: str) -> Step | None:
-        async with client.ride(lift, start, destination, robot=robot) as ride:
-            try:
-                await self._go(ride)
-            except asyncio.CancelledError:
-                # Ctrl-C: whoever is inside is let out, and the end is seen
-                if (task := asyncio.current_task()) is not None:
-                    task.uncancel()
-                say_aside("cancelled; waiting for the end, press Ctrl-C again not to")
-                await ride.cancel("Ctrl-C")
-                await self._end(ride)
+        """Return the last step that was seen; it is not over where the ride goes on, and None where nothing is known of it."""
+        with _told_by_signals(self.stop):
+            if not await _unless(self._at_once, self._ride(client, lift, start, destination, robot)):
+                self._leave_behind(client, "ended at once")
         return self._last
 
+    async def _ride(self, client: LiftManagerClient, lift: str, start: str, destination: str, robot: str) -> None:
+        async with client.ride(lift, start, destination, robot=robot) as ride:
+            self._id = ride.id
+            if await _unless(self._stop, self._go(ride)):
+                return
+            self._tell(say_aside, f"cancelled ({self._why}); waiting for the end, once more does not wait")
+            try:
+                async with asyncio.timeout(END_WITHIN_S):
+                    await self._end(ride)
+            except TimeoutError:
+                self._leave_behind(client, f"the ride has not ended within {END_WITHIN_S:g} s")
+
     async def _end(self, ride: RideInHand) -> None:
-        try:
-            async with asyncio.timeout(END_WITHIN_S):
-                await self._go(ride)
-        except TimeoutError:
-            say_aside(
-                f"the ride has not ended within {END_WITHIN_S:g} s; `lift-manager lifts` shows who holds the lift"
-            )
+        """Have whoever is inside let out, and see the end of it."""
+        before = self._last
+        while not ride.over:
+            try:
+                await ride.cancel(self._why)
+                break
+            except Unreachable as error:
+                self._tell(say_aside, f"{error}; it is tried again")
+                await asyncio.sleep(AGAIN_S)
+        if before is not None and before.ride.phase is ride.now.ride.phase:
+            # it was being let out already, and the question was cut short
+            await self._act(ride, ride.now)
+        await self._go(ride)
 
     async def _go(self, ride: RideInHand) -> None:
         async for step in ride:
-            self._last = step
-            say([_line(step)])
-            word = {Guidance.ENTER: ride.entered, Guidance.LEAVE: ride.left}.get(step.guidance)
-            if word is None:
-                continue
-            if not self._by_itself:
-                say_aside(PROMPTS[step.guidance])
-                if not await _pressed(ride, step.guidance):
-                    continue
+            await self._act(ride, step)
+
+    async def _act(self, ride: RideInHand, step: Step) -> None:
+        self._last = step
+        self._tell(_say_line, _line(step))
+        word = {Guidance.ENTER: ride.entered, Guidance.LEAVE: ride.left}.get(step.guidance)
+        if word is None:
+            return
+        if self._terminal is not None and not await self._pressed(ride, step.guidance, self._terminal):
+            return
+        try:
+            await word()
+        except Refused as error:
+            self._tell(say_aside, str(error))
+
+    async def _pressed(self, ride: RideInHand, guidance: Guidance, terminal: int) -> bool:
+        answer = await pressed(PROMPTS[guidance], lambda: ride.now.guidance is guidance, terminal)
+        if answer is Answer.WITHDRAWN:
+            self._tell(
+                say_aside, f"the robot is not to {guidance} at the moment; ENTER says nothing until you are asked again"
+            )
+        elif answer is Answer.ENDED:
+            self.stop("nobody can press ENTER any more")
+        return answer is Answer.PRESSED
+
+    def _leave_behind(self, client: LiftManagerClient, why: str) -> None:
+        if not self._id:
+            text = f"{why}; a ride may have begun: `curl {client.url}{API}/rides` shows it"
+        else:
+            ride = f"curl -X POST {client.url}{ride_path(self._id)}"
+            text = (
+                f"{why}; the manager goes on with ride {self._id}: `{ride}/cancel` cancels it, and `{ride}/left` says that the"
+                " robot is outside"
+            )
+        self._tell(say_aside, text)
+
+    def _tell(self, how: Callable[[str], None], text: str) -> None:
+        try:
+            how(text)
+        except OSError:
+            # a closed terminal: nobody reads this, and the robot is let out all the same
+            _into_nothing()
+            if not self._stop.is_set():
+                self.stop("nobody reads what is said")
+
+
+def _into_nothing() -> None:
+    """Let what cannot be printed go nowhere: it would be tried again when the program ends, and fail it."""
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+        for stream in (sys.stdout, sys.stderr):
             try:
-                await word()
-            except Refused as error:
-                say_aside(str(error))
+                stream.flush()
+            except OSError:
+                os.dup2(nowhere.fileno(), stream.fileno())
 
 
-async def _pressed(ride: RideInHand, guidance: Guidance) -> bool:
-    """Wait for ENTER for as long as the guidance stands; return whether it came."""
-    loop = asyncio.get_running_loop()
-    came = asyncio.Event()
-    loop.add_reader(sys.stdin, came.set)
+async def _unless(ends: asyncio.Event, work: Coroutine[None, None, None]) -> bool:
+    """Work until the end, or until something else ends it; return whether it came to its end."""
+    working, ending = asyncio.create_task(work), asyncio.create_task(ends.wait())
     try:
-        while ride.now.guidance is guidance:
-            try:
-                async with asyncio.timeout(0.2):
-                    await came.wait()
-            except TimeoutError:
-                continue
-            sys.stdin.readline()
-            return True
-        return False
+        await asyncio.wait((working, ending), return_when=asyncio.FIRST_COMPLETED)
     finally:
-        loop.remove_reader(sys.stdin)
+        came_to_its_end = working.done()
+        for task in (working, ending):
+            while not task.done():
+                # again and again: a ride that is left is cancelled at the manager, which may take its time
+                task.cancel()
+                await asyncio.sleep(0)
+    if not working.cancelled():
+        working.result()
+    return came_to_its_end
+
+
+@contextmanager
+def _told_by_signals(stop: Callable[[str], None]) -> Iterator[None]:
+    """Have signals call this, but those that whoever started the program wants ignored (`nohup`)."""
+    loop = asyncio.get_running_loop()
+
+    def heard(number: int, _: FrameType | None) -> None:
+        loop.call_soon_threadsafe(stop, SIGNALS[number])
+
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    taken = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+    try:
+        for number in taken:
+            signal.signal(number, heard)
+        yield
+    finally:
+        for number, handler in taken.items():
+            signal.signal(number, handler)
+
+
+def _say_line(text: str) -> None:
+    say([text])
 
 
 def _line(step: Step) -> str:
     ride = step.ride
     where = f"{ride.lift} {ride.from_} -> {ride.to}"
     ahead = f" ({ride.ahead} ahead)" if ride.ahead else ""
-    parts = [f"{where}: {step.guidance}{ahead}", step.reason, "" if step.advice is None else f"advice: {step.advice}"]
+    word = ride.phase if ride.phase is Phase.CANCELLED else step.guidance
+    parts = [f"{where}: {word}{ahead}", step.reason, "" if step.advice is None else f"advice: {step.advice}"]
     return "; ".join(part for part in parts if part)

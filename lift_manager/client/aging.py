@@ -19,8 +19,8 @@ def age_s(told_s: float | None, asked_at: float, now: float) -> float | None:
 
 
 def is_too_old(age: float | None, max_age_s: float) -> bool:
-    """Whether nothing may be concluded from it any more."""
-    return age is None or age > max_age_s
+    """Whether nothing may be concluded from it any more. What is no number (NaN) is never fresh."""
+    return age is None or not age <= max_age_s
 
 
 def ask_again_s(max_age_s: float) -> float:

@@ -76,6 +76,7 @@ class Http:
         self._within_s = within_s
         secret = key.reveal() if isinstance(key, Secret) else key
         headers = {"accept": "application/json, application/problem+json"}
+        self.has_key = secret is not None
         if secret is not None:
             headers["authorization"] = f"Bearer {secret}"
         try:

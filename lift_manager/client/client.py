@@ -58,8 +58,8 @@ class Readiness(Answer):
 class LiftManagerClient:
     """A running manager. `async with` opens and closes the connections; one client serves any number of tasks of one event loop.
 
-    Every method raises ClientError. What begins something carries an idempotency key of its own and is sent once more where nothing came
-    back; so are reads and releases. Nothing else is ever sent twice.
+    Every method raises ClientError. What begins something carries an idempotency key of its own, unless the caller has neither a key nor
+    a robot's name, and is sent once more where nothing came back; so are reads and releases. Nothing else is ever sent twice.
     """
 
     def __init__(
@@ -129,8 +129,9 @@ class LiftManagerClient:
         self, lift: str, *, robot: str | None = None, ttl_s: float | None = None, key: str | None = None
     ) -> Session:
         """Take the lift for oneself; nothing is called by it."""
-        body = {"robot": robot, "ttl_s": ttl_s, "idempotency_key": key or new_key()}
-        return await self._post(lift_path(lift, "sessions"), body, Session, repeat=True)
+        key = key or self._new_key(robot)
+        body = {"robot": robot, "ttl_s": ttl_s, "idempotency_key": key}
+        return await self._post(lift_path(lift, "sessions"), body, Session, repeat=key is not None)
 
     async def get_session(self, lift: str, session: str) -> Session:
         """A session of one's own."""
@@ -168,9 +169,10 @@ class LiftManagerClient:
     # rides, by hand; `ride` makes it easier
 
     async def begin_ride(self, wish: RideRequest) -> Ride:
-        """Begin a ride, or queue it; without a key of its own it is given one."""
-        body = _body(wish) | {"idempotency_key": wish.idempotency_key or new_key(), "dry_run": False}
-        return await self._post(f"{API}/rides", body, Ride, repeat=True)
+        """Begin a ride, or queue it; without an idempotency key of its own it is given one."""
+        key = wish.idempotency_key or self._new_key(wish.robot)
+        body = _body(wish) | {"idempotency_key": key, "dry_run": False}
+        return await self._post(f"{API}/rides", body, Ride, repeat=key is not None)
 
     async def plan_ride(self, wish: RideRequest) -> Plan:
         """Say what a ride would come to, and begin nothing."""
@@ -276,10 +278,10 @@ class LiftManagerClient:
             "robot": robot,
             "door": door,
             "limits": None if limits is None else limits.model_dump(),
-            "idempotency_key": key or new_key(),
+            "idempotency_key": (key := key or self._new_key(robot)),
         }
         asked_at = _now()
-        ride = RideInHand(self, await self._post(f"{API}/rides", wish, Ride, repeat=True), asked_at)
+        ride = RideInHand(self, await self._post(f"{API}/rides", wish, Ride, repeat=key is not None), asked_at)
         try:
             async with beside(ride.follow(), ride.listen()):
                 yield ride
@@ -339,6 +341,10 @@ class LiftManagerClient:
         said = {name: value for name, value in body.items() if value is not None}
         call = Call("POST", path, _wait(wait), said, repeat=repeat, waits_s=wait, within_s=within_s)
         return await self._http.ask(call, form)
+
+    def _new_key(self, robot: str | None) -> str | None:
+        """Return an idempotency key; None for a caller that has neither a key nor a robot's name: the manager takes none of it."""
+        return new_key() if self._http.has_key or robot else None
 
 
 _LEFT_BLOCK = "the robot's program ended its ride"

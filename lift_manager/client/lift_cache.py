@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from lift_manager.api.lifts import Lift
@@ -11,6 +12,7 @@ from register_maps.words import Mode, Motion
 
 AGE_HEADER = "lift-age-s"
 """In seconds, with 304: all that changes by itself."""
+_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,15 @@ class KnownLift:
     def at(self, now: float) -> Lift:
         """Return it as it is to be taken now: with its age, and offline by itself once it is too old."""
         age = age_s(self.lift.age_s, self.asked_at, now)
-        if self.lift.quality is Quality.OFFLINE:
-            return self.lift.model_copy(update={"age_s": age})
-        if not is_too_old(age, self.lift.max_age_s):
+        if self.lift.quality is Quality.OFFLINE or self.heard_at(now):
             return self.lift.model_copy(update={"age_s": age})
         silent_s = now - self.asked_at
         return unknown(self.lift, age, f"the manager has not been heard for {silent_s:.1f} s")
+
+    def heard_at(self, now: float) -> bool:
+        """Whether it is still what the manager says, be it that the lift is offline."""
+        told_s = 0.0 if self.lift.quality is Quality.OFFLINE else self.lift.age_s
+        return not is_too_old(age_s(told_s, self.asked_at, now), self.lift.max_age_s)
 
     def same(self, told_s: float | None, asked_at: float) -> KnownLift:
         """Return it after the manager said that nothing but the age has changed."""
@@ -66,6 +71,6 @@ def same_but_for_time(one: Lift, other: Lift) -> bool:
 
 
 def _timeless(lift: Lift) -> Lift:
+    """Return a lift without its age, for how long it is held, and the seconds in its reason; the reason itself stays."""
     held = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
-    reason = "" if lift.quality is Quality.OFFLINE else lift.reason
-    return lift.model_copy(update={"age_s": None, "session": held, "reason": reason})
+    return lift.model_copy(update={"age_s": None, "session": held, "reason": _SECONDS.sub("", lift.reason)})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from math import inf, nextafter
 from typing import Protocol, Self
 
 from lift_manager.api.events import RideEvent
@@ -59,6 +60,7 @@ class RideInHand:
     def __init__(self, manager: Manager, begun: Ride, asked_at: float) -> None:
         self._manager = manager
         self._known = Known(begun, asked_at)
+        self._left_at = asked_at
         self._max_age_s = DEFAULT_MAX_AGE_S
         self._aged_lift = ""
         self._said: RideWord | None = None
@@ -106,7 +108,7 @@ class RideInHand:
 
     async def cancel(self, reason: str = "cancelled") -> Step:
         """End it safely: a robot that may be inside is let out first, so go on with what is yielded. Raises ClientError."""
-        asked_at = self._time()
+        asked_at = self._leaves_at()
         self._learn(await self._manager.cancel_ride(self.id, reason), asked_at)
         return self.now
 
@@ -143,7 +145,7 @@ class RideInHand:
 
     async def _look(self) -> None:
         """Ask how the ride is; after a time of silence say first that the robot is here, for the manager may have been started anew."""
-        asked_at = self._time()
+        asked_at = self._leaves_at()
         # an answer that comes later than it is good for is of no use
         limit_s = good_for_s(self._known.ride, self._max_age_s)
         try:
@@ -167,7 +169,7 @@ class RideInHand:
         word = self._said
         if word is None or self._saying or self._greets or not is_owed(self._known.ride, word):
             return
-        asked_at = self._time()
+        asked_at = self._leaves_at()
         try:
             self._learn(await self._manager.ride_word(self.id, word, within_s=SILENT_S), asked_at)
         except Refused as error:
@@ -207,7 +209,7 @@ class RideInHand:
 
     async def _until_taken(self, word: RideWord) -> Step:
         while True:
-            asked_at = self._time()
+            asked_at = self._leaves_at()
             try:
                 ride = await self._manager.ride_word(self.id, word, within_s=SILENT_S)
             except Refused:
@@ -245,6 +247,11 @@ class RideInHand:
         else:
             await self._news.wait()
         self._news.clear()
+
+    def _leaves_at(self) -> float:
+        """Return when a question leaves that is about to: later than any before it, for some clocks tick in milliseconds."""
+        self._left_at = max(self._time(), nextafter(self._left_at, inf))
+        return self._left_at
 
     def _time(self) -> float:
         return asyncio.get_running_loop().time()

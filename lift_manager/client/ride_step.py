@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lift_manager.api.rides import Ride
-from lift_manager.client.aging import SILENT_S
+from lift_manager.client.aging import SILENT_S, is_too_old
 from lift_manager.domain.ride import OVER, Guidance, Phase, RideWord
 from lift_manager.domain.service import Advice
 
@@ -56,7 +56,7 @@ def step_at(known: Known, said: RideWord | None, max_age_s: float, now: float, t
     if ride.phase in OVER:
         return Step(ride.guidance, ride.reason, ride.advice, heard=True, ride=ride, over=True)
     silent_s = now - known.asked_at
-    if silent_s > good_for_s(ride, max_age_s):
+    if is_too_old(silent_s, good_for_s(ride, max_age_s)):
         because = f" ({trouble})" if trouble else ""
         reason = (
             f"the manager has not been heard for {silent_s:.1f} s{because}: nothing is known of the door; keep out of the"

@@ -57,6 +57,10 @@ class States:
         """Raises KeyError for a lift that was never heard of."""
         return self._known[name].at(asyncio.get_running_loop().time())
 
+    def heard(self, name: str) -> bool:
+        """Whether a lift is as the manager says; otherwise it is offline because the manager is silent. Raises KeyError."""
+        return self._known[name].heard_at(asyncio.get_running_loop().time())
+
     def __aiter__(self) -> Self:
         return self
 

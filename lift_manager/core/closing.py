@@ -57,7 +57,7 @@ class DoorClosing:
             return
         if not free:
             if now - self._since > DOOR_WITHIN_S:
-                why = f"the hold of the door was not seen off within {DOOR_WITHIN_S:g} s"
+                why = f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is let go"
                 self._told = Told(CallPhase.FAILED, why)
             return
         if (why_not := permit()) is not None:

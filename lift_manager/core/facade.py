@@ -16,7 +16,7 @@ from lift_manager.domain.state import Holder, LiftState
 
 
 class LiftFacade(Protocol):
-    """All lifts of a site, as a face uses them; nothing here waits, so a hung controller delays nobody."""
+    """All lifts of a site, as a face uses them; nothing but `kept` waits, so a hung controller delays nobody."""
 
     @property
     def unwritten(self) -> frozenset[str]:
@@ -69,6 +69,10 @@ class LiftFacade(Protocol):
 
     def remembered(self, lift: str) -> Remembered | None:
         """What people said about a lift, and what outlives the manager; None when the site has no such lift."""
+        ...
+
+    async def kept(self, lift: str, within_s: float) -> bool:
+        """Wait until all that is remembered of a lift so far is on the disk; False where that took longer than `within_s`."""
         ...
 
 

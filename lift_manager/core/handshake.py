@@ -16,7 +16,7 @@ from lift_manager.domain.boarding import Boarding, KeptBoarding, Rules, Stop, Wh
 from lift_manager.domain.following import Told
 from lift_manager.domain.service import how_to_acknowledge
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, permissions, robot_door
+from lift_manager.domain.sight import Sight, permissions, robot_door, under_way
 from lift_manager.domain.state import Holder, RobotDoor
 
 
@@ -174,7 +174,7 @@ class Handshake:
     def seen(self, sight: Sight, session: Session | None, now: float) -> None:
         """Take a fresh reading."""
         floor = sight.floor
-        self._boarding = boardings.car_seen_at(self._boarding, floor)
+        self._boarding = boardings.car_seen_at(self._boarding, floor, under_way=under_way(sight))
         if floor is None or not self.door_is_open(sight, floor):
             return
         self._boarding = boardings.open_to_leave(self._boarding, floor)

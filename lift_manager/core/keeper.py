@@ -128,7 +128,8 @@ class SessionKeeper:
         """What the session waits for before anything is pressed; empty when it does not."""
         if self.session is None:
             return ""
-        stuck = "" if self.serving.call.pressed else self._trouble()
+        trouble = "" if self.serving.call.pressed else self._trouble()
+        stuck = f"the disk: {trouble}" if trouble else ""
         resting = self.people.resting_text if self.people.resting(_now()) else ""
         return stuck or resting or self.serving.awaits or self.handshake.awaits
 

@@ -50,7 +50,7 @@ class LiftSessions:
         """Take the lift for a caller; nothing is called by it."""
         self._keeper.begin()
         if (known := self._desk.known_by_key(wish)) is not None:
-            return SessionOpened(known, anew=False)
+            return known if isinstance(known, Refused) else SessionOpened(known, anew=False)
         state, said = self._state(), wishes.opening(wish.lift, wish.holder)
         self._log.asked(said)
         answer = (

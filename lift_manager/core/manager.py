@@ -180,6 +180,14 @@ class LiftManager(SiteSessions, SiteRides):
         task = self._lifts.get(lift)
         return None if task is None else task.remembered()
 
+    async def kept(self, lift: str, within_s: float) -> bool:
+        """Wait until all that is remembered of a lift so far is on the disk; False where that took longer than `within_s`."""
+        written = self._memory.written(lift)
+        if written is None:
+            return True
+        done, _ = await asyncio.wait([written], timeout=within_s)
+        return bool(done)
+
     @contextmanager
     def listen(self) -> Iterator[Subscription[Event]]:
         """Listen to events; the state of every lift comes first."""

@@ -115,7 +115,7 @@ class PeopleFirst:
     @property
     def resting_text(self) -> str:
         """Say what a session waits for while people have their turn."""
-        return f"people have the lift for {self._options.between_sessions_s:g} s after each robot"
+        return f"the turn of people, who have the lift for {self._options.between_sessions_s:g} s after each robot"
 
     def latch_fire(self) -> None:
         """Keep robots out until a person has checked the lift."""

@@ -11,9 +11,11 @@ from datetime import datetime
 from drivers.model import FloorName, Proof
 from lift_manager.core.announce import Announcer
 from lift_manager.core.memory import Clock
+from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.following import TAKEN, Pending, Verdict, View, broken_off, judge, takes_place_of
+from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import Session, new_id
-from lift_manager.domain.session_requests import Do, Followed, SessionInfo, SessionRequest, Status
+from lift_manager.domain.session_requests import Do, Followed, OpenSession, SessionInfo, SessionRequest, Status
 from lift_manager.domain.state import Holder
 
 SESSIONS, SESSIONS_FOR_S = 32, 3600.0
@@ -27,9 +29,9 @@ REQUESTS = 64
 class _Request:
     """One request of a session."""
 
+    wish: SessionRequest
     followed: Followed
     pending: Pending | None
-    key: str
     noted: bool
     """It has a row of its own in the journal, and so its end has."""
     ended: asyncio.Event = field(default_factory=asyncio.Event)
@@ -44,6 +46,8 @@ class _Sheet:
     opened_at: datetime
     requests: OrderedDict[str, _Request] = field(default_factory=OrderedDict)
     key: str = ""
+    key_ttl_s: float | None = None
+    """The lease that was asked for with the key."""
     over: SessionInfo | None = None
     over_at: float = 0.0
 
@@ -71,7 +75,7 @@ class SessionBook:
 
     def begun(self, session: Session, opened_at: datetime) -> None:
         """Begin with a session, or go on with one under another id."""
-        self._now = _Sheet(session.id, session.holder, opened_at, key=session.key)
+        self._now = _Sheet(session.id, session.holder, opened_at, key=session.key, key_ttl_s=session.key_ttl_s)
 
     def over(self, info: SessionInfo, why: str, now: float) -> None:
         """Remember a session that is over, as it was. Whatever was pending in it ends with it."""
@@ -79,7 +83,7 @@ class SessionBook:
         if sheet is None:
             return
         for request, pending in tuple(sheet.pending()):
-            self._end(request, broken_off(pending, f"the session is over: {why}"))
+            self._end(request, _over_with_session(pending, info, why))
         sheet.over, sheet.over_at = info, now
         self._over[sheet.id] = sheet
         if len(self._over) > SESSIONS:
@@ -90,17 +94,23 @@ class SessionBook:
         sheet = self._past(session, now)
         return None if sheet is None else sheet.over
 
-    def past_by_key(self, holder: Holder, key: str, now: float) -> SessionInfo | None:
-        """Return the newest session of a holder that was opened with this key and is over."""
-        found = [sheet for sheet in self._over.values() if (sheet.holder, sheet.key) == (holder, key)]
-        return self.past(found[-1].id, now) if found and key else None
-
-    def by_key(self, session: str, key: str, now: float) -> Followed | None:
-        """Return the request of a session that was made with this key."""
-        sheet = self._sheet(session, now)
-        if sheet is None or not key:
+    def past_by_key(self, wish: OpenSession, now: float) -> SessionInfo | Refused | None:
+        """Return the newest session of a holder that was opened with this key and is over; refuse another wish with it."""
+        found = [sheet for sheet in self._over.values() if (sheet.holder, sheet.key) == (wish.holder, wish.key)]
+        if not found or not wish.key or (past := self.past(found[-1].id, now)) is None:
             return None
-        return next((request.followed for request in sheet.requests.values() if request.key == key), None)
+        return reused(wish, found[-1].key_ttl_s) or past
+
+    def by_key(self, wish: SessionRequest, now: float) -> Followed | Refused | None:
+        """Return the request of a session that was made with this key; refuse another wish with it."""
+        sheet = self._sheet(wish.session, now)
+        if sheet is None or not wish.key:
+            return None
+        request = next((one for one in sheet.requests.values() if one.wish.key == wish.key), None)
+        if request is None or request.wish == wish:
+            return None if request is None else request.followed
+        text = f"this idempotency key was used for {_in_words(request.wish)}; another wish needs another key"
+        return Refused(Refusal.KEY_REUSED, text)
 
     def find(self, session: str, number: str, now: float) -> tuple[Followed, asyncio.Event] | None:
         """Return a request of a session by its id, and what is set once it has ended."""
@@ -130,7 +140,7 @@ class SessionBook:
         )
         if self._now is not None:
             requests = self._now.requests
-            requests[followed.id] = _Request(followed, pending, request.key, noted)
+            requests[followed.id] = _Request(request, followed, pending, noted)
             if len(requests) > REQUESTS:
                 self._forget(requests.popitem(last=False)[1])
         self._say.followed(followed, noted=noted)
@@ -178,3 +188,29 @@ class SessionBook:
     def _past(self, session: str, now: float) -> _Sheet | None:
         sheet = self._over.get(session)
         return None if sheet is None or now - sheet.over_at > SESSIONS_FOR_S else sheet
+
+
+def reused(wish: OpenSession, ttl_s: float | None) -> Refused | None:
+    """Refuse to open with a key that stands for a session with another lease; `ttl_s` is what was asked for then."""
+    if wish.ttl_s == ttl_s:
+        return None
+    lease = "without `ttl_s`" if ttl_s is None else f"with `ttl_s` {ttl_s:g}"
+    text = f"this idempotency key was used to open a session {lease}; another wish needs another key"
+    return Refused(Refusal.KEY_REUSED, text)
+
+
+def _over_with_session(pending: Pending, info: SessionInfo, why: str) -> Verdict:
+    if info.over is None or info.over.reason is not EndReason.STOPPING:
+        return broken_off(pending, f"the session is over: {why}")
+    sent = (
+        "it was sent to the lift, and nobody watches what comes of it" if pending.pressed else "nothing was sent for it"
+    )
+    text = f"the manager is stopping: {sent}; the session goes on when the manager has started again, then ask again"
+    return broken_off(pending, text)
+
+
+def _in_words(wish: SessionRequest) -> str:
+    to = "" if wish.floor is None else f" {wish.floor}"
+    hold = " without `hold_door`" if wish.do is Do.GO_TO and not wish.hold_door else ""
+    side = "" if wish.side is None else f" of the {wish.side} door"
+    return f"{wish.do}{to}{hold}{side}"

@@ -10,6 +10,7 @@ from drivers.model import FloorName
 from lift_manager.core.handing_over import hand_over
 from lift_manager.core.keeper import STOPPING, SessionKeeper
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.session_book import reused
 from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Ask, Refusal, Refused, RobotWord
@@ -48,16 +49,16 @@ class SessionDesk:
             Do.ROBOT_LEFT: self._robot_word,
         }
 
-    def known_by_key(self, wish: OpenSession) -> SessionInfo | None:
-        """Return the session that a caller has opened with this key before."""
+    def known_by_key(self, wish: OpenSession) -> SessionInfo | Refused | None:
+        """Return the session that a caller has opened with this key before; refuse another wish with it."""
         keeper, now = self._keeper, _now()
         session = keeper.session
         if not wish.key:
             return None
         if session is not None and (session.holder, session.key) == (wish.holder, wish.key):
             keeper.session = session = replace(session, heard_at=now)
-            return keeper.info(session, now)
-        return keeper.book.past_by_key(wish.holder, wish.key, now)
+            return reused(wish, session.key_ttl_s) or keeper.info(session, now)
+        return keeper.book.past_by_key(wish, now)
 
     def open(self, wish: OpenSession, offline: str) -> SessionOpened | Refused:
         """Take the lift for a caller. `offline` says why, should the lift be offline."""
@@ -81,12 +82,13 @@ class SessionDesk:
         return self._keeper.info(found, now) if isinstance(found, Session) else found
 
     def renew(self, session: str, holder: Holder, ttl_s: float | None) -> SessionInfo | Refused:
-        """Begin the lease anew. The call of a session from before a restart goes on."""
+        """Begin the lease anew; `ttl_s` None leaves its length. The call of a session from before a restart goes on."""
         keeper, now = self._keeper, _now()
         found = self._live(session, holder, now)
         if isinstance(found, Refused):
             return found
-        keeper.take(replace(sessions.renewed(found, now), lease_s=ttl_s), now, anew=found.restored)
+        lease_s = found.lease_s if ttl_s is None else ttl_s
+        keeper.take(replace(sessions.renewed(found, now), lease_s=lease_s), now, anew=found.restored)
         return self.read(session, holder)
 
     def close(self, session: str, holder: Holder, robot: RobotWord | None) -> SessionInfo | Refused:
@@ -112,12 +114,12 @@ class SessionDesk:
             return found
         return keeper.info(hand_over(keeper, found, to, now), now)
 
-    def known_request(self, request: SessionRequest) -> Followed | None:
-        """Return the request that the holder has made with this key before."""
+    def known_request(self, request: SessionRequest) -> Followed | Refused | None:
+        """Return the request that the holder has made with this key before; refuse another wish with it."""
         now = _now()
         if isinstance(self._found(request.session, request.holder, now), Refused):
             return None
-        return self._keeper.book.by_key(request.session, request.key, now)
+        return self._keeper.book.by_key(request, now)
 
     def ask(self, request: SessionRequest, offline: str, *, noted: bool) -> Followed | Refused:
         """Decide on a request and act on it; `noted` says that the journal has it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import TypeVar
@@ -67,4 +68,7 @@ class SiteSessions(ABC):
         return self._told(lift, self._unknown(lift) if task is None else ask(task.sessions))
 
     def _unknown(self, lift: str) -> Refused:
-        return Refused(Refusal.UNKNOWN_LIFT, f"no lift {lift!r}; the lifts are {', '.join(self._lifts)}")
+        return Refused(
+            Refusal.UNKNOWN_LIFT,
+            f"no lift {json.dumps(lift, ensure_ascii=not lift.isprintable())}; the lifts are {', '.join(self._lifts)}",
+        )

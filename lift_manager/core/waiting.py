@@ -2,44 +2,56 @@
 
 from __future__ import annotations
 
+from lift_manager.core.sparing import CALLERS
 from lift_manager.domain.asking import Blocking, Refusal, Refused
 from lift_manager.domain.state import Holder
 
-ASKS_AGAIN = frozenset({"rmf"})
+WAITS_AS_ONE = frozenset({"rmf", "workshop"})
 """Faces whose callers do nothing but ask again while another holds the lift: each waits as one, for all its callers."""
+ASKS_AGAIN = WAITS_AS_ONE | {"api"}
+"""Faces whose callers stand in line because they were refused, for as long as they ask again. Rides join and leave by themselves."""
 HEARD_WITHIN_S = 5.0
-"""Such a face no longer waits when it was not heard for so long. RMF asks once a second (open-rmf 1.6)."""
+"""Whoever asks again no longer waits when it was not heard for so long. RMF asks once a second (open-rmf 1.6)."""
 
 
 class WaitingLine:
-    """The line before one lift. Entries are holders, which stay until they leave, and faces that ask again."""
+    """The line before one lift. Entries are holders, and faces whose callers wait as one."""
 
     def __init__(self, lift: str) -> None:
         self._lift = lift
         self._line: list[Holder | str] = []
-        self._heard_at: dict[str, float] = {}
-        """Of the faces in the line."""
+        self._heard_at: dict[Holder | str, float] = {}
+        """Of those in the line who have to ask again."""
+        self._left = 0
+
+    @property
+    def left(self) -> int:
+        """How many have left the line so far, each of whom let those behind move up."""
+        return self._left
 
     def join(self, holder: Holder, now: float) -> None:
         """Stand in line, at its end; one that stands there keeps its place."""
         self._lapse(now)
         if (place := _place_of(holder)) not in self._line:
             self._line.append(place)
-        if isinstance(place, str):
+        if holder.face in ASKS_AGAIN:
             self._heard_at[place] = now
 
     def leave(self, holder: Holder) -> None:
         """Stand in line no longer: its turn has come, or it wants the lift no more."""
-        place = _place_of(holder)
-        if place in self._line:
-            self._line.remove(place)
-        if isinstance(place, str):
-            self._heard_at.pop(place, None)
+        self._remove(_place_of(holder))
 
     def refused(self, holder: Holder, answer: Refused, now: float) -> None:
-        """Hear what a caller was told: one that has to wait and asks again stands in line from then on."""
-        if holder.face in ASKS_AGAIN and answer.code in (Refusal.HELD, Refusal.QUEUED):
+        """Hear what a caller was told: one that has to wait stands in line from then on; of more than `CALLERS` nobody keeps a list."""
+        if holder.face not in ASKS_AGAIN or answer.code not in (Refusal.HELD, Refusal.QUEUED):
+            return
+        if _place_of(holder) in self._heard_at or len(self._heard_at) < CALLERS:
             self.join(holder, now)
+
+    def first(self, now: float) -> Holder | str | None:
+        """Return who comes first: a holder, or a face that waits as one; None for an empty line."""
+        self._lapse(now)
+        return self._line[0] if self._line else None
 
     def ahead(self, holder: Holder, now: float) -> int:
         """Return how many come before this holder, whether or not it stands in line."""
@@ -61,11 +73,16 @@ class WaitingLine:
         )
         return Refused(Refusal.QUEUED, text, Blocking(ahead=ahead))
 
+    def _remove(self, place: Holder | str) -> None:
+        self._heard_at.pop(place, None)
+        if place in self._line:
+            self._line.remove(place)
+            self._left += 1
+
     def _lapse(self, now: float) -> None:
-        for face in [face for face, at in self._heard_at.items() if now - at > HEARD_WITHIN_S]:
-            del self._heard_at[face]
-            self._line.remove(face)
+        for place in [place for place, at in self._heard_at.items() if now - at > HEARD_WITHIN_S]:
+            self._remove(place)
 
 
 def _place_of(holder: Holder) -> Holder | str:
-    return holder.face if holder.face in ASKS_AGAIN else holder
+    return holder.face if holder.face in WAITS_AS_ONE else holder

@@ -72,7 +72,9 @@ class Refusal(StrEnum):
     NOT_NOW = "not_now"
     """It makes no sense where the session or the ride is; the message says where that is."""
     TOO_MANY = "too_many"
-    """More rides wait than this manager keeps."""
+    """More rides wait than this manager keeps, of this caller or of all."""
+    KEY_REUSED = "key_reused"
+    """The idempotency key stands for another wish of the same caller; the message says for which."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,9 +126,12 @@ def open_to_leave(boarding: Boarding, floor: FloorName) -> Boarding:
     return replace(boarding, may_leave_at=floor) if boarding.who is Who.ABOARD else boarding
 
 
-def car_seen_at(boarding: Boarding, floor: FloorName | None) -> Boarding:
-    """Forget that the robot could leave once the car is seen elsewhere; between floors it may still stand there."""
-    if floor is None or boarding.may_leave_at in (None, floor):
+def car_seen_at(boarding: Boarding, floor: FloorName | None, *, under_way: bool = False) -> Boarding:
+    """Forget that the robot could leave once the car is seen elsewhere, or `under_way` with its doors shut.
+
+    A car that reports no floor may still stand there.
+    """
+    if not under_way and (floor is None or boarding.may_leave_at in (None, floor)):
         return boarding
     return replace(boarding, may_leave_at=None)
 

@@ -139,9 +139,9 @@ def _hold_door(pending: Pending, view: View, now: float) -> Pending | Verdict:
         return Verdict(Status.CONFIRMED, proof=Proof.READBACK)
     after = replace(pending, pressed=pending.pressed or view.door_given, due_since=_since(pending, now))
     if now - _since(pending, now) <= DOOR_WITHIN_S:
-        return replace(after, waits=view.waits or "the hold of the door to be seen on")
-    why = view.waits or "the lift did not show it"
-    return broken_off(after, f"the hold of the door was not seen on within {DOOR_WITHIN_S:g} s: {why}")
+        return replace(after, waits=view.waits or "the lift to show that the door is held")
+    why = f": the session waits for {view.waits}" if view.waits else ""
+    return broken_off(after, f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is held{why}")
 
 
 def _let_go_door(pending: Pending, view: View, now: float) -> Pending | Verdict:
@@ -149,8 +149,8 @@ def _let_go_door(pending: Pending, view: View, now: float) -> Pending | Verdict:
         return Verdict(Status.CONFIRMED, proof=Proof.READBACK if pending.pressed else Proof.NONE)
     since = _since(pending, now)
     if now - since <= DOOR_WITHIN_S:
-        return replace(pending, waits="the hold of the door to be seen off", pressed=True, due_since=since)
-    why = f"the hold of the door was not seen off within {DOOR_WITHIN_S:g} s; letting go is repeated until it is"
+        return replace(pending, waits="the lift to show that the door is let go", pressed=True, due_since=since)
+    why = f"the lift did not show within {DOOR_WITHIN_S:g} s that the door is let go; letting go is repeated until it does"
     return Verdict(Status.UNCONFIRMED, why)
 
 
@@ -182,7 +182,9 @@ def _told(pending: Pending, told: Told, view: View, what: str) -> Pending | Verd
         return replace(pending, pressed=True, waits="the lift to show that it has taken it")
     if told.phase is CallPhase.WANTED:
         not_sent = told.outcome is not None and told.outcome.not_granted
-        return replace(pending, waits=view.waits or "its press", pressed=pending.pressed and not not_sent)
+        return replace(
+            pending, waits=view.waits or "its button to be pressed", pressed=pending.pressed and not not_sent
+        )
     if told.phase is None:
         return broken_off(pending, f"{what} is no longer wanted")
     if not pending.pressed:

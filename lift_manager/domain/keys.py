@@ -89,6 +89,10 @@ class Keys(Protocol):
         """Return the live key that this is; None where there is none, whatever is wrong with it."""
         ...
 
+    def named(self, name: str) -> Key | None:
+        """Return the live key of this name."""
+        ...
+
     def admits(self, key: Key | None) -> bool:
         """Whether a caller that was let in with this key would be let in still; None is a caller without one."""
         ...
@@ -114,6 +118,10 @@ class KeyRing:
             return None
         key, digest = self._keys.get(spelt[1], (None, "0" * 64))
         return key if hmac.compare_digest(digest_of(spelt[2]), digest) else None
+
+    def named(self, name: str) -> Key | None:
+        """Return the live key of this name."""
+        return next((key for key, _ in self._keys.values() if key.name == name), None)
 
     def admits(self, key: Key | None) -> bool:
         """Whether a caller that was let in with this key, or without one, would be let in still."""

@@ -61,8 +61,8 @@ class RideWord(StrEnum):
     LEFT = "left"
     """It is outside, clear of the door. Also taken once the ride is over: it clears the car."""
     HERE = "here"
-    """It goes on with the ride: needed after a restart of the manager, when nothing is pressed before it is heard; harmless
-    otherwise."""
+    """It goes on with the ride: needed after a restart of the manager, when nothing is pressed before it is heard, and where the
+    robot may be in a car since an earlier ride gave up, for one begun before that or without a name; harmless otherwise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,8 @@ class RideRequest:
     door: Side | None = None
     """By which door the robot boards; only lifts with this door at `start` are chosen."""
     robot: str = ""
-    """For people; empty where the caller has one robot only."""
+    """Tells the robots of one caller apart; empty where the caller has one robot only: without names none of its rides starts
+    while the robot of another may be in a car."""
     caller: Holder
     """Face `ride`; its name tells callers apart."""
     key: str = ""

@@ -49,6 +49,27 @@ def unfit(wish: RideRequest, lift: LiftDescription) -> Refused | None:
     if not lift.able.commands & {"go_to", "call"}:
         text = f"{name} cannot be called: its map {lift.able.map_name} has neither go_to nor call"
         return Refused(Refusal.NOT_POSSIBLE, text)
+    if (why := _why_no_way(wish, lift)) is not None:
+        return Refused(
+            Refusal.NOT_POSSIBLE, f"{name} lets no robot through its door: its map {lift.able.map_name} {why}"
+        )
+    return None
+
+
+_KEEPS_OPEN = frozenset({"robot_in_place", "robot_left"})
+"""What ends a call that keeps the door open while a robot goes in or out."""
+
+
+def _why_no_way(wish: RideRequest, lift: LiftDescription) -> str | None:
+    """Say why the door can never stand open and held for a robot; None where it can."""
+    by_call = bool(_KEEPS_OPEN.intersection(lift.able.until.values()))
+    for floor in (wish.start, wish.destination):
+        doors = lift.doors_at.get(floor, ())
+        if not doors or not lift.able.doors:
+            return f"shows no door at {floor}"
+        lacks = [side for side in doors if f"hold_door.{side}" not in lift.able.commands]
+        if lacks and not by_call:
+            return f"has no hold for the {lacks[0]} door at {floor}"
     return None
 
 
@@ -63,6 +84,9 @@ def choose(wish: RideRequest, holder: Holder, lifts: Sequence[Choice]) -> Choice
         else:
             refusals.append(refused)
     if fit:
+        inside = [lift for lift in fit if may_hold(lift.state, holder)]
+        if wish.robot and inside:
+            return inside[0]
         return min(fit, key=lambda lift: (rank(lift, holder), _distance(lift, wish)))
     if len(refusals) == 1:
         return refusals[0]
@@ -70,6 +94,11 @@ def choose(wish: RideRequest, holder: Holder, lifts: Sequence[Choice]) -> Choice
     code = codes.pop() if len(codes) == 1 else Refusal.NOT_POSSIBLE
     whys = "; ".join(refused.message for refused in refusals) or "there is none to choose among"
     return Refused(code, f"no lift brings a robot from {wish.start} to {wish.destination}: {whys}")
+
+
+def may_hold(state: LiftState, holder: Holder) -> bool:
+    """Whether the robot of an earlier ride of this holder may be in a car that nobody holds."""
+    return state.holder is None and state.restrictions.maybe_aboard == holder
 
 
 def rank(lift: Choice, holder: Holder) -> tuple[bool, int]:

@@ -56,6 +56,8 @@ class RideRecord:
     """Where the car is seen to stand, and since when."""
     unheard_since: float | None = None
     """Since a restart its robot has not been heard, and nothing is asked for it."""
+    spoke_at: float = -math.inf
+    """When a robot that has a name began the ride, or any said `here`: it knew then what had become of its rides before."""
     asked_at: float = -math.inf
     """When the lift was last asked for something."""
     trouble: str = ""
@@ -69,10 +71,8 @@ class RideRecord:
 
     @property
     def holder(self) -> Holder:
-        """Who holds the lift for it. Two robots of one caller are two holders: one may be in the car while the other waits."""
-        caller, robot = self.wish.caller.name, self.wish.robot
-        own = not robot or robot == caller or caller.endswith(f"/{robot}")
-        return Holder("ride", caller if own else f"{caller}/{robot}")
+        """Who holds the lift for it."""
+        return holder_of(self.wish)
 
     @property
     def ends_at(self) -> float:
@@ -85,6 +85,13 @@ class RideRecord:
             Phase.RIDING: limits.riding_s,
         }.get(self.phase, limits.alighting_s)
         return self.phase_since + limit_s
+
+
+def holder_of(wish: RideRequest) -> Holder:
+    """Return who holds a lift for a wish. Two robots of one caller are two holders: one may be in the car while the other waits."""
+    caller, robot = wish.caller.name, wish.robot
+    own = not robot or robot == caller or caller.endswith(f"/{robot}")
+    return Holder("ride", caller if own else f"{caller}/{robot}")
 
 
 def in_line(record: RideRecord, now: float) -> bool:
@@ -117,6 +124,21 @@ def shown(record: RideRecord, now: float) -> Ride:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Another ride of the same holder whose robot may be in a car."""
+
+    ride: str
+    lift: str
+    since: float
+    """When that ride gave up; infinite for one that goes on."""
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether that ride is not over."""
+        return math.isinf(self.since)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RideSight:
     """What is known of the lift of a ride at one moment."""
@@ -130,6 +152,8 @@ class RideSight:
     """How many wait in the line before the ride."""
     busy: str = ""
     """Which other ride has the lift, in words; empty for none."""
+    doubt: Doubt | None = None
+    """What speaks against a start of the ride, unless its robot has spoken since."""
     offline_since: str = ""
     """The time of day of the last reading of a lift that is offline."""
     now: float

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from drivers.model import FloorName
 from lift_manager.domain.boarding import Who
-from lift_manager.domain.ride_record import RideRecord, RideSight
+from lift_manager.domain.ride_record import UNHEARD_S, RideRecord, RideSight
 from lift_manager.domain.service import how_to_acknowledge, how_to_end_lockout
 from lift_manager.domain.session_requests import SessionInfo
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
@@ -43,9 +43,9 @@ def looked(record: RideRecord, seen: RideSight) -> RideRecord:
     if not is_live(state):
         return replace(record, stands=None)
     at, floor = state.floor, record.could_leave_at
-    if at is not None and floor not in (None, at):
-        floor = None
     is_open = any(door is Door.OPEN for door in state.doors.values())
+    if (at is not None and floor != at) or _under_way(state):
+        floor = None
     if record.maybe_aboard and state.standing and at is not None and is_open:
         floor = at
     stopped = state.standing and at is not None and state.motion in (Motion.STOPPED, Motion.UNKNOWN)
@@ -57,13 +57,20 @@ def looked(record: RideRecord, seen: RideSight) -> RideRecord:
     return replace(record, could_leave_at=floor, stands=stands)
 
 
+def _under_way(state: LiftState) -> bool:
+    """Whether the car moves with its doors shut: nobody gets out of it, whatever floor it reports."""
+    is_shut = bool(state.doors) and all(door is Door.CLOSED for door in state.doors.values())
+    moves = state.motion in (Motion.UP, Motion.DOWN, Motion.MOVING)
+    return is_shut and (moves or (state.motion is Motion.UNKNOWN and state.floor is None))
+
+
 def why_not_open(record: RideRecord, seen: RideSight, floor: FloorName | None) -> str:
     """Say why the door does not invite the robot at a floor; empty while it does."""
     state, session = seen.state, seen.session
     if not is_live(state):
         return offline_text(seen)
     if record.unheard_since is not None and not stands_open(record, seen, floor):
-        return "waits to hear the robot after a restart of the manager"
+        return "waits to hear the robot after a restart of the manager: it has to say `here`"
     if session is None or session.over is not None:
         return "the session is not taken up yet"
     if state.holder != record.holder:
@@ -84,11 +91,13 @@ def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -
         return f"the car does not stand at {floor}"
     told = ", ".join(f"{side} {door}" for side, door in sorted(state.doors.items()))
     if state.robot_door is not RobotDoor.OPEN:
-        if told and all(door is Door.OPEN for door in state.doors.values()) and session.door_held:
+        if told and all(door is Door.OPEN for door in state.doors.values()):
+            if not session.door_held:
+                return f"the door at {floor} is open, and is not held yet: waits for the hold"
             return "the door is open, and the lift does not let the robot through it"
-        return f"the door at {floor} is not open for it ({told or 'not known'})"
+        return f"the door at {floor} is not open for the robot ({told or 'not known'})"
     if not session.door_held:
-        return f"the door at {floor} is open, and is not held yet"
+        return f"the door at {floor} is open, and is not held yet: waits for the hold"
     if not state.permissions.get("may_enter", True):
         return "the lift does not give `may_enter`"
     return ""
@@ -103,16 +112,48 @@ def offline_text(seen: RideSight) -> str:
 def why_not_taken(record: RideRecord, seen: RideSight) -> str:
     """Say what a queued ride waits for, as far as is known without asking the lift; empty where it may be asked."""
     state = seen.state
-    kept_out = _why_kept_out(record, seen)
-    if kept_out:
-        return kept_out
+    why = _why_unheard(record, seen) or _why_kept_out(record, seen) or _why_doubted(record, seen)
+    if why:
+        return why
     if state.holder is not None and state.holder != record.holder:
         return f"{state.lift} is held by {state.holder}"
     if seen.busy:
         return seen.busy
-    if seen.ahead:
-        return f"{seen.ahead} wait before it"
-    return "waits to hear the robot after a restart of the manager" if record.unheard_since is not None else ""
+    may_be_inside = state.holder is None and state.restrictions.maybe_aboard == record.holder
+    # whoever waits, waits for the robot that is inside
+    return f"{seen.ahead} wait before it" if seen.ahead and not may_be_inside else ""
+
+
+def _why_unheard(record: RideRecord, seen: RideSight) -> str:
+    if record.unheard_since is None:
+        return ""
+    heard = "waits to hear the robot after a restart of the manager: it has to say `here`"
+    left_s = record.unheard_since + UNHEARD_S - seen.now
+    if left_s > 0:
+        return f"{heard} within {left_s:.0f} s to keep its place"
+    return f"{heard}; it has lost its place in the line"
+
+
+def _why_doubted(record: RideRecord, seen: RideSight) -> str:
+    """Say why another ride of the same holder speaks against this one: nobody but the robot knows where it is."""
+    doubt = seen.doubt
+    if doubt is None or record.spoke_at >= doubt.since:
+        return ""
+    caller, where = record.wish.caller, f"in the car of {doubt.lift}"
+    if record.wish.robot:
+        return (
+            f"your robot may be {where}: say `left` for ride {doubt.ride}, or begin a ride anew from inside, or say `here` for"
+            " this one"
+        )
+    unnamed = "robots without names cannot be told apart: give each its name with `robot`"
+    if doubt.goes_on:
+        return (
+            f"the robot of ride {doubt.ride} of {caller} may be {where}, and {unnamed}; waits until that ride is over"
+        )
+    return (
+        f"a robot of {caller} may be {where}, and {unnamed}; say `left` for ride {doubt.ride}, or `here` for this one if its"
+        " robot is inside"
+    )
 
 
 def _why_kept_out(record: RideRecord, seen: RideSight) -> str:

@@ -44,20 +44,30 @@ _SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 def step(record: RideRecord, seen: RideSight) -> Step:
     """Return the ride as it is at this sight, and what is to be done for it; one that is over stays as it is."""
+    return dated(record, _gone_on(record, seen), seen)
+
+
+def read(record: RideRecord, seen: RideSight) -> RideRecord:
+    """Return the ride as whoever reads it at this moment is told it: with the seconds of this moment."""
+    after = _gone_on(record, seen)
+    return replace(dated(record, after, seen).record, reason=after.record.reason)
+
+
+def _gone_on(record: RideRecord, seen: RideSight) -> Step:
     if record.over:
         return Step(record)
-    now = sight.looked(record, seen)
+    possible = replace(record, maybe_aboard=True) if sight.boarding_possible(seen) else record
+    now = sight.looked(possible, seen)
     if (over := _without_session(now, seen)) is not None:
-        return dated(record, over, seen)
-    if sight.boarding_possible(seen):
-        now = replace(now, maybe_aboard=True)
+        return over
     handlers = _LATE if seen.now >= now.ends_at else _PHASES
-    return dated(record, handlers[now.phase](now, seen), seen)
+    return handlers[now.phase](now, seen)
 
 
 def opened(record: RideRecord, session: str, seen: RideSight) -> RideRecord:
     """Take it that the lift is the ride's own."""
-    called = _phase(replace(record, session=session, trouble="", ahead=None), Phase.CALLED, seen)
+    why = f"the car is called to {record.wish.start}"
+    called = _phase(replace(record, session=session, trouble="", ahead=None, reason=why), Phase.CALLED, seen)
     return dated(record, Step(called), seen).record
 
 
@@ -84,6 +94,13 @@ def ended(record: RideRecord, phase: Phase, seen: RideSight, why: str = "") -> R
 def cleared(record: RideRecord, clearing: Clearing, seen: RideSight) -> Step:
     """Begin to let a robot out that may be inside."""
     return _clear(replace(_phase(record, Phase.CLEARING, seen), clearing=clearing, maybe_aboard=True), seen)
+
+
+def letting_out(record: RideRecord) -> str:
+    """Say what is done for a robot inside."""
+    if record.unheard_since is not None:
+        return "nothing is pressed before the robot is heard: look into the car"
+    return "it is being let out"
 
 
 def dated(before: RideRecord, after: Step, seen: RideSight) -> Step:
@@ -131,14 +148,16 @@ def _queue(record: RideRecord, seen: RideSight) -> Step:
     if not why and record.trouble and seen.now - record.asked_at < REPEAT_S:
         why = record.trouble
     held = seen.state.holder not in (None, record.holder)
-    waiting = replace(record, guidance=Guidance.WAIT, reason=why, ahead=seen.ahead + int(held))
+    told = why or record.trouble or f"its turn has come: asks for {record.lift}"
+    waiting = replace(record, guidance=Guidance.WAIT, reason=told, ahead=seen.ahead + int(held))
     return Step(waiting, () if why else (Open(),))
 
 
 def _call(record: RideRecord, seen: RideSight) -> Step:
     session, start = seen.session, record.wish.start
     there = seen.state.floor == start or (session is not None and session.arrived and session.floor == start)
-    if there and sight.boarding_possible(seen):
+    # one that may be inside from before its session boards as others do: once the door has stood open for it
+    if there and sight.boarding_possible(seen) and record.could_leave_at == start:
         return _board(_phase(record, Phase.BOARDING, seen), seen)
     why = sight.why_not_open(record, seen, start) or f"the door at {start} is about to open for it"
     return Step(replace(record, guidance=Guidance.WAIT, reason=why), _asks(record, seen, start))
@@ -172,6 +191,8 @@ def _clear(record: RideRecord, seen: RideSight) -> Step:
     floor = _clear_at(record, seen)
     open_now = sight.stands_open(record, seen, floor)
     why = "say `left` once the robot is outside" if open_now else sight.why_not_open(record, seen, floor)
+    if not (open_now or record.entered):
+        why = f"{why}; if the robot is inside, stay there until the door opens; say `entered` or `left`"
     guidance = Guidance.LEAVE if open_now else _outside_or_in(record)
     told = replace(record, clear_at=floor, guidance=guidance, reason=f"{cause}; {why}" if why else cause)
     return Step(told, _asks(told, seen, floor))
@@ -244,7 +265,7 @@ def _late_alighting(record: RideRecord, seen: RideSight) -> Step:
 
 def _told_people(record: RideRecord, why: str, seen: RideSight) -> Step:
     clearing = cleared(record, Clearing(Phase.GAVE_UP, why), seen)
-    text = f"ride_late: a robot of {record.holder} is in the car of {record.lift}: {why}; it is being let out"
+    text = f"ride_late: a robot of {record.holder} is in the car of {record.lift}: {why}; {letting_out(record)}"
     return Step(clearing.record, (Warn(text), *clearing.actions))
 
 

@@ -36,19 +36,22 @@ def advised(record: RideRecord, seen: RideSight, advice: Advice, text: str) -> R
 def _cancel(record: RideRecord, seen: RideSight, reason: str, *, by_operator: bool) -> Step:
     if record.over or record.phase is Phase.CLEARING:
         return Step(record)
-    why = f"cancelled by an operator: {reason}" if by_operator else f"cancelled: {reason}"
+    why = f"withdrawn by {'an operator' if by_operator else 'its caller'}: {reason}"
     if not (record.maybe_aboard or sight.boarding_possible(seen)):
         actions = (Close(left=False),) if record.session else ()
         return Step(steps.ended(record, Phase.CANCELLED, seen, why), actions)
     clearing = steps.cleared(record, Clearing(Phase.CANCELLED, why), seen)
     if not (by_operator and record.entered):
         return clearing
-    text = f"ride_cancelled: a robot of {record.holder} is in the car of {record.lift}, and its ride was {why}; it is being let out"
+    text = (
+        f"ride_cancelled: a robot of {record.holder} is in the car of {record.lift}, and its ride was {why};"
+        f" {steps.letting_out(record)}"
+    )
     return Step(clearing.record, (Warn(text), *clearing.actions))
 
 
-def _here(record: RideRecord, _: RideSight) -> Step | Refused:
-    return _over(record) if record.over else Step(record)
+def _here(record: RideRecord, seen: RideSight) -> Step | Refused:
+    return _over(record) if record.over else Step(replace(record, spoke_at=seen.now))
 
 
 def _entered(record: RideRecord, seen: RideSight) -> Step | Refused:

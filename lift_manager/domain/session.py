@@ -57,6 +57,8 @@ class Session:
     """The lease that its holder asked for; the site's is the longest, and the one where it asked for none."""
     key: str = field(default="", repr=False)
     """Idempotency key that it was opened with; empty for none."""
+    key_ttl_s: float | None = None
+    """The lease that was asked for with the key, which renewing does not change."""
 
 
 def new_id() -> str:
@@ -78,6 +80,7 @@ def opened(holder: Holder, *, number: int, lease_s: float | None, key: str, now:
         stays=True,
         lease_s=lease_s,
         key=key,
+        key_ttl_s=lease_s if key else None,
     )
 
 
@@ -135,7 +138,7 @@ def handed_over(session: Session, to: Holder, now: float) -> Session:
 
     It gets an id of its own, which the holder before does not know.
     """
-    return replace(renewed(session, now), holder=to, id=new_id(), key="")
+    return replace(renewed(session, now), holder=to, id=new_id(), key="", key_ttl_s=None)
 
 
 def unclaimed(session: Session) -> bool:
@@ -192,6 +195,7 @@ class KeptSession:
     stays: bool = False
     lease_s: float | None = None
     key: str = field(default="", repr=False)
+    key_ttl_s: float | None = None
 
 
 def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetime, now: float) -> KeptSession:
@@ -218,6 +222,7 @@ def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetim
         stays=session.stays,
         lease_s=session.lease_s,
         key=session.key,
+        key_ttl_s=session.key_ttl_s,
     )
 
 
@@ -250,4 +255,5 @@ def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Ses
         stays=kept.stays,
         lease_s=kept.lease_s,
         key=kept.key,
+        key_ttl_s=kept.key_ttl_s,
     )

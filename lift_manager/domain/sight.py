@@ -113,6 +113,13 @@ def moving(sight: Sight) -> bool:
     return not sight.standing if motion is None else motion is not Motion.STOPPED
 
 
+def under_way(sight: Sight) -> bool:
+    """Whether the lift says that the car moves, and every door is shut."""
+    doors = sight.values.doors
+    is_shut = bool(doors) and all(door is Door.CLOSED for door in doors.values())
+    return is_shut and sight.values.motion in (Motion.UP, Motion.DOWN, Motion.MOVING)
+
+
 def left(sight: Sight, floor: FloorName) -> bool:
     """Whether the car is seen elsewhere, or moving; re-levelling at the floor with the door open is neither."""
     here, motion = sight.floor == floor, sight.values.motion

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import which
 from socket import socket
 
 from rich.console import Console
 
 from lift_manager import app
+from lift_manager.client.client import MANAGER
+from lift_manager.client.paths import API
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.plant import controllers, simulated_lift
@@ -79,6 +83,17 @@ def _site(ports: Mapping[str, int]) -> Site:
     )
 
 
+def _ride_lines(lift: DemoLift, manager: str) -> list[str]:
+    start, *_, destination = lift.floors
+    program = "lift-manager" if which("lift-manager") else str(Path(sys.executable).with_name("lift-manager"))
+    at = "" if manager == MANAGER else f" --manager {manager}"
+    return [
+        f"  lifts:  curl '{manager}{API}/lifts'",
+        f"  ride:   {program} ride {lift.name} {start} {destination} --robot demo --yes{at}",
+        f"  events: curl -N '{manager}{API}/events'",
+    ]
+
+
 def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
     host, port = sock.getsockname()[:2]
     base = f"http://{host}:{port}/open-rmf/demo-lift"
@@ -93,6 +108,8 @@ def _guide(console: Console, sock: socket, ports: Mapping[str, int]) -> None:
         f"  curl '{base}/lift_state?lift_name=lift'",
         "Let it go back to people:",
         f'  {post} \'{{"floor": "L2", "door_state": 0}}\'',
+        "The same with a ride, and what happens meanwhile:",
+        *_ride_lines(LIFTS[0], f"http://{host}:{port}"),
         "",
         *(
             f"{lift.name}: floors {', '.join(lift.floors)}; controller on 127.0.0.1:{ports[lift.name]}, map {lift.map}"

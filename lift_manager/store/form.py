@@ -79,6 +79,7 @@ class SessionForm(SessionFormV2):
     stays: bool
     lease_s: float | None
     key: str
+    key_ttl_s: float | None = None
 
     @classmethod
     def of(cls, kept: KeptSession) -> SessionForm:

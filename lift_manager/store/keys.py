@@ -243,6 +243,10 @@ class KeyFile:
         """Return the live key that this is; None where there is none, whatever is wrong with it."""
         return self._ring.find(asked)
 
+    def named(self, name: str) -> Key | None:
+        """Return the live key of this name."""
+        return self._ring.named(name)
+
     def admits(self, key: Key | None) -> bool:
         """Whether a caller that was let in with this key, or without one, would be let in still."""
         return self._ring.admits(key)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
-from urllib.parse import parse_qsl, unquote_plus
+from urllib.parse import unquote_plus
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
@@ -17,17 +17,22 @@ from lift_manager.domain.asking import TurnedAway
 from lift_manager.domain.keys import Key, Keys, Secret, holds_key
 from lift_manager.web.attempts import Attempts
 from lift_manager.web.body import LingeringResponse
-from lift_manager.web.faces import No, answer, is_workshop, not_found, wrong_method
-
-QUERY_LIMIT = 4096
-"""Chosen: lift names are short, and a caller's text is quoted in answers."""
+from lift_manager.web.faces import No, answer, is_api, is_workshop, not_found, wrong_method
+from lift_manager.web.origin import by_a_foreign_name
+from lift_manager.web.query import read_query
 
 KEY_IN_ADDRESS = (
     "the address holds what looks like a key; addresses are written down on the way here, so revoke that key, and send the next"
     " one in the header `Authorization: Bearer ...` alone"
 )
+BY_NAME = (
+    "a web browser asked this site, which has no keys, by a name; whoever owns a name may let it lead here, so a browser has to ask by"
+    " the IP address of the manager's computer, or by localhost on it; or make keys with `lift-manager keys make`"
+)
 NO_KEY = "a key is needed: send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one"
 BAD_KEY = "this key does not count here: it may be mistyped, revoked, or of another site"
+LIFT_NAME = "lift_name"
+"""What names the lift in a query."""
 _CHALLENGE = 'Bearer realm="lift-manager"'
 _CALLER = "lift_manager.caller"
 
@@ -43,13 +48,6 @@ def turned_away(request: Request, code: str, text: str, lift: str) -> TurnedAway
     key, client = caller(request), request.client
     name = "" if key is None else caller_name(request.scope["path"], key)
     return TurnedAway(code, text, lift, name, "" if client is None else client.host)
-
-
-def lift_names_in(query: bytes) -> list[str]:
-    """Return every value of `lift_name`. The one reading of it: two would be a way past the check."""
-    # `replace`: what is not UTF-8 is no lift's name either
-    pairs = parse_qsl(query[:QUERY_LIMIT].decode("utf-8", "replace"), keep_blank_values=True)
-    return [value for key, value in pairs if key == "lift_name"]
 
 
 class Gate:
@@ -92,6 +90,8 @@ class Gate:
             if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
                 about = f"the key {key.name} may not do this"
                 return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
+        elif route is not None and _counts(path, route) and by_a_foreign_name(Request(scope)):
+            return self._turned_away(scope, No(403, "another_site", BY_NAME), "a browser asked by a name", lifts=[lift])
         if route is None:
             return wrong_method(path, methods) if methods else not_found(path)
         return None
@@ -131,12 +131,17 @@ def caller_name(path: str, key: Key) -> str:
     return f"workshop:{key.name}" if is_workshop(path) else key.name
 
 
+def _counts(path: str, route: Route) -> bool:
+    """Whether it matters that a web page of another site may ask: all of /api, and what commands a lift."""
+    return is_api(path) or route.need is not Need.READ
+
+
 def _asked(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
     match route.lift_in:
         case LiftIn.PATH:
             return [lift]
         case LiftIn.QUERY:
-            return lift_names_in(scope["query_string"])
+            return read_query(scope["query_string"]).all(LIFT_NAME)
         case LiftIn.BODY:
             return list(key.lifts)  # the route looks at the lift itself
         case None:

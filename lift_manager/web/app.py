@@ -84,14 +84,14 @@ def make_app(
     add_docs(app)
     app.include_router(workshop_router(facade))
     app.include_router(lifts_router(facade))
-    app.include_router(sessions_router(facade))
+    app.include_router(sessions_router(facade, keys))
     app.include_router(lift_router(facade))  # takes every GET below the lifts: what else is there comes before it
     app.include_router(rides_router(facade))
     app.include_router(people_router(facade))
     app.include_router(events_router(facade, frames, keys, streams or streams_limit()))
     app.include_router(health.health_router(facade))
     app.include_router(metrics_router(metrics))
-    describe_access(app, routes)
+    describe_access(app, routes, facade.lift_names())
     return app
 
 

@@ -86,6 +86,7 @@ _TEXTS = {
     "extra_forbidden": "is not known here",
     "string_too_short": "must not be empty",
     "string_type": "must be text",
+    "string_unicode": "must be whole characters: it holds half of one (a lone surrogate, such as \\ud800)",
     "string_pattern_mismatch": "must be printable ASCII without blanks",
     "float_type": "must be a number",
     "finite_number": "must be a number",

@@ -79,7 +79,16 @@ REFUSALS: Mapping[Refusal, Code] = {
     Refusal.TOO_OFTEN: Code(
         429, "Too many changes of mind", "People and the journal are spared. Ask less often; repeats cost nothing."
     ),
-    Refusal.TOO_MANY: Code(429, "Too many rides wait", "Cancel some, or ask again when some are over."),
+    Refusal.KEY_REUSED: Code(
+        409,
+        "The idempotency key stands for another wish",
+        "The message says for which. Nothing was done: make up another key for each wish.",
+    ),
+    Refusal.TOO_MANY: Code(
+        429,
+        "Too many rides wait",
+        "Of this caller, or of all: the message says. Cancel some, or wait until some are over.",
+    ),
     Refusal.NOT_RECORDED: Code(
         503,
         "Nothing can be written down",
@@ -97,7 +106,11 @@ OWN: Mapping[str, Code] = {
     ),
     "bad_key": Code(401, "The key does not count here", "It is mistyped, revoked, or of another site."),
     "not_allowed": Code(403, "The key may not do this", "Its role is another, or it does not name the lift."),
-    "another_site": Code(403, "Another site's web page asked", "Only programs and this manager's own pages may."),
+    "another_site": Code(
+        403,
+        "Another site's web page asked",
+        "Only programs and this manager's own pages may; where there are no keys, a browser asks by IP address or localhost.",
+    ),
     "other_computer": Code(
         403,
         "Another computer asked",
@@ -114,7 +127,9 @@ OWN: Mapping[str, Code] = {
     "head_too_long": Code(431, "Address and headers are too long", "At most 32 KB and 100 headers are read."),
     "unknown_link": Code(404, "There is no such link", "GET /api/v1/links lists those there are."),
     "too_many_streams": Code(
-        503, "Too many event streams are open", "Close those that nobody reads, or come back a little later."
+        503,
+        "Too many event streams are open",
+        "Close those that nobody reads, or come back a little later. One key gets half of all.",
     ),
     "http_error": Code(400, "The request was not served", "Something else about HTTP; the status says what."),
     "internal_error": Code(500, "A bug in the manager", "The manager's log has the details: please report it."),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
@@ -15,8 +13,6 @@ from lift_manager.web import lifts_docs as docs
 from lift_manager.web.body import shown
 from lift_manager.web.etags import unless_known
 from lift_manager.web.problem import refused
-
-_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 
 def lifts_router(facade: LiftFacade) -> APIRouter:
@@ -37,9 +33,9 @@ def lift_router(facade: LiftFacade) -> APIRouter:
 
 
 def timeless(lift: Lift) -> Lift:
-    """Return a lift without what the passing of time alone changes."""
+    """Return a lift without its ages. The reason stays as it is: the seconds in it may be a limit as well as an age."""
     session = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
-    return lift.model_copy(update={"age_s": None, "session": session, "reason": _SECONDS.sub("", lift.reason)})
+    return lift.model_copy(update={"age_s": None, "session": session})
 
 
 class _Lifts:

@@ -15,7 +15,8 @@ TAG = "lifts"
 TAG_DESCRIPTION = """
 The lifts, from memory: no controller is asked, so an answer comes at once and says how old it is.
 
-**ETag.** Each answer has one; it covers everything but ages and durations. Sent back as `If-None-Match`, it is answered with 304
+**ETag.** Each answer has one; it covers everything but `age_s` and the session's `for_s`. Words count as they are, so one whose seconds
+run, as the reason of a lift that is offline may, is another each time. Sent back as `If-None-Match`, it is answered with 304
 and no body while nothing but time has changed. Both answers carry `lift-age-s`: how old the data is in seconds, left out when
 nothing was ever read. A lift that has not been read for `max_age_s` turns `offline`, and that is a change: a 304 for a lift that
 was live means that it still is. A key never shortens this: whoever has heard nothing for `max_age_s` knows nothing.
@@ -25,7 +26,7 @@ or `/signals`, or holds `/sessions/` before its last part, is not read by its ow
 """
 
 _HEADERS = {
-    "ETag": {"description": "Of everything but ages and durations.", "schema": {"type": "string"}},
+    "ETag": {"description": "Of everything but `age_s` and `for_s`.", "schema": {"type": "string"}},
     "Cache-Control": {"description": "`no-cache`: keep it, and ask each time.", "schema": {"type": "string"}},
     "lift-age-s": {
         "description": "How old the data is, in seconds; left out when nothing was ever read.",

@@ -10,6 +10,7 @@ from starlette.routing import compile_path
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.domain.access import ROLES, Need, Role, Route
+from lift_manager.web import examples
 from lift_manager.web.faces import is_api, is_workshop
 from lift_manager.web.schemas import PROBLEM, put_back, schema_of
 from lift_manager.web.workshop_docs import ENVELOPE
@@ -20,14 +21,16 @@ _SCHEME = {
     "scheme": "bearer",
     "description": (
         "A key that `lift-manager keys make` has printed. As soon as a site has one, every request needs one. A site without keys"
-        " takes requests from its own computer, and from others only where its site file says so."
+        " takes requests from its own computer, and from others only where its site file says so; from a web browser only by an IP"
+        " address or localhost, for any other name may be made to lead there."
     ),
 }
 
 _REFUSALS = {
     400: "This is no HTTP, or the address holds a key, where it does not belong (`key_in_address`).",
     401: "A key is needed (`key_needed`), or the one sent is mistyped, revoked or of another site (`bad_key`).",
-    403: "The key has not the role, or does not name the lift (`not_allowed`).",
+    403: "The key has not the role, or does not name the lift (`not_allowed`). A browser asked a site without keys by a name"
+    " (`another_site`).",
     431: "Address and headers are too long.",
     500: "A bug in the manager.",
 }
@@ -44,8 +47,11 @@ _DETAIL: Document = {
 """What is answered where no face has a form of its own, as under `/metrics`."""
 
 
-def describe_access(app: FastAPI, routes: Sequence[Route]) -> None:
-    """Let the document of an application tell what its routes need; one that is not in `routes` is left out of it."""
+def describe_access(app: FastAPI, routes: Sequence[Route], lifts: Sequence[str] = ()) -> None:
+    """Let the document of an application tell what its routes need; one that is not in `routes` is left out of it.
+
+    The first of `lifts` is the example wherever a request names one, so that what /docs suggests can be tried.
+    """
     made: Callable[[], Document] = app.openapi
     of = {(method, compile_path(route.path)[1]): route for route in routes for method in route.methods}
 
@@ -63,6 +69,7 @@ def describe_access(app: FastAPI, routes: Sequence[Route]) -> None:
                         del operations[method]
                     else:
                         _describe(path, operations[method], route.need)
+                        _suggest(operations[method], lifts)
                 if not operations:
                     del paths[path]
             app.openapi_schema = document
@@ -87,6 +94,19 @@ def _describe(path: str, operation: Document, need: Need) -> None:
         if status == 401:
             said["headers"] = {"WWW-Authenticate": {"schema": {"type": "string"}}}
     operation["responses"] = dict(sorted(responses.items()))
+
+
+def _suggest(operation: Document, lifts: Sequence[str]) -> None:
+    """Let the examples of a request name a lift that there is."""
+    if not lifts:
+        return
+    for parameter in operation.get("parameters", ()):
+        if parameter["name"] == "lift" and parameter["in"] == "path":
+            parameter["example"] = lifts[0]
+    content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
+    for example in content.get("examples", {}).values():
+        if example["value"].get("lift") == examples.LIFT.name:
+            example["value"] = {**example["value"], "lift": lifts[0]}
 
 
 def _who(need: Need) -> str:

@@ -25,6 +25,16 @@ def from_another_site(request: Request) -> bool:
     return origin is not None and origin.partition("://")[2] != request.headers.get("host")
 
 
+def by_a_foreign_name(request: Request) -> bool:
+    """Whether a browser asked by a name that is not known to be this computer's.
+
+    A page whose name was made to lead here after it was loaded is of the same site as what it asks, as far as its browser can tell. It
+    cannot make an address its name, nor localhost. Programs send none of these headers.
+    """
+    by_browser = any(name == "origin" or name.startswith("sec-fetch-") for name in request.headers)
+    return by_browser and not _is_address(_asked_for(request))
+
+
 def from_this_computer(request: Request) -> bool:
     """Whether a program of this computer asked this computer by its own name, or by the address that it listens on.
 
@@ -48,6 +58,16 @@ def _asked_for(request: Request) -> str:
         return (asked_for.hostname or "") if asked_for.port is None or asked_for.port else ""
     except ValueError:  # half an IPv6 address, or a port that is none
         return ""
+
+
+def _is_address(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        ip_address(host)
+    except ValueError:
+        return False
+    return True
 
 
 def is_loopback(host: str) -> bool:

@@ -33,28 +33,36 @@ def people_router(facade: LiftFacade) -> APIRouter:
     # a lift's name may hold a slash
     router = APIRouter(prefix="/api/v1/lifts/{lift:path}", tags=[docs.TAG])
 
-    async def acknowledge(lift: str, request: Request) -> Response:
+    async def acknowledge(request: Request) -> Response:
+        lift: str = request.path_params["lift"]
+
         def act(body: AcknowledgeRequest) -> BaseModel | Refused:
             said = facade.acknowledge(lift, _signed(request, body.by))
             return said if isinstance(said, Refused) else AcknowledgedAnswer.of(lift, said)
 
         return await _answer(facade, lift, request, AcknowledgeRequest, act)
 
-    async def lock_out(lift: str, request: Request) -> Response:
+    async def lock_out(request: Request) -> Response:
+        lift: str = request.path_params["lift"]
+
         def act(body: LockoutRequest) -> BaseModel | Refused:
             said = facade.lock_out(lift, _signed(request, body.by), body.reason)
             return said if isinstance(said, Refused) else LockoutAnswer.of(lift, said)
 
         return await _answer(facade, lift, request, LockoutRequest, act)
 
-    async def end_lockout(lift: str, request: Request) -> Response:
+    async def end_lockout(request: Request) -> Response:
+        lift: str = request.path_params["lift"]
+
         def act(body: EndLockoutRequest) -> BaseModel | Refused:
             said = facade.end_lockout(lift, _signed(request, body.by))
             return said if isinstance(said, Refused) else LockoutEndedAnswer.of(lift, said)
 
         return await _answer(facade, lift, request, EndLockoutRequest, act)
 
-    async def force_release(lift: str, request: Request) -> Response:
+    async def force_release(request: Request) -> Response:
+        lift: str = request.path_params["lift"]
+
         def act(body: ForceReleaseRequest) -> BaseModel | Refused:
             said = facade.force_release(lift, _signed(request, body.by), body.reason)
             return said if isinstance(said, Refused) else ForceReleasedAnswer.of(lift, said)

@@ -18,6 +18,7 @@ from lift_manager.api.people import (
     LockoutRequest,
 )
 from lift_manager.api.problem import MEDIA_TYPE
+from lift_manager.web.operations import LIFT
 from lift_manager.web.schemas import PROBLEM, schema_of
 
 TAG = "people"
@@ -89,7 +90,6 @@ def _route(
     summary: str, description: str, forms: tuple[type[BaseModel], type[BaseModel]], conflict: str
 ) -> dict[str, Any]:
     body, answer = forms
-    schema = schema_of(body)
     errors = {
         status: {"description": text, "content": {MEDIA_TYPE: {"schema": PROBLEM}}}
         for status, text in sorted((_ERRORS | {409: conflict}).items())
@@ -98,6 +98,10 @@ def _route(
         "summary": summary,
         "description": description,
         "response_class": Response,
-        "responses": {200: {"description": "It is noted.", "model": answer}, **errors},
-        "openapi_extra": {"requestBody": {"required": True, "content": {"application/json": {"schema": schema}}}},
+        "responses": {200: {"description": "It is noted.", "content": _json(answer)}, **errors},
+        "openapi_extra": {"parameters": [LIFT], "requestBody": {"required": True, "content": _json(body)}},
     }
+
+
+def _json(form: type[BaseModel]) -> dict[str, Any]:
+    return {"application/json": {"schema": schema_of(form)}}

@@ -18,10 +18,10 @@ from lift_manager.domain.ride import RideLimits, RideWord
 from lift_manager.domain.state import Holder
 from lift_manager.web import rides_docs as docs
 from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import yes
+from lift_manager.web.answers import KEPT_WITHIN_S, yes
 from lift_manager.web.bodies import taken
 from lift_manager.web.body import shown
-from lift_manager.web.callers import RIDE_FACE, holder_of, is_of
+from lift_manager.web.callers import RIDE_FACE, holder_of, is_of, no_shared_key
 from lift_manager.web.guards import no_foreign_lift, no_foreign_page
 from lift_manager.web.problem import refused
 
@@ -56,6 +56,8 @@ class _Rides:
         body = await taken(request, RideRequest)
         if isinstance(body, Response):
             return body
+        if not body.dry_run and (no := no_shared_key(request, body.robot, body.idempotency_key)) is not None:
+            return no
         lifts = self._all_of(request) if body.lift == ANY else (body.lift,)
         if (no := no_foreign_lift(self._facade, request, lifts)) is not None:
             return no
@@ -66,7 +68,7 @@ class _Rides:
         said = self._facade.begin_ride(wish)
         if isinstance(said, Refused):
             return self._no(said, wish)
-        ride = Ride.of(said.ride)
+        ride = Ride.of(await self._kept(said.ride))
         return yes(ride, 201, location=f"rides/{quote(ride.id, safe='')}") if said.anew else yes(ride)
 
     def says(self, word: RideWord) -> Callable[[Request], Coroutine[Any, Any, Response]]:
@@ -76,7 +78,7 @@ class _Rides:
             ride = self._to_speak_for(request)
             if isinstance(ride, Response):
                 return ride
-            return _changed(self._facade.ride_word(ride.id, word, _speaker(request, ride)))
+            return await self._changed(self._facade.ride_word(ride.id, word, _speaker(request, ride)))
 
         said.__name__ = word.value
         return said
@@ -88,7 +90,15 @@ class _Rides:
         body = await taken(request, CancelRequest, may_be_empty=True)
         if isinstance(body, Response):
             return body
-        return _changed(self._facade.cancel_ride(ride.id, _speaker(request, ride), body.reason))
+        return await self._changed(self._facade.cancel_ride(ride.id, _speaker(request, ride), body.reason))
+
+    async def _changed(self, said: domain.Ride | Refused) -> Response:
+        return refused(said) if isinstance(said, Refused) else yes(Ride.of(await self._kept(said)))
+
+    async def _kept(self, ride: domain.Ride) -> domain.Ride:
+        """Return a ride as it is once what was said of it would be known after a crash."""
+        await self._facade.kept(ride.lift, KEPT_WITHIN_S)
+        return self._facade.ride(ride.id) or ride
 
     def _to_speak_for(self, request: Request) -> domain.Ride | Response:
         found = self._find(request)
@@ -146,7 +156,3 @@ def _speaker(request: Request, ride: domain.Ride) -> Holder | None:
     """Return who speaks: None is a person, who speaks for every robot."""
     key = caller(request)
     return None if key is not None and key.role is not Role.ROBOT else ride.caller
-
-
-def _changed(said: domain.Ride | Refused) -> Response:
-    return refused(said) if isinstance(said, Refused) else yes(Ride.of(said))

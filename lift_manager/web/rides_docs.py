@@ -25,8 +25,11 @@ One robot from one floor to another. The manager calls the lift, holds its door,
 | `gave_up` | is on its own; `reason` says why, `advice` what is best |
 | `done` | is there |
 
-`enter` and `leave` stand only while the door is open: drive on nothing older. Everybody who may read sees every ride; a robot's key
-speaks for the rides that it began, an operator's for all. Without keys whoever knows the id of a ride speaks for it.
+`enter` and `leave` stand only while the door is open: drive on nothing older. An event tells when to ask: what a robot acts on is the
+answer of GET, or an event whose `age_s` plus the time since it was received is within the lift's `max_age_s`.
+
+Everybody who may read sees every ride; a robot's key speaks for the rides that it began, an operator's for all. Without keys
+whoever knows the id of a ride speaks for it.
 """
 
 _LOCATION = {
@@ -93,18 +96,26 @@ def begin() -> dict[str, Any]:
     said = operation(
         "Ride",
         "Begins a ride or queues it. With `lift: any` the manager chooses among the lifts that serve both floors and that the key"
-        " names; a robot's key rides on no other. With an `idempotency_key` that was used before, the answer is that ride, and 200;"
-        " with `dry_run` it is a plan, and 200.",
+        " names; a robot's key rides on no other. With an `idempotency_key` that was used before, the answer is that ride, and 200,"
+        " and another wish is refused; without keys of the site it needs a `robot`. One caller has at most 10 rides at once. With"
+        " `dry_run` the answer is a plan, and 200.",
         {
             201: Gives("It is begun, or waits for its turn.", Ride, examples.RIDE, _LOCATION),
             200: Gives("The ride of this idempotency key, or with `dry_run` the plan.", Ride, examples.RIDE),
         },
-        ("unknown_lift", *EVERY_CHANGE, *EVERY_BODY, "unknown_floor", *_NOT_TO_BE_HAD, *_BUSY),
+        ("unknown_lift", *EVERY_CHANGE, *EVERY_BODY, "unknown_floor", *_NOT_TO_BE_HAD, "key_reused", *_BUSY),
         takes=Takes(
             RideRequest,
             {
-                "by any lift": {"lift": "any", "from": "L1", "to": "L3", "robot": "amr-7", "idempotency_key": "3f1c9a"},
+                "by any lift": {"lift": "any", "from": "L1", "to": "L3", "robot": "amr-7"},
                 "what would it come to": {"lift": "east", "from": "L1", "to": "L3", "dry_run": True},
+                "with an idempotency key, a new one for each ride": {
+                    "lift": "any",
+                    "from": "L1",
+                    "to": "L3",
+                    "robot": "amr-7",
+                    "idempotency_key": "3f1c9a",
+                },
             },
         ),
     )

@@ -18,12 +18,13 @@ from lift_manager.api.sessions import (
 )
 from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.domain.keys import Keys
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionRequest
 from lift_manager.web import sessions_docs as docs
 from lift_manager.web.access import turned_away
-from lift_manager.web.answers import yes
+from lift_manager.web.answers import KEPT_WITHIN_S, yes
 from lift_manager.web.bodies import taken
-from lift_manager.web.callers import SESSION_FACE, holder_of, is_of, named
+from lift_manager.web.callers import SESSION_FACE, holder_of, is_of, named, no_shared_key, no_such_heir
 from lift_manager.web.guards import no_foreign_page
 from lift_manager.web.problem import refused
 from lift_manager.web.waiting import wait_s
@@ -35,9 +36,9 @@ _NO_SESSION = Refused(
 """One text for an id that does not exist and for another caller's, so that nobody learns which it is."""
 
 
-def sessions_router(facade: Facade) -> APIRouter:
+def sessions_router(facade: Facade, keys: Keys) -> APIRouter:
     """Open, read, renew, close and hand over a session; ask within it, and follow what was asked."""
-    routes = _Sessions(facade)
+    routes = _Sessions(facade, keys)
     router = APIRouter(prefix="/api/v1/lifts/{lift:path}/sessions", tags=[docs.TAG])
     router.add_api_route("/{session}/commands/{command}", routes.followed, methods=["GET"], **docs.followed())
     router.add_api_route("/{session}", routes.read, methods=["GET"], **docs.read())
@@ -50,8 +51,9 @@ def sessions_router(facade: Facade) -> APIRouter:
 
 
 class _Sessions:
-    def __init__(self, facade: Facade) -> None:
+    def __init__(self, facade: Facade, keys: Keys) -> None:
         self._facade = facade
+        self._keys = keys
 
     async def open(self, request: Request) -> Response:
         lift: str = request.path_params["lift"]
@@ -60,10 +62,13 @@ class _Sessions:
         body = await taken(request, OpenSessionRequest, may_be_empty=True)
         if isinstance(body, Response):
             return body
+        if (no := no_shared_key(request, body.robot, body.idempotency_key)) is not None:
+            return no
         holder = holder_of(request, SESSION_FACE, body.robot)
         said = self._facade.open_session(OpenSession(lift, holder, body.idempotency_key or "", body.ttl_s))
         if isinstance(said, Refused):
             return refused(said)
+        await self._facade.kept(lift, KEPT_WITHIN_S)
         session = Session.of(said.session)
         if not said.anew:
             return yes(session)
@@ -80,7 +85,7 @@ class _Sessions:
         body = await taken(request, RenewRequest, may_be_empty=True)
         if isinstance(body, Response):
             return body
-        return _session(self._facade.renew_session(own.lift, own.id, own.holder, body.ttl_s))
+        return await self._session(self._facade.renew_session(own.lift, own.id, own.holder, body.ttl_s))
 
     async def close(self, request: Request) -> Response:
         own = self._own_to_change(request)
@@ -89,7 +94,7 @@ class _Sessions:
         body = await taken(request, CloseRequest, may_be_empty=True)
         if isinstance(body, Response):
             return body
-        return _session(self._facade.close_session(own.lift, own.id, own.holder, body.robot))
+        return await self._session(self._facade.close_session(own.lift, own.id, own.holder, body.robot))
 
     async def hand_over(self, request: Request) -> Response:
         own = self._own_to_change(request)
@@ -98,8 +103,10 @@ class _Sessions:
         body = await taken(request, HandOverRequest)
         if isinstance(body, Response):
             return body
+        if (no := no_such_heir(request, self._keys, body.to, own.lift)) is not None:
+            return no
         to = named(SESSION_FACE, body.to, body.robot)
-        return _session(self._facade.hand_session_over(own.lift, own.id, own.holder, to))
+        return await self._session(self._facade.hand_session_over(own.lift, own.id, own.holder, to))
 
     async def command(self, request: Request) -> Response:
         own = self._own_to_change(request)
@@ -125,6 +132,7 @@ class _Sessions:
         )
         if isinstance(said, Refused):
             return _no(said, "floor" if said.code is Refusal.UNKNOWN_FLOOR else None)
+        await self._facade.kept(own.lift, KEPT_WITHIN_S)
         return await self._once_ended(own, said.id, within_s, status=202)
 
     async def followed(self, request: Request) -> Response:
@@ -147,6 +155,12 @@ class _Sessions:
         location = f"commands/{quote(said.id, safe='')}" if status == 202 else ""
         return yes(Command.of(said), status, location=location)
 
+    async def _session(self, said: SessionInfo | Refused) -> Response:
+        if isinstance(said, Refused):
+            return _no(said)
+        await self._facade.kept(said.lift, KEPT_WITHIN_S)
+        return yes(Session.of(said))
+
     def _own_to_change(self, request: Request) -> SessionInfo | Response:
         lift: str = request.path_params["lift"]
         return no_foreign_page(self._facade, request, lift) or self._own(request)
@@ -162,10 +176,6 @@ class _Sessions:
         code = Refusal.NO_SUCH_SESSION
         self._facade.turned_away(turned_away(request, code, "the session is another caller's", lift))
         return _no(_NO_SESSION)
-
-
-def _session(said: SessionInfo | Refused) -> Response:
-    return _no(said) if isinstance(said, Refused) else yes(Session.of(said))
 
 
 def _no(said: Refused, field: str | None = None) -> Response:

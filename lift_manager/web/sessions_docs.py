@@ -73,17 +73,18 @@ def open_session() -> dict[str, Any]:
     return operation(
         "Take a lift",
         "Nothing is called by it. The body may be left out. With an `idempotency_key` that was used before, the answer is that"
-        " session, and 200.",
+        " session, and 200; with another `ttl_s` than then it is refused. Without keys of the site it needs a `robot`.",
         {
             201: Gives("It is the caller's.", Session, examples.SESSION, _LOCATION),
             200: Gives("It was already, by this idempotency key.", Session, examples.SESSION),
         },
-        (*EVERY_LIFT, *EVERY_CHANGE, *EVERY_BODY, *_TAKEN_FROM, "not_now", "too_often", *_BUSY),
+        (*EVERY_LIFT, *EVERY_CHANGE, *EVERY_BODY, *_TAKEN_FROM, "not_now", "key_reused", "too_often", *_BUSY),
         takes=Takes(
             OpenSessionRequest,
             {
-                "a minute at a time": {"robot": "amr-7", "ttl_s": 60, "idempotency_key": "3f1c9a"},
+                "a minute at a time": {"robot": "amr-7", "ttl_s": 60},
                 "as long as the site gives": {},
+                "with an idempotency key, a new one for each session": {"robot": "amr-7", "idempotency_key": "3f1c9a"},
             },
             required=False,
         ),
@@ -106,10 +107,10 @@ def renew() -> dict[str, Any]:
     """What the route's registration wants to know, docs included."""
     return operation(
         "Keep the lift",
-        "The lease begins anew. A session from before a restart goes on with it.",
+        "The lease begins anew, as long as it was, or as long as `ttl_s` says. A session from before a restart goes on with it.",
         {200: Gives("It goes on.", Session, examples.SESSION)},
         (*_OF_A_SESSION, *EVERY_CHANGE, *EVERY_BODY, *_TAKEN_FROM, "session_over", "not_now", "too_often", *_BUSY),
-        takes=Takes(RenewRequest, {"a minute more": {"ttl_s": 60}, "as long as the site gives": {}}, required=False),
+        takes=Takes(RenewRequest, {"a minute more": {"ttl_s": 60}, "as long as it was": {}}, required=False),
         parameters=_THERE,
     )
 
@@ -132,7 +133,7 @@ def hand_over() -> dict[str, Any]:
     return operation(
         "Give the session to another caller",
         "Car and door stay as they are. The session gets a new id: pass it on to the one who goes on with it, whose key it needs."
-        " Whether there is such a key is not looked at: if nobody renews it, its lease ends.",
+        " With keys, `to` is the name of a live key that may command this lift. If nobody renews the session, its lease ends.",
         {200: Gives("It is the other's.", Session, examples.SESSION)},
         (*_OF_A_SESSION, *EVERY_CHANGE, *EVERY_BODY, *_TAKEN_FROM, "not_held", "session_over", "not_now", *_BUSY),
         takes=Takes(HandOverRequest, {"to another robot": {"to": "amr-8"}}),
@@ -145,11 +146,12 @@ def command() -> dict[str, Any]:
     return operation(
         "Ask for one thing",
         "`go_to` a floor, `hold_door`, `let_go_door`, `close_door`, or the words `robot_in_place` and `robot_left`. Every request renews"
-        " the lease. With an `idempotency_key` that was used before in this session, the answer is that command as it is.",
+        " the lease. With an `idempotency_key` that was used before in this session, the answer is that command as it is;"
+        " for another command the key is refused.",
         {202: Gives("It is taken; `status` says how far it is.", Command, examples.PENDING, _LOCATION)},
         (
             *(*_OF_A_SESSION, *EVERY_CHANGE, *EVERY_BODY, *_TAKEN_FROM),
-            *("unknown_floor", "no_such_command", "session_over", "not_now", "too_often", *_BUSY),
+            *("unknown_floor", "no_such_command", "session_over", "not_now", "key_reused", "too_often", *_BUSY),
         ),
         takes=Takes(
             CommandRequest,

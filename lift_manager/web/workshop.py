@@ -14,11 +14,12 @@ from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web import workshop_docs as docs
-from lift_manager.web.access import QUERY_LIMIT, caller, lift_names_in, turned_away
+from lift_manager.web.access import LIFT_NAME, caller, turned_away
 from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
 from lift_manager.web.envelope import failed, succeeded
 from lift_manager.web.errors import BodyTooLongError, InputError
 from lift_manager.web.origin import from_another_site
+from lift_manager.web.query import TOO_LONG, read_query
 from register_maps.words import Motion
 
 WORKSHOP = Holder(face="workshop", name="workshop")
@@ -66,10 +67,10 @@ def workshop_router(facade: LiftFacade) -> APIRouter:
 
 def _named_lift(facade: LiftFacade, request: Request) -> LiftState:
     lifts = ", ".join(facade.lift_names())
-    query: bytes = request.scope["query_string"]
-    if len(query) > QUERY_LIMIT:
-        raise InputError(f"the query is too long; lift_name must be one of: {lifts}")
-    names = lift_names_in(query)
+    query = read_query(request.scope["query_string"])
+    if query.too_long:
+        raise InputError(f"{TOO_LONG}; lift_name must be one of: {lifts}")
+    names = query.all(LIFT_NAME)
     if not names:
         raise InputError(f"lift_name is missing; it must be one of: {lifts}")
     if len(names) > 1:
@@ -102,7 +103,7 @@ def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Respon
     try:
         state = _named_lift(facade, request)
     except InputError:
-        names = lift_names_in(request.scope["query_string"])
+        names = read_query(request.scope["query_string"]).all(LIFT_NAME)
         facade.turned_away(turned_away(request, "unknown_lift", "it names no lift of this site", "".join(names[:1])))
         raise
     if from_another_site(request):

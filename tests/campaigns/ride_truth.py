@@ -2,6 +2,7 @@
 
 python -m tests.campaigns.ride_truth --rides 300 --seed 1
 python -m tests.campaigns.ride_truth --replay 17
+python -m tests.campaigns.ride_truth --table
 """
 
 import argparse
@@ -13,11 +14,13 @@ from collections import Counter
 from collections.abc import Iterable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from itertools import product
 
-from lift_manager.domain.ride import OVER, Ride
+from lift_manager.domain.ride import OVER, Guidance, Phase, Ride
 from register_maps.load import shipped
 from tests.support.ride_faults import FAULTS, STEPS, Story, judge_end
-from tests.support.trip_sites import NO_TRIP, site_of
+from tests.support.ride_faults import play as play_fault
+from tests.support.trip_sites import NO_TRIP, Site, site_of
 from tests.support.virtual_time import run_virtual
 
 MAPS = tuple(sorted(set(shipped()) - set(NO_TRIP)))
@@ -79,6 +82,40 @@ async def play(plan: Plan) -> tuple[Story, Ride]:
         return story, over
 
 
+MEANT = ("cancel", "operator cancels")
+TAKEN_AWAY = ("fire", "out of service", "lockout", "force-release")
+
+
+def as_meant(step: str, fault: str, over: Ride) -> bool:
+    """Whether a ride ended as this fault at this step has it end, on a lift that shows the fault."""
+    if fault in MEANT:
+        return over.phase is Phase.CANCELLED
+    if fault in TAKEN_AWAY and step != "just outside":
+        return (over.phase, over.guidance) == (Phase.GAVE_UP, Guidance.GAVE_UP) and over.advice is not None
+    if fault == "restart, and its robot is heard":
+        return over.phase is (Phase.CANCELLED if step == "clearing" else Phase.DONE)
+    return fault != "dies and returns" or over.phase in (Phase.DONE, Phase.CANCELLED)
+
+
+def table() -> Tally:
+    """Play every fault at every step on every map. A map that does not show a fault may end its ride as if there were none."""
+    tally = Tally()
+    for name, step, fault in product(MAPS, STEPS, FAULTS):
+        site = site_of(name)
+
+        async def main(site: Site = site, step: str = step, fault: str = fault) -> tuple[Story, Ride]:
+            return await play_fault(site, step, fault)
+
+        try:
+            story, over = run_virtual(main, limit_s=LIMIT_S)
+        except AssertionError as finding:
+            tally.failed.append(f"{name}, {step}, {fault}: {finding}")
+            continue
+        tally.ended[over.phase] += 1
+        tally.judged += story.judged
+    return tally
+
+
 def run(seeds: Iterable[int]) -> Tally:
     """Play the rides of these seeds."""
     tally = Tally()
@@ -104,14 +141,15 @@ def main() -> int:
     parser.add_argument("--rides", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1, help="of the first ride; the others follow")
     parser.add_argument("--replay", type=int, metavar="SEED")
+    parser.add_argument("--table", action="store_true", help="every fault at every step on every map")
     given = parser.parse_args()
     logging.disable(logging.CRITICAL)
     began = time.monotonic()
     seeds = range(given.seed, given.seed + given.rides) if given.replay is None else (given.replay,)
-    tally = run(seeds)
+    tally = table() if given.table else run(seeds)
     counts = ", ".join(f"{count} {phase}" for phase, count in sorted(tally.ended.items()))
     lines = [
-        f"{len(seeds)} rides in {time.monotonic() - began:.0f} s: {counts}; {tally.judged} words judged",
+        f"{tally.ended.total() + len(tally.failed)} rides in {time.monotonic() - began:.0f} s: {counts}; {tally.judged} words judged",
         *(f"FAILED {text}" for text in tally.failed),
     ]
     sys.stdout.write("\n".join(lines) + "\n")

@@ -141,7 +141,7 @@ _FORKS = """
 import gc, json, os, runpy, signal, sys
 
 import lift_manager.cli.main, typer.rich_utils
-from lift_manager.cli import audit, keys, maps, network, operate, scenario, serving, trying
+from lift_manager.cli import audit, keys, lifts, maps, network, operate, ride, scenario, serving, trying
 
 gc.freeze()  # else every child copies what it only looks through
 folder = sys.argv[1]

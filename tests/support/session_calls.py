@@ -28,8 +28,8 @@ class SessionCalls:
         assert isinstance(answer, SessionOpened), answer
         return answer.session
 
-    def open_refused(self, holder: Holder = ROBOT, *, key: str = "") -> Refused:
-        answer = self.task.sessions.open(OpenSession(self.task.options.name, holder, key))
+    def open_refused(self, holder: Holder = ROBOT, *, key: str = "", ttl_s: float | None = None) -> Refused:
+        answer = self.task.sessions.open(OpenSession(self.task.options.name, holder, key, ttl_s))
         assert isinstance(answer, Refused), answer
         return answer
 

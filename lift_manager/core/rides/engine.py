@@ -10,21 +10,23 @@ import asyncio
 import logging
 import secrets
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from typing import Protocol
 
 from lift_manager.core.memory import Clock
 from lift_manager.core.rides.acting import Acting
-from lift_manager.core.rides.book import MOST, RideBook, is_kept, to_keep, to_tell
+from lift_manager.core.rides.book import RideBook, is_kept, reused, to_keep, to_tell
+from lift_manager.core.rides.choosing import Choosing, may_move
+from lift_manager.core.rides.due import Due
 from lift_manager.core.rides.places import Places
 from lift_manager.core.rides.seeing import Core, Lines, Seeing
-from lift_manager.domain import ride_choice as choices
 from lift_manager.domain import ride_steps as steps
 from lift_manager.domain import ride_words as words
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.events import Advised, Event, Occurrence, PersonAcknowledged, RequestFollowed, RideChanged
-from lift_manager.domain.ride import Phase, Ride, RideBegun, RidePlan, RideRequest, RideWord
+from lift_manager.domain.following import TAKEN
+from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.ride_record import (
     Close,
     GoTo,
@@ -33,6 +35,7 @@ from lift_manager.domain.ride_record import (
     Open,
     RideRecord,
     Step,
+    holder_of,
     kept,
     restored,
     shown,
@@ -49,6 +52,9 @@ TICK_S = 1.0
 
 _AT_ONCE = 8
 """Steps of one ride in a row; each has a reason of its own, and fewer are ever needed."""
+
+_AT_A_TIME = 10
+"""Rides that are gone on with before others in the process have their turn. Chosen: some milliseconds."""
 
 _ID_BYTES = 8
 
@@ -81,6 +87,8 @@ class RideEngine:
         self._seeing = Seeing(core, lines, self._book, clock)
         self._acting = Acting(core, self._seeing, publish)
         self._places = Places(lines)
+        self._choosing = Choosing(self._seeing, self._book)
+        self._due = Due(self._seeing, self._book, self._places)
         self._wake = asyncio.Event()
         self._news: set[str] = set()
         """Lifts with events that were not looked at."""
@@ -101,17 +109,18 @@ class RideEngine:
 
     async def _go_on_until_over(self) -> None:
         """Go on for as long as any ride does, or its robot may be in a car; otherwise no state need be worked out for anybody."""
-        self._news.update(self._core.lift_names())
+        tick_at = _now()
         while True:
             self._wake.clear()
-            self._go_on()
+            is_tick = _now() >= tick_at
+            if is_tick:
+                tick_at = _now() + TICK_S
+            await self._go_on(is_tick=is_tick)
             if not any(not record.over or record.maybe_aboard for record in self._book):
                 return
-            try:
-                async with asyncio.timeout(TICK_S):
+            with suppress(TimeoutError):
+                async with asyncio.timeout_at(tick_at):
                     await self._wake.wait()
-            except TimeoutError:
-                self._news.update(self._core.lift_names())
 
     def take_up(self) -> None:
         """Take up the rides of before this start, in their order; nothing is asked for them before their robots are heard."""
@@ -140,13 +149,16 @@ class RideEngine:
         return RidePlan(record.lift, seen.ahead + int(held), why_not_taken(record, seen))
 
     def begin(self, wish: RideRequest) -> RideBegun | Refused:
-        """Begin a ride, or return the one of the same caller and idempotency key."""
+        """Begin a ride, or return the one of the same caller and idempotency key; the key refuses another wish."""
         self.take_up()
         if (same := self._book.of_key(wish.caller, wish.key)) is not None:
+            if (no := reused(same, wish)) is not None:
+                return no
             self._put(same, words.heard(same))
             self._advance(same.id)
             return RideBegun(self._shown(same.id), anew=False)
-        record = self._chosen(wish)
+        self._catch_up(holder_of(wish))
+        record = self._book.too_many(wish.caller) or self._chosen(wish)
         if isinstance(record, Refused):
             return record
         self._put(None, record)
@@ -169,11 +181,28 @@ class RideEngine:
         record = self._of(ride, caller)
         if isinstance(record, Refused):
             return record
+        if word is RideWord.LEFT and (live := self._taken_up_by(record)) is not None:
+            # the car is no longer the old ride's: its robot's word is for the one that goes on
+            answer = self.word(live.id, word, caller)
+            return answer if isinstance(answer, Refused) else self._shown(ride)
+        self._catch_up(record.holder)
         record = self._advance(ride)
         taken = words.take_word(record, word, self._seeing.of(record))
         self._take(record, Step(words.heard(record)) if isinstance(taken, Refused) else taken)
         self._advance(ride)
         return taken if isinstance(taken, Refused) else self._shown(ride)
+
+    def _catch_up(self, holder: Holder) -> None:
+        """Know what has become of the rides of a holder before it says something: its word is newer than any of that."""
+        for record in self._book.maybe_aboard(holder):
+            self._advance(record.id)
+
+    def _taken_up_by(self, record: RideRecord) -> RideRecord | None:
+        """Return the ride with which the robot of one that is over has taken its car up again."""
+        if not (record.over and record.maybe_aboard and record.wish.robot):
+            return None
+        taken_up = (one for one in self._book.under_way(record.lift) if one.holder == record.holder)
+        return next((one for one in taken_up if self._advance(one.id).maybe_aboard), None)
 
     def cancel(self, ride: str, caller: Holder | None, reason: str) -> Ride | Refused:
         """End a ride; a robot that may be inside is let out first."""
@@ -201,8 +230,6 @@ class RideEngine:
         """Return the ride that a wish begins as, not in the book yet."""
         if self._stopping:
             return Refused(Refusal.STOPPING, "the manager is stopping")
-        if self._book.full:
-            return Refused(Refusal.TOO_MANY, f"{MOST} rides go on already, and this manager keeps no more")
         names = self._core.lift_names()
         for lift in wish.lifts:
             if lift not in names:
@@ -212,14 +239,13 @@ class RideEngine:
         record = RideRecord(
             id=ride, wish=wish, lift=next(iter(wish.lifts), ""), phase_since=now, begun_at=at, changed_at=at
         )
-        choice = choices.choose(wish, record.holder, self._seeing.choices(record))
-        return choice if isinstance(choice, Refused) else replace(record, lift=choice.lift)
+        return self._choosing.first(replace(record, spoke_at=now) if wish.robot else record)
 
     def _shown(self, ride: str) -> Ride:
         """Return a ride as it is at this moment: an event since may not have been looked at yet."""
         record = self._known(ride)
         if self._seeing.begun and not record.over:
-            record = steps.step(record, self._seeing.of(record)).record
+            record = steps.read(record, self._seeing.of(record))
         return shown(record, _now())
 
     def _hear(self, occurrence: Occurrence) -> None:
@@ -237,14 +263,24 @@ class RideEngine:
         self._news.add(event.lift)
         self._wake.set()
 
-    def _go_on(self) -> None:
+    async def _go_on(self, *, is_tick: bool) -> None:
+        """Go on with the rides of lifts with events, and on a tick with all; others have their turn between them."""
         news, self._news = self._news, set()
         self._heed_events()
-        for record in self._book:
-            if not record.over and (
-                record.lift in news or (_may_move(record) and news.intersection(record.wish.lifts))
-            ):
-                self._advance(record.id)
+        self._choosing.begin_pass()
+        names = self._core.lift_names()
+        lifts = names if is_tick else tuple(lift for lift in names if lift in news)
+        freed = self._due.freed(lifts)
+        due = [record.id for record in self._book if not record.over] if is_tick else self._due.rides(lifts, freed)
+        for place, ride in enumerate(due):
+            if place % _AT_A_TIME == _AT_A_TIME - 1:
+                await asyncio.sleep(0)
+            record = self._book.get(ride)
+            if record is None or record.over:
+                continue
+            if self._seeing.begun and (is_tick or freed.intersection(record.wish.lifts)):
+                self._move(record)
+            self._advance(ride)
         self._recall()
 
     def _recall(self) -> None:
@@ -263,10 +299,8 @@ class RideEngine:
                 self._put(record, told)
         for event in ended:
             followed = event.followed
-            if followed.do in (Do.GO_TO, Do.ROBOT_IN_PLACE) and followed.status in (
-                Status.REJECTED,
-                Status.UNCONFIRMED,
-            ):
+            failed = followed.status in (Status.REJECTED, Status.UNCONFIRMED) and followed.reason != TAKEN
+            if failed and followed.do in (Do.GO_TO, Do.ROBOT_IN_PLACE):
                 for record in self._with_session(event.lift, followed.holder):
                     self._put(record, replace(record, trouble=f"{followed.do} {followed.status}: {followed.reason}"))
         for lift in acknowledged:
@@ -289,12 +323,14 @@ class RideEngine:
             record = self._known(ride)
             if record.over or not self._seeing.begun:
                 return record
-            record = self._moved(record)
             self._places.see_to(record, _now())
             step = steps.step(record, self._seeing.of(record))
             self._take(record, step)
             if not step.actions:
                 return step.record
+            if Open() in step.actions and may_move(turned_away := self._known(ride)):
+                self._choosing.begin_pass()
+                self._move(turned_away)
         return self._known(ride)
 
     def _known(self, ride: str) -> RideRecord:
@@ -320,21 +356,15 @@ class RideEngine:
             self._news.add(record.lift)
             self._wake.set()
 
-    def _moved(self, record: RideRecord) -> RideRecord:
+    def _move(self, record: RideRecord) -> None:
         """Choose again for a ride that waits and may take any lift: another one only where it is better off."""
-        if not _may_move(record):
-            return record
-        among = self._seeing.choices(record)
-        best = choices.choose(record.wish, record.holder, among)
-        here = next((choice for choice in among if choice.lift == record.lift), None)
-        if isinstance(best, Refused) or here is None or best.lift == record.lift:
-            return record
-        if choices.rank(best, record.holder) >= choices.rank(here, record.holder):
-            return record
-        moved = replace(record, lift=best.lift, trouble="", reason="", changed_at=self._clock())
-        self._put(record, moved)
+        lift = self._choosing.better(record)
+        if lift is None:
+            return
+        moved = replace(record, lift=lift, trouble="", changed_at=self._clock())
+        self._put(record, steps.read(moved, self._seeing.of(moved)))
         self._keep_of(record.lift)
-        return moved
+        self._choosing.begin_pass()
 
     def _put(self, before: RideRecord | None, record: RideRecord) -> None:
         """Write down a ride as it is, for a restart too, and let it be known."""
@@ -351,22 +381,18 @@ class RideEngine:
         if phase is not record.phase:
             said = {"lift": record.lift, "event": event}
             _log.info(
-                "%s: ride %s of %s %s %s",
+                "%s: ride %s of %s is %s%s",
                 record.lift,
                 record.id,
                 record.holder,
                 record.phase,
-                record.reason,
+                f": {record.reason}" if record.reason else "",
                 extra=said,
             )
 
     def _keep_of(self, lift: str) -> None:
         now, at = _now(), self._clock()
         self._keep(lift, tuple(kept(record, at=at, now=now) for record in self._book.on(lift) if is_kept(record)))
-
-
-def _may_move(record: RideRecord) -> bool:
-    return record.wish.any_lift and record.phase is Phase.QUEUED and record.unheard_since is None
 
 
 def _now() -> float:

@@ -17,20 +17,33 @@ class Places:
     def __init__(self, lines: Lines) -> None:
         self._lines = lines
         self._places: dict[str, tuple[str, Holder]] = {}
+        self._at: dict[tuple[str, Holder], dict[str, None]] = {}
+        """The rides at each place, the oldest first."""
 
     def see_to(self, record: RideRecord, now: float) -> None:
         """Let a ride stand in the line of its lift for as long as it waits, and in no other."""
         wanted = (record.lift, record.holder) if in_line(record, now) else None
         place = self._places.get(record.id)
         if place is not None and place != wanted:
-            del self._places[record.id]
-            self._leave(*place, now)
+            self._leave(record.id, place, now)
         if wanted is not None:
-            self._places[record.id] = wanted
+            if place != wanted:
+                self._places[record.id] = wanted
+                self._at.setdefault(wanted, {})[record.id] = None
             self._lines(record.lift).join(record.holder, now)
 
-    def _leave(self, lift: str, holder: Holder, now: float) -> None:
+    def at(self, lift: str, holder: Holder) -> tuple[str, ...]:
+        """Return the rides of a holder that stand in the line of a lift."""
+        return tuple(self._at.get((lift, holder), ()))
+
+    def _leave(self, ride: str, place: tuple[str, Holder], now: float) -> None:
+        lift, holder = place
+        del self._places[ride]
+        others = self._at[place]
+        del others[ride]
         line = self._lines(lift)
         line.leave(holder)
-        if (lift, holder) in self._places.values():
+        if others:
             line.join(holder, now)
+        else:
+            del self._at[place]

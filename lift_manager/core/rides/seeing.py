@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import timedelta
@@ -14,7 +15,7 @@ from lift_manager.core.rides.book import RideBook
 from lift_manager.domain.asking import Refused
 from lift_manager.domain.ride import Phase
 from lift_manager.domain.ride_choice import Choice
-from lift_manager.domain.ride_record import RideRecord, RideSight
+from lift_manager.domain.ride_record import Doubt, RideRecord, RideSight
 from lift_manager.domain.ride_sight import is_live
 from lift_manager.domain.session_requests import SessionInfo
 from lift_manager.domain.state import Holder, LiftState
@@ -40,6 +41,19 @@ class Line(Protocol):
 
     def ahead(self, holder: Holder, now: float) -> int:
         """How many come before it, whether or not it waits."""
+        ...
+
+    def length(self, now: float) -> int:
+        """How many wait."""
+        ...
+
+    def first(self, now: float) -> Holder | str | None:
+        """Who comes first: a holder, or a face that waits as one."""
+        ...
+
+    @property
+    def left(self) -> int:
+        """How many have left the line so far, each of whom let those behind move up."""
         ...
 
 
@@ -77,6 +91,7 @@ class Seeing:
             gone=gone,
             ahead=self._lines(record.lift).ahead(record.holder, now),
             busy=self._busy(record),
+            doubt=self.doubt(record),
             offline_since=self._offline_since(state),
             now=now,
             at=self._clock(),
@@ -89,15 +104,29 @@ class Seeing:
             raise KeyError(lift)
         return state
 
+    def first(self, lift: str) -> Holder | None:
+        """Return the ride's holder that comes next at a lift that nobody holds: a robot inside first, then the head of the line."""
+        state = self.state(lift)
+        inside = state.restrictions.maybe_aboard
+        if state.holder is None and inside is not None:
+            return inside
+        head = self._lines(lift).first(_now())
+        return head if isinstance(head, Holder) else None
+
+    def left_line(self, lift: str) -> int:
+        """Return how many have left the line of a lift so far."""
+        return self._lines(lift).left
+
     def turned_away(self, lift: str, why: str) -> None:
         """Remember for a while that a lift refused a ride for a reason of its own."""
         self._turned_away[lift] = _TurnedAway(_now(), why)
 
     def choices(self, record: RideRecord) -> tuple[Choice, ...]:
         """Return the lifts that a ride may take, as far as the site has them."""
-        return tuple(choice for lift in record.wish.lifts if (choice := self._choice(lift, record.holder)) is not None)
+        return tuple(choice for lift in record.wish.lifts if (choice := self.choice(lift, record.holder)) is not None)
 
-    def _choice(self, lift: str, holder: Holder) -> Choice | None:
+    def choice(self, lift: str, holder: Holder) -> Choice | None:
+        """Return one lift as a holder may choose it; None for one that the site does not have."""
         described, state = self._core.describe(lift), self._core.state(lift)
         if described is None or state is None:
             return None
@@ -117,10 +146,27 @@ class Seeing:
     def _busy(self, record: RideRecord) -> str:
         if record.phase is not Phase.QUEUED:
             return ""
-        for other in self._book.on(record.lift):
-            if other.id != record.id and other.session and not other.over:
-                return f"another ride of {other.wish.caller} has {record.lift}"
+        for other in self._book.under_way(record.lift):
+            if other.id != record.id:
+                return f"ride {other.id} of {other.holder} has {record.lift}"
         return ""
+
+    def doubt(self, record: RideRecord) -> Doubt | None:
+        """Return the newest other ride of the same holder whose robot may be in a car; None for a ride that does not wait."""
+        if record.phase is not Phase.QUEUED:
+            return None
+        found = [
+            Doubt(one.id, one.lift, math.inf if one.ended_at is None else one.ended_at)
+            for one in self._book.maybe_aboard(record.holder)
+            if one.id != record.id and self._stands(one, record)
+        ]
+        return max(found, key=lambda one: one.since, default=None)
+
+    def _stands(self, other: RideRecord, record: RideRecord) -> bool:
+        """Whether another ride speaks against one: a robot with a name is known to be that of its own ride that goes on."""
+        if not other.over:
+            return not record.wish.robot
+        return self.state(other.lift).restrictions.maybe_aboard == record.holder
 
     def _offline_since(self, state: LiftState) -> str:
         if is_live(state) or state.age_s is None:

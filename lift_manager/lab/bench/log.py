@@ -133,6 +133,10 @@ class NotingFacade:
         """What outlives the manager."""
         return self._facade.remembered(lift)
 
+    async def kept(self, lift: str, within_s: float) -> bool:
+        """Wait until it is written."""
+        return await self._facade.kept(lift, within_s)
+
     # -- sessions
 
     def open_session(self, wish: OpenSession) -> SessionOpened | Refused:

@@ -201,6 +201,10 @@ class World:
         self._start()
 
     def _build(self) -> None:
+        # a manager of its own memory: what a killed one still hears of its presses changes nothing on the disk
+        disk, self._memory = self._memory, ShortMemory()
+        for lift in self.lifts:
+            self._memory.keep(lift, disk.recall(lift))
         building = app.build(self.loaded, make_wire=self._wire, memory=self._memory, clock=self._clock)
         self.manager = building.manager
         self.links = building.links

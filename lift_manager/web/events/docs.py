@@ -10,7 +10,7 @@ from starlette.responses import Response
 from lift_manager.api.events import Links
 from lift_manager.api.problem import MEDIA_TYPE as PROBLEM_TYPE
 from lift_manager.web.events.sse import MEDIA_TYPE
-from lift_manager.web.schemas import PROBLEM
+from lift_manager.web.schemas import PROBLEM, schema_of
 
 TAG = "events"
 
@@ -22,11 +22,16 @@ What happens, as server-sent events, for as long as the caller listens.
   browser does by itself (or as `last_event_id` in the query). The stream goes on behind it. Where those events are gone (after five
   minutes, 4096 events, or a restart of the manager) it begins with a snapshot that says `lost: true`; so it does for an id that is none.
 - **Something comes every second**, if only a comment line. Whoever hears nothing for a lift's `max_age_s` knows nothing of that lift.
+- **An event tells when to ask.** What a robot acts on is the answer of GET, or an event whose age plus the time since it was received
+  is within the lift's `max_age_s`. Who has not read the connection for a while cannot know when an event was received, and asks.
+- **What is old invites nobody**: an event that waited for longer than the lift's `max_age_s`, as after a broken connection, says `offline`
+  for a lift, and of a ride `wait` for `enter` and `stay` for `leave`; the reason says so.
 - **Ages**: `age_s` is right within a quarter of a second when the event is handed to the connection. What was received is as old as that and
   the time since. While the stream is heard, a state stands until the next one: the loss of a lift is an event too.
 - **A reader that is too slow** loses what waits for it, 256 events at most, gets `lost` with their number and a snapshot, and goes on from
   there. One that takes nothing for a minute is hung up on.
-- A stream ends when the manager ends, and within a second when its key is revoked. At most 60 % of all connections are streams.
+- A stream ends when the manager ends, and within a second when its key is revoked. At most 60 % of all connections are streams, and of these
+  half at most are one key's.
 - The id of an event is also in the manager's log and in its journal (`lift-manager audit --event ID`). Ids of sessions are in none of them.
 """
 
@@ -50,7 +55,7 @@ data: {"event":"frame","link":"plc","sent":true,"hex":"00 01 00 00 00 06 01 03 0
 
 """
 _OTHER_COMPUTER = "Another computer asked a site without keys (`other_computer`)."
-_FULL = "Too many event streams are open (`too_many_streams`)."
+_FULL = "Too many event streams are open, in all or by this key (`too_many_streams`)."
 
 
 def events() -> dict[str, Any]:
@@ -110,7 +115,7 @@ def _stream(description: str, example: str) -> dict[str, Any]:
 
 
 def _json(description: str, model: type[BaseModel]) -> dict[str, Any]:
-    return {"description": description, "model": model}
+    return {"description": description, "content": {"application/json": {"schema": schema_of(model)}}}
 
 
 def _no(description: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import replace
 from typing import assert_never
 
@@ -18,6 +18,7 @@ from lift_manager.api.events import (
 )
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
+from lift_manager.domain import ride as rides
 from lift_manager.domain.events import (
     Advised,
     Alarm,
@@ -35,32 +36,46 @@ from lift_manager.domain.events import (
     SessionRestored,
     StateChanged,
 )
-from lift_manager.domain.state import Holder, LiftState
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from register_maps.words import Mode, Motion
 
 Shown = StateEvent | SessionEvent | AdviceEvent | CommandEvent | RequestEvent | RideEvent | AlarmEvent | PersonEvent
-MaxAge = Callable[[str], float]
-"""Returns the `max_age_s` of a lift."""
+
+_BEFORE = {rides.Guidance.ENTER: rides.Guidance.WAIT, rides.Guidance.LEAVE: rides.Guidance.STAY}
+"""What a robot does that may not drive on an invitation."""
 
 
-def shown(event: Event, max_age_of: MaxAge) -> Shown:
-    """Return an event as the stream has it."""
-    match event:
-        case StateChanged(lift, state):
-            return StateEvent(lift=Lift.of(state, max_age_s=max_age_of(lift)))
-        case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded():
-            return _session(event)
-        case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson():
-            return _person(event)
+def shown(event: Event, max_age_s: float, by_s: float = 0.0) -> Shown:
+    """Return an event as the stream has it so many seconds after it was published; one that is too old for its lift invites nobody."""
+    is_old = by_s > invites_for_s(event, max_age_s)
+    match aged(event, by_s):
+        case StateChanged(_, state):
+            return StateEvent(lift=Lift.of(_unknown(state, max_age_s) if is_old else state, max_age_s=max_age_s))
+        case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded() as about:
+            return _session(about)
+        case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson() as about:
+            return _person(about)
         case Advised(lift, holder, advice, text):
             return AdviceEvent(lift=lift, holder=str(holder), advice=advice, text=text)
-        case CommandEnded() | RequestFollowed():
-            return _outcome(event)
+        case CommandEnded() | RequestFollowed() as about:
+            return _outcome(about)
         case Alarm(lift, text, holder):
             return AlarmEvent(lift=lift, text=text, holder=_name(holder))
         case RideChanged(_, ride):
-            return RideEvent(ride=Ride.of(ride))
+            return RideEvent(ride=Ride.of(_uninviting(ride, by_s) if is_old else ride), age_s=by_s)
+        case other:
+            assert_never(other)
+
+
+def invites_for_s(event: Event, max_age_s: float) -> float:
+    """Return for how many seconds after it was published a robot may still act on an event; infinite where it invites nobody."""
+    match event:
+        case StateChanged(_, state) if state.quality is Quality.LIVE:
+            return max_age_s - (state.age_s or 0.0)
+        case RideChanged(_, ride) if ride.guidance in _BEFORE:
+            return max_age_s
         case _:
-            assert_never(event)
+            return math.inf
 
 
 def ages(event: Event) -> bool:
@@ -83,6 +98,29 @@ def _aged_state(state: LiftState, by_s: float) -> LiftState:
     age_s = None if state.age_s is None else state.age_s + by_s
     held_s = None if state.held_since_s is None else state.held_since_s + by_s
     return replace(state, age_s=age_s, held_since_s=held_s)
+
+
+def _unknown(state: LiftState, max_age_s: float) -> LiftState:
+    """Return it as the manager publishes a lift that it cannot read."""
+    reason = f"nothing newer within {max_age_s:g} s in this event; GET /api/v1/lifts tells how the lift is now"
+    return replace(
+        state,
+        quality=Quality.OFFLINE,
+        reason=reason,
+        floor=None,
+        standing=False,
+        destination=None if state.holder is None else state.destination,
+        robot_door=RobotDoor.MOVING,
+        doors={},
+        motion=Motion.UNKNOWN,
+        mode=Mode.UNKNOWN,
+        permissions={},
+    )
+
+
+def _uninviting(ride: rides.Ride, by_s: float) -> rides.Ride:
+    reason = f"`{ride.guidance}` was said {by_s:.1f} s ago; GET /api/v1/rides/{ride.id} tells what holds now"
+    return replace(ride, guidance=_BEFORE[ride.guidance], reason=reason)
 
 
 def _session(event: SessionOpened | SessionRestored | HandedOver | SessionEnded) -> SessionEvent:

@@ -17,14 +17,17 @@ from lift_manager.api.rides import Ride
 from lift_manager.core.facade import EventSource, LiftFacade
 from lift_manager.domain import ride as rides
 from lift_manager.domain.events import Event, Occurrence, RideChanged, StateChanged
+from lift_manager.domain.state import Quality
 from lift_manager.web.events import sse
-from lift_manager.web.events.encoding import MaxAge, aged, ages, shown
+from lift_manager.web.events.encoding import ages, invites_for_s, shown
 from lift_manager.web.events.readers import Places, Reader
 
 KEPT = 4096
 """Events kept for readers that come back. Chosen: 20 s of a hundred lifts that all move, when a reader comes back within two; 8 MB at most."""
 KEPT_S = 300.0
 """Chosen: whoever was away for longer is better served with how things are."""
+MaxAge = Callable[[str], float]
+"""Returns the `max_age_s` of a lift."""
 FRESH_S = 0.25
 """Ages and times left in an event are at most so much older than the moment at which it is handed to a connection."""
 
@@ -47,14 +50,15 @@ class About:
 class Heard:
     """One event; its bytes are made when the first reader wants them, and made again when the ages in them have passed."""
 
-    __slots__ = ("_ages", "_at", "_encoded_at", "_event", "_id", "_max_age_of", "_wire", "lifts", "number", "ride")
+    __slots__ = ("_ages", "_at", "_event", "_good_until", "_id", "_max_age_of", "_wire", "lifts", "number", "ride")
 
     def __init__(self, event_id: str, at: float, event: Event, lifts: tuple[str, ...], max_age_of: MaxAge) -> None:
         """`lifts` are those that it concerns."""
         self._id, self._at, self._event, self._max_age_of = event_id, at, event, max_age_of
         self._ages = ages(event)
         self._wire = b""
-        self._encoded_at = at
+        self._good_until = at
+        """Until when these bytes may be handed out."""
         self.number = int(event_id.rpartition("-")[2] or 0)
         self.lifts = lifts
         self.ride = event.ride.id if isinstance(event, RideChanged) else ""
@@ -70,11 +74,14 @@ class Heard:
         return isinstance(self._event, StateChanged)
 
     def wire(self, now: float) -> bytes:
-        """Return its bytes; the ages in them are right."""
-        if not self._wire or (self._ages and now - self._encoded_at > FRESH_S):
-            event = aged(self._event, now - self._at) if self._ages else self._event
-            said = shown(event, self._max_age_of)
-            self._wire, self._encoded_at = sse.event(said.event, said, self._id), now
+        """Return its bytes; the ages in them are right, and they invite nobody once they are too old."""
+        if not self._wire or (self._ages and now > self._good_until):
+            max_age_s = self._max_age_of(self._event.lift) if self._ages else math.inf
+            said = shown(self._event, max_age_s, now - self._at)
+            self._wire, self._good_until = sse.event(said.event, said, self._id), now + FRESH_S
+            turns_at = self._at + invites_for_s(self._event, max_age_s)
+            if turns_at >= now:
+                self._good_until = min(self._good_until, turns_at)
         return self._wire
 
 
@@ -85,6 +92,8 @@ class _Taken(NamedTuple):
     number: int
     """Of the newest event that is in it."""
     at: float
+    good_until: float
+    """From then on it is as old as FRESH_S, or a lift in it is too old."""
 
 
 class Feed:
@@ -234,10 +243,12 @@ class Feed:
         """Return how things are, or were a moment ago but after `since`, and what came after it."""
         now = asyncio.get_running_loop().time()
         taken = self._taken.get((about, lost))
-        if taken is None or taken.at < now - FRESH_S or taken.at <= since or not self._reaches(taken.number):
-            self._taken = {key: kept for key, kept in self._taken.items() if kept.at >= now - FRESH_S}
-            wire = self._take(about, lost=lost)
-            taken = self._taken[about, lost] = _Taken(wire, self._source.newest, now)
+        if taken is None or taken.good_until < now or taken.at <= since or not self._reaches(taken.number):
+            self._taken = {key: kept for key, kept in self._taken.items() if kept.good_until >= now}
+            said = self._take(about, lost=lost)
+            wire = sse.event("snapshot", said, f"{self._source.boot}-{self._source.newest}")
+            left_s = (lift.max_age_s - (lift.age_s or 0.0) for lift in said.lifts if lift.quality is Quality.LIVE)
+            self._taken[about, lost] = _Taken(wire, self._source.newest, now, now + min([FRESH_S, *left_s]))
             return wire, []
         return taken.wire, self._after(taken.number, about)
 
@@ -245,7 +256,7 @@ class Feed:
         """Whether everything after this event is kept."""
         return number == self._source.newest or (bool(self._kept) and self._kept[0].number <= number + 1)
 
-    def _take(self, about: About, *, lost: bool) -> bytes:
+    def _take(self, about: About, *, lost: bool) -> Snapshot:
         source = self._source
         source.freshen()
         if about.ride is not None:
@@ -256,12 +267,11 @@ class Feed:
             lifts = source.lift_names() if about.lift is None else (about.lift,)
             found = tuple(ride for ride in source.rides() if ride.phase not in rides.OVER and ride.lift in lifts)
         states = ((lift, source.state(lift)) for lift in lifts)
-        said = Snapshot(
+        return Snapshot(
             lifts=tuple(Lift.of(state, max_age_s=self._max_age_s(lift)) for lift, state in states if state is not None),
             rides=tuple(Ride.of(ride) for ride in found),
             lost=lost,
         )
-        return sse.event("snapshot", said, f"{source.boot}-{source.newest}")
 
     def _max_age_s(self, lift: str) -> float:
         if lift not in self._max_ages:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+from lift_manager.domain.keys import Key
 from lift_manager.web.events.sse import HEARTBEAT
 
 QUEUE_LENGTH = 256
@@ -27,6 +28,8 @@ class Entry(Protocol):
         """Return its bytes as they are right at this loop time."""
         ...
 
+
+_CLOSE = "close those that nobody reads, or come back later"
 
 Renew = Callable[[int, float], tuple[bytes, Iterable[Entry]]]
 """Told how many events a reader has lost since a loop time, returns how things are, at that time or later, and what came after it."""
@@ -112,8 +115,10 @@ class Places:
     """All open streams of one application."""
 
     def __init__(self, most: int) -> None:
-        """At most so many at a time."""
+        """At most so many at a time, and of one key at most half of them."""
         self.most = most
+        self._of_key: Counter[str] = Counter()
+        """By the id of a key."""
         self._readers: dict[Reader, Callable[[], bool]] = {}
         self._taken = 0
         self._looking: asyncio.TimerHandle | None = None
@@ -122,6 +127,30 @@ class Places:
     def is_full(self) -> bool:
         """Whether there is no place."""
         return len(self._readers) >= self.most
+
+    def refusal(self, key: Key | None) -> str:
+        """Return why there is no place for one more; empty while there is. Without keys nobody can tell callers apart."""
+        if self.is_full:
+            return f"{self.most} event streams are open, and this manager keeps no more; {_CLOSE}"
+        share = max(1, self.most // 2)
+        if key is not None and self._of_key[key.id] >= share:
+            return (
+                f"the key {key.name} has {share} event streams open, and of the {self.most} that this manager keeps one key"
+                f" gets no more; {_CLOSE}"
+            )
+        return ""
+
+    @contextmanager
+    def counted(self, key: Key | None) -> Iterator[None]:
+        """Count a stream as one of this key for as long as the context lasts."""
+        of = "" if key is None else key.id
+        self._of_key[of] += 1
+        try:
+            yield
+        finally:
+            self._of_key[of] -= 1
+            if not self._of_key[of]:
+                del self._of_key[of]
 
     @property
     def retry_ms(self) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from urllib.parse import parse_qsl
 
 from fastapi import APIRouter, Request
 from starlette.responses import Response
@@ -12,7 +11,7 @@ from lift_manager.api.events import Links
 from lift_manager.core.facade import FrameSource
 from lift_manager.domain.asking import Refusal
 from lift_manager.domain.keys import Keys
-from lift_manager.web.access import QUERY_LIMIT, caller
+from lift_manager.web.access import caller
 from lift_manager.web.answers import yes
 from lift_manager.web.body import shown
 from lift_manager.web.events import docs
@@ -22,6 +21,7 @@ from lift_manager.web.events.readers import Places
 from lift_manager.web.events.stream import EventStream
 from lift_manager.web.guards import no_other_computer
 from lift_manager.web.problem import problem
+from lift_manager.web.query import TOO_LONG, read_query
 
 LAST_ID = "last_event_id"
 """In the query, for what cannot send the header."""
@@ -64,7 +64,8 @@ class _Routes:
         # the header is newer: a client that reconnects sends the same address again
         last_id = request.headers.get("last-event-id") or said.get(LAST_ID) or None
         admits = partial(self._keys.admits, caller(request))
-        return EventStream(self._places, partial(self._feed.reader, About(lift, ride), last_id, admits))
+        reading = partial(self._feed.reader, About(lift, ride), last_id, admits)
+        return EventStream(self._places, reading, caller(request))
 
 
 class _Links:
@@ -87,18 +88,16 @@ class _Links:
                 404, "unknown_link", f"no link {shown(link)}; the links are {', '.join(self._names) or 'none'}"
             )
         admits = partial(self._keys.admits, caller(request))
-        return EventStream(self._places, partial(self._feed.reader, link, admits))
+        return EventStream(self._places, partial(self._feed.reader, link, admits), caller(request))
 
 
 def _query(request: Request) -> dict[str, str] | Response:
     """Return what the query says, each thing once; or the answer that it cannot be understood."""
-    query: bytes = request.scope["query_string"]
-    if len(query) > QUERY_LIMIT:
-        return problem(422, "malformed", f"the query is longer than {QUERY_LIMIT} bytes", field="lift")
-    # `replace`: what is not UTF-8 is no lift's name either
-    pairs = parse_qsl(query.decode("utf-8", "replace"), keep_blank_values=True)
-    said = {key: value for key, value in pairs if key in ("lift", "ride", LAST_ID)}
-    for key in said:
-        if sum(key == other for other, _ in pairs) > 1:
+    query = read_query(request.scope["query_string"])
+    if query.too_long:
+        return problem(422, "malformed", TOO_LONG, field="lift")
+    said = {key: values for key in ("lift", "ride", LAST_ID) if (values := query.all(key))}
+    for key, values in said.items():
+        if len(values) > 1:
             return problem(422, "malformed", f"{key} is in the query more than once", field=key)
-    return said
+    return {key: value for key, (value,) in said.items()}

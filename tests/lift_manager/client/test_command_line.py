@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import shlex
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from lift_manager.domain.asking import RobotWord
 from lift_manager.lab.bench import LiftSite
 from tests.support.programs import LIFT_MANAGER, Started, call, free_port, run
 
@@ -32,6 +34,10 @@ def test_changes_are_followed(lift_site: LiftSite) -> None:
     with Started() as start:
         following = start("lifts", "--follow", "--manager", lift_site.address)
         following.says(r"main: normal, at L1, door front closed, stopped")
+        lift_site.ask("L1", by="amr-9", robot=RobotWord.IN_PLACE)
+        following.says(r"main: .*held by amr-9 \(bench\)")
+        lift_site.ask("L1", by="amr-9", hold_door=False)
+        following.says(r"main: .*, robot amr-9 \(bench\) may be in the car")
         lift_site.lock_out(by="M. Weber", reason="new ropes")
         following.says(r"main: .*new ropes")
         code, _ = following.stop(signal.SIGINT)
@@ -53,6 +59,26 @@ def test_a_ride_by_itself_gets_there(lift_site: LiftSite) -> None:
     assert [word for word in told if word in ("enter", "leave", "done")] == ["enter", "leave", "done"]
 
 
+@pytest.mark.external("curl")
+def test_what_the_demo_says_to_type_shows_its_lifts_and_rides_one() -> None:
+    with Started() as start:
+        demo = start("demo", "--port", "0", "--speed", "20")
+        manager = demo.says(r"(http://127\.0\.0\.1:\d+)/docs")[1]
+        demo.says("Ctrl-C ends the demo")
+        lifts, ride, events = (
+            shlex.split(demo.says(rf"\n  {name}: +(.*)\n")[1]) for name in ("lifts", "ride", "events")
+        )
+        assert Path(ride[0]).name == "lift-manager"
+        assert ride[1:] == ["ride", "lift", "L1", "L2", "--robot", "demo", "--yes", "--manager", manager]
+        done = call(*ride[1:])
+        assert (done.returncode, done.stdout.count(": done")) == (0, 1)
+        told = subprocess.run([*lifts, "-s"], capture_output=True, check=True, timeout=10).stdout
+        assert [lift["name"] for lift in json.loads(told)["lifts"]] == ["lift", "tower", "goods"]
+        # curl ends with 28 at its own limit: the stream itself has no end
+        stream = subprocess.run([*events, "-s", "-m", "0.5"], capture_output=True, check=False, timeout=10)
+        assert (stream.returncode, b"event: snapshot" in stream.stdout) == (28, True)
+
+
 def test_without_a_terminal_nobody_can_say_the_words(lift_site: LiftSite) -> None:
     done = run(*RIDE, lift_site.address)
     assert done.returncode == 2
@@ -72,6 +98,25 @@ def test_ctrl_c_cancels_and_waits_for_the_end(lift_site: LiftSite) -> None:
         code, _ = program.stop(signal.SIGINT)
         assert code == 3
         assert "cancelled" in program.out
+
+
+def test_a_closed_terminal_cancels_and_the_end_is_seen_although_nobody_reads_it(lift_site: LiftSite) -> None:
+    ours, theirs = pty.openpty()
+    words = [*LIFT_MANAGER, *RIDE, lift_site.address, "--yes"]
+    with (
+        lift_site.held("L4"),
+        subprocess.Popen(words, stdin=theirs, stdout=theirs, stderr=theirs) as program,
+    ):
+        os.close(theirs)
+        try:
+            seen = b""
+            while b"(1 ahead)" not in seen:
+                seen += os.read(ours, 4096)
+            os.close(ours)
+            program.send_signal(signal.SIGHUP)
+            assert program.wait(10) == 3
+        finally:
+            program.kill()
 
 
 @contextmanager
@@ -97,3 +142,18 @@ def test_at_a_terminal_a_person_says_the_words(lift_site: LiftSite) -> None:
             os.write(keyboard, b"\n")
         assert program.wait(30) == 0
         assert b"done" in program.stdout.read()
+
+
+def test_enter_before_it_is_asked_for_and_the_end_of_the_input_are_no_words(lift_site: LiftSite) -> None:
+    with at_a_terminal(*RIDE, lift_site.address) as (program, keyboard):
+        assert program.stderr is not None
+        assert program.stdout is not None
+        assert b": wait" in program.stdout.readline()
+        os.write(keyboard, b"\n\n")
+        assert b"is inside" in program.stderr.readline()
+        os.write(keyboard, b"\x04")
+        assert program.stderr.readline().startswith(b"cancelled")
+        assert b"is outside" in program.stderr.readline()
+        os.write(keyboard, b"\n")
+        assert program.wait(30) == 3
+        assert b"L3: stay" not in program.stdout.read()

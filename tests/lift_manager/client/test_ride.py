@@ -163,6 +163,26 @@ def test_an_invitation_that_was_long_on_its_way_is_never_shown() -> None:
     run_virtual(main)
 
 
+def test_an_older_question_that_is_answered_later_changes_nothing() -> None:
+    async def main() -> None:
+        manager = Manager()
+        async with client_of(manager) as client, client.ride(LIFT, "L1", "L2", robot="amr-7") as ride:
+            manager.tell(*ENTER)
+            await until(ride, lambda step: step.guidance is Guidance.ENTER)
+            manager.late_s = 0.6
+            asked = len(manager.asked)
+            while len(manager.asked) == asked:
+                await elapse(0.01)
+            # the answer to this question says `enter`, and is on its way
+            manager.late_s = 0.0
+            assert (await ride.cancel()).over
+            for _ in range(100):
+                await elapse(0.01)
+                assert (ride.now.guidance, ride.now.over) == (Guidance.DONE, True)
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_whatever_fails_an_invitation_is_only_shown_while_the_manager_said_so_within_max_age(seed: int) -> None:
     chance = Random(seed)

@@ -150,6 +150,21 @@ def test_a_session_that_ends_is_lost_for_all_that_wait_and_ask_but_its_block_goe
     run_virtual(main)
 
 
+def test_a_session_that_ends_while_it_is_renewed_is_lost() -> None:
+    async def main() -> None:
+        manager = a_manager()
+        async with client_of(manager) as client, client.session(LIFT) as lift:
+            await elapse(1)
+            over = SESSION.model_copy(update={"over": OVER})
+            manager.handlers[RENEW] = lambda _: said(200, over.model_dump_json())
+            async with asyncio.timeout(30):
+                assert (await lift.lost()).over == OVER
+            with pytest.raises(SessionLost, match="there is a fire"):
+                await lift.go_to("L2")
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("fails", ["up", "deaf"])
 def test_a_lease_that_could_not_be_renewed_is_lost_when_it_ends_and_not_before(fails: str) -> None:
     async def main() -> None:

@@ -1,11 +1,13 @@
 """The view of the lifts: as old as it says, and offline by itself."""
 
 import asyncio
+from math import inf, nan
 
 import pytest
 
 from lift_manager.api.lifts import Held, Lift
 from lift_manager.client import LiftManagerClient, NotAllowed, NotFound, States
+from lift_manager.client.aging import is_too_old
 from lift_manager.domain.state import Quality, RobotDoor
 from register_maps.words import Mode, Motion
 from tests.lift_manager.client.manager import IDLE, LIFT, OPEN, URL, Manager, no
@@ -81,6 +83,52 @@ def test_a_lift_goes_offline_by_itself_once_nothing_was_heard_for_its_max_age(fa
             assert (await first(states, Quality.LIVE)).robot_door is RobotDoor.OPEN
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("quality", list(Quality))
+def test_a_silent_manager_is_told_from_a_lift_that_it_cannot_read(quality: Quality) -> None:
+    async def main() -> None:
+        manager = Manager({LIFT: IDLE.model_copy(update={"quality": quality, "age_s": 0.1})})
+        async with client_of(manager) as client, client.states() as states:
+            await anext(states)
+            for _ in range(100):
+                assert states.heard(LIFT)
+                await elapse(0.05)
+            manager.up = False
+            await elapse(1.1)
+            assert not states.heard(LIFT)
+            manager.up = True
+            await elapse(3)
+            assert states.heard(LIFT)
+            manager.show(manager.lifts[LIFT].model_copy(update={"quality": Quality.OFFLINE, "age_s": 60.0}))
+            await elapse(1)
+            assert states.heard(LIFT)
+
+    run_virtual(main)
+
+
+def test_a_reason_that_differs_in_its_seconds_is_the_same_and_another_reason_is_shown() -> None:
+    async def main() -> None:
+        gone = IDLE.model_copy(update={"quality": Quality.OFFLINE, "reason": "plc has not answered for 2.5 s"})
+        manager = Manager({LIFT: gone})
+        async with client_of(manager) as client, client.states() as states:
+            await anext(states)
+            manager.show(gone.model_copy(update={"reason": "plc has not answered for 12 s"}))
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(10):
+                    await anext(states)
+            manager.show(gone.model_copy(update={"reason": "plc refuses connections"}))
+            assert (await anext(states)).reason == "plc refuses connections"
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("max_age_s", [1.0, nan])
+@pytest.mark.parametrize("age", [None, nan, inf, 1.5])
+def test_what_is_no_number_is_never_fresh(age: float | None, max_age_s: float) -> None:
+    assert is_too_old(age, max_age_s)
+    assert is_too_old(0.5, nan)
+    assert not is_too_old(1.0, 1.0)
 
 
 def test_answers_that_are_long_on_their_way_are_as_old_as_their_questions() -> None:

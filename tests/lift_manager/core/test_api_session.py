@@ -224,7 +224,7 @@ def test_the_same_key_gives_the_same_session_and_the_same_request_as_long_as_the
         assert made.opened(key="one").id == session.id
         assert made.open_refused(SECOND, key="one").code is Refusal.HELD
         went = made.within(session, Do.GO_TO, "L2", key="go")
-        again = made.within(session, Do.GO_TO, "L3", key="go")
+        again = made.within(session, Do.GO_TO, "L2", key="go")
         assert not isinstance(went, Refused)
         assert not isinstance(again, Refused)
         assert (again.id, again.floor) == (went.id, "L2")
@@ -232,11 +232,35 @@ def test_the_same_key_gives_the_same_session_and_the_same_request_as_long_as_the
         made.closed(session)
         once_more = made.opened(key="one")
         assert (once_more.id, once_more.over is None) == (session.id, False)
-        late = made.within(session, Do.GO_TO, "L3", key="go")
+        late = made.within(session, Do.GO_TO, "L2", key="go")
         assert not isinstance(late, Refused)
         assert late.id == went.id
         await elapse(SESSIONS_FOR_S + 1)
         assert made.opened(key="one").id != session.id
+
+    on_spine(check)
+
+
+def test_a_key_that_was_used_for_another_wish_is_refused_and_nothing_is_done() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened(key="one", ttl_s=20.0)
+        made.within(session, Do.GO_TO, "L2", key="go")
+        for other in (
+            made.within(session, Do.GO_TO, "L3", key="go"),
+            made.within(session, Do.GO_TO, "L2", hold=False, key="go"),
+            made.within(session, Do.ROBOT_LEFT, key="go"),
+        ):
+            text = "this idempotency key was used for go_to L2; another wish needs another key"
+            assert other == Refused(Refusal.KEY_REUSED, text)
+        assert made.read(session).floor == "L2"
+        made.task.sessions.renew(session.id, ROBOT, 30.0)
+        assert made.opened(key="one", ttl_s=20.0).id == session.id
+        for ttl_s in (None, 30.0):
+            told = made.open_refused(key="one", ttl_s=ttl_s)
+            assert (told.code, "with `ttl_s` 20;" in told.message) == (Refusal.KEY_REUSED, True)
+        made.closed(session)
+        assert made.open_refused(key="one").code is Refusal.KEY_REUSED
+        assert made.opened(key="one", ttl_s=20.0).id == session.id
 
     on_spine(check)
 

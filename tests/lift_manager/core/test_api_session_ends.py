@@ -1,6 +1,7 @@
 """How long a session of its holder's own lasts, and what it says of its end in each phase."""
 
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 
 import pytest
 
@@ -126,12 +127,16 @@ def test_the_lease_is_the_sites_where_the_holder_asks_for_none_or_for_more_and_i
     on_bench(check, PLAIN, lease_s=60.0)
 
 
-def test_a_renewal_says_anew_how_long_the_lease_is() -> None:
+@pytest.mark.parametrize(("asked_s", "given_s"), [(None, 10.0), (20.0, 20.0), (500.0, 60.0)])
+def test_a_renewal_keeps_the_length_of_the_lease_unless_it_asks_for_another(
+    asked_s: float | None, given_s: float
+) -> None:
     async def check(made: Bench) -> None:
         session = made.opened(ttl_s=10.0)
-        longer = made.task.sessions.renew(session.id, ROBOT, None)
-        assert not isinstance(longer, Refused)
-        assert longer.lease_ends_in_s == pytest.approx(60.0)
+        await elapse(5)
+        renewed = made.task.sessions.renew(session.id, ROBOT, asked_s)
+        assert not isinstance(renewed, Refused)
+        assert renewed.lease_ends_in_s == pytest.approx(given_s)
 
     on_bench(check, PLAIN, lease_s=60.0)
 
@@ -160,6 +165,30 @@ def test_a_manager_that_stops_takes_no_more_requests() -> None:
         assert made.open_refused().code == "stopping"
 
     on_bench(check, PLAIN)
+
+
+def test_a_request_that_is_pending_when_the_manager_stops_says_what_became_of_it() -> None:
+    async def unsent(made: Bench) -> None:
+        session = made.opened()
+        followed = made.taken(session, Do.GO_TO, "L1")
+        assert followed.status is Status.PENDING
+        await made.task.stop()
+        after = made.now(session, followed)
+        assert after.status is Status.REJECTED
+        assert after.reason.startswith("the manager is stopping: nothing was sent for it; the session goes on when")
+
+    async def sent(made: Bench) -> None:
+        session = await called(made)
+        made.driver.unseen = True
+        followed = made.taken(session, Do.LET_GO_DOOR)
+        assert followed.status is Status.PENDING
+        await made.task.stop()
+        after = made.now(session, followed)
+        assert after.status is Status.UNCONFIRMED
+        assert after.reason.startswith("the manager is stopping: it was sent to the lift, and nobody watches")
+
+    on_bench(unsent, replace(PLAIN, requires={"go_to": frozenset({"robot_mode_on"})}))
+    on_bench(sent, PLAIN)
 
 
 def test_an_orderly_close_gives_no_advice_and_lets_everything_go() -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.model import LiftValues
 from lift_manager.core.memory import ShortMemory
-from lift_manager.domain.asking import Refused, RobotWord
+from lift_manager.domain.asking import Refusal, Refused, RobotWord
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session_requests import Do, SessionInfo, Status
@@ -83,7 +83,8 @@ def test_it_is_the_same_session_and_nothing_is_pressed_before_its_holder_is_hear
         assert info.robot in (robot, Who.MAY_BOARD if found is OPEN_AT_L1 else robot)
         assert info.lease_ends_in_s is not None
         assert info.lease_ends_in_s <= TTL_S - 15
-        assert made.opened(key="one").id == session.id
+        assert made.opened(key="one", ttl_s=TTL_S).id == session.id
+        assert made.open_refused(key="one").code is Refusal.KEY_REUSED
         stranger = made.task.sessions.read(session.id, SECOND)
         assert isinstance(stranger, Refused)
         await elapse(TTL_S)

@@ -142,7 +142,7 @@ def test_a_hold_that_is_never_seen_on_ends_unconfirmed() -> None:
         made.driver.unseen = True
         hold = made.taken(session, Do.HOLD_DOOR)
         status, reason = ends(await made.ended(session, hold, DOOR_WITHIN_S + 1))
-        assert (status, "was not seen on within 10 s" in reason) == (Status.UNCONFIRMED, True)
+        assert (status, "did not show within 10 s that the door is held" in reason) == (Status.UNCONFIRMED, True)
 
     on_bench(check, PLAIN)
 
@@ -154,10 +154,10 @@ def test_a_door_that_is_never_seen_let_go_ends_unconfirmed_and_close_is_not_pres
         made.driver.unseen = True
         let_go = made.taken(session, Do.LET_GO_DOOR)
         status, reason = ends(await made.ended(session, let_go, DOOR_WITHIN_S + 1))
-        assert (status, "letting go is repeated until it is" in reason) == (Status.UNCONFIRMED, True)
+        assert (status, "letting go is repeated until it does" in reason) == (Status.UNCONFIRMED, True)
         close = made.taken(session, Do.CLOSE_DOOR)
         status, reason = ends(await made.ended(session, close, DOOR_WITHIN_S + 1))
-        assert (status, "was not seen off within 10 s" in reason) == (Status.REJECTED, True)
+        assert (status, "did not show within 10 s that the door is let go" in reason) == (Status.REJECTED, True)
         assert "close_door.front" not in made.presses
 
     on_bench(check, CLOSING)

@@ -107,7 +107,7 @@ def test_a_holder_that_asks_for_another_floor_sees_what_it_waits_for_and_the_log
             for floor in cycle(["L1", "L3"]):
                 lift.accept(floor)
                 await elapse(0.1)
-                assert lift.state.restrictions.waiting_for == FULL
+                assert lift.state.restrictions.waiting_for == f"the disk: {FULL}"
                 if len(journal.rows) > 20:
                     break
             rejected = [record for record in caplog.records if "rejected" in record.getMessage()]

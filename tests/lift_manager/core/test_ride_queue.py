@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
-from lift_manager.core.rides.book import ENDED_FOR_S, MOST, MOST_ENDED, RideBook
+from lift_manager.core.rides.book import ENDED_FOR_S, MOST, MOST_ENDED, MOST_OF_ONE, RideBook
 from lift_manager.domain.asking import Accepted, Refusal, Refused
 from lift_manager.domain.hours import RobotHours, read_hours
 from lift_manager.domain.ride import Guidance, Phase, RideBegun, RideLimits, RidePlan, RideWord
@@ -245,7 +245,7 @@ def test_words_and_cancels_are_the_callers_or_an_operators() -> None:
         assert made.manager.ride("none") is None
         over = made.manager.cancel_ride(ride.id, None, "drill")
         assert not isinstance(over, Refused)
-        assert (over.phase, over.reason) == (Phase.CANCELLED, "cancelled by an operator: drill")
+        assert (over.phase, over.reason) == (Phase.CANCELLED, "withdrawn by an operator: drill")
         state = made.manager.state("A")
         assert state is not None
         assert state.holder is None
@@ -310,12 +310,17 @@ def test_the_next_ride_of_a_robot_that_may_be_in_the_car_ends_the_doubt_once_it_
 
 def test_more_rides_than_the_book_holds_are_refused_and_of_those_that_ended_the_newest_are_known() -> None:
     async def check(made: Building) -> None:
-        rides = [made.begin("A", robot=f"amr-{n}") for n in range(MOST)]
+        rides = []
+        for n in range(MOST):
+            wish = replace(made.wish("A", robot=f"amr-{n}"), caller=Holder("ride", f"fleet/{n // MOST_OF_ONE}"))
+            answer = made.manager.begin_ride(wish)
+            assert isinstance(answer, RideBegun)
+            rides.append(answer.ride)
         refused = made.manager.begin_ride(made.wish("A", robot="one-more"))
         assert isinstance(refused, Refused)
-        assert refused.code is Refusal.TOO_MANY
+        assert (refused.code, refused.message.startswith(f"{MOST} rides of all callers")) == (Refusal.TOO_MANY, True)
         for ride in rides:
-            made.manager.cancel_ride(ride.id, FLEET, "no order")
+            made.manager.cancel_ride(ride.id, ride.caller, "no order")
         made.begin("A", robot="one-more")
         await elapse(2)
         assert len(made.manager.rides()) == MOST_ENDED + 1

@@ -20,7 +20,7 @@ from tests.support.spine import OTHER, WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
 REST_S = 5.0
-WAITS = "people have the lift for 5 s after each robot"
+WAITS = "the turn of people, who have the lift for 5 s after each robot"
 
 
 def now() -> float:
@@ -112,7 +112,7 @@ def test_robot_mode_of_the_session_before_is_still_kept_under_way_during_the_res
             await elapse(0.05)
         await elapse(1)
         assert not made.face.picture.robot_mode_on
-        assert made.state.restrictions.waiting_for.startswith("people have")
+        assert made.state.restrictions.waiting_for.startswith("the turn of people")
 
     on_spine(check, between_sessions_s=20)
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from lift_manager.core.sparing import CALLERS
 from lift_manager.core.waiting import HEARD_WITHIN_S, WaitingLine
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.service import EndReason
@@ -51,11 +52,41 @@ def test_whoever_is_refused_for_another_reason_does_not_wait(code: Refusal) -> N
     assert line.length(0.0) == 0
 
 
-def test_faces_that_do_not_ask_again_are_not_in_line_because_they_were_refused() -> None:
+def test_workshop_waits_as_one_and_each_caller_of_a_session_for_itself_for_as_long_as_they_ask() -> None:
     line = WaitingLine("lift")
-    for holder in (WORKSHOP, ROBOT):
+    for holder in (WORKSHOP, Holder("workshop", "other"), ROBOT, SECOND, ROBOT):
         line.refused(holder, Refused(Refusal.HELD, "held"), 0.0)
+    assert [line.ahead(holder, 0.0) for holder in (WORKSHOP, ROBOT, SECOND)] == [0, 1, 2]
+    assert (line.length(0.0), line.first(0.0), line.left) == (3, "workshop", 0)
+    line.refused(SECOND, Refused(Refusal.HELD, "held"), 3.0)
+    assert (line.length(1.0 + HEARD_WITHIN_S), line.first(1.0 + HEARD_WITHIN_S), line.left) == (1, SECOND, 2)
+
+
+def test_whoever_makes_up_names_does_not_fill_the_line() -> None:
+    line = WaitingLine("lift")
+    for number in range(2 * CALLERS):
+        line.refused(Holder("api", f"amr-{number}"), Refused(Refusal.HELD, "held"), 0.0)
+    assert line.length(0.0) == CALLERS
+    line.join(RIDE, 0.0)
+    assert line.ahead(RIDE, 0.1 + HEARD_WITHIN_S) == 0
+
+
+def test_a_ride_is_not_in_line_because_it_was_refused() -> None:
+    line = WaitingLine("lift")
+    line.refused(RIDE, Refused(Refusal.HELD, "held"), 0.0)
     assert line.length(0.0) == 0
+
+
+def test_one_that_asks_again_gets_the_lift_though_rides_come_one_after_another() -> None:
+    async def check(made: Spine) -> None:
+        session = made.opened(RIDE)
+        assert made.refuse("L2", holder=WORKSHOP).code is Refusal.HELD
+        made.task.line.join(LATER, 0.0)
+        made.closed(session)
+        assert made.open_refused(LATER).code is Refusal.QUEUED
+        made.accept("L2", holder=WORKSHOP)
+
+    on_spine(check)
 
 
 def test_a_free_lift_is_refused_to_everybody_but_the_first_in_line() -> None:
@@ -65,15 +96,15 @@ def test_a_free_lift_is_refused_to_everybody_but_the_first_in_line() -> None:
         made.task.line.join(LATER, now)
         assert made.state.waiting == 2
         assert ahead(made.refuse("L2", holder=WORKSHOP)) == 2
-        assert ahead(made.open_refused(ROBOT)) == 2
+        assert ahead(made.open_refused(ROBOT)) == 3
         assert ahead(made.open_refused(LATER)) == 1
         session = made.opened(RIDE)
-        assert made.state.waiting == 1
+        assert made.state.waiting == 3
         assert made.open_refused(LATER).code is Refusal.HELD
         made.closed(session)
-        assert ahead(made.open_refused(RIDE)) == 1
+        assert ahead(made.open_refused(RIDE)) == 3
         made.opened(LATER)
-        assert made.state.waiting == 0
+        assert made.state.waiting == 2
 
     on_spine(check)
 
@@ -95,11 +126,11 @@ def test_rmf_waits_once_for_all_its_robots_while_it_is_heard() -> None:
         assert made.state.waiting == 1
         made.closed(session)
         assert ahead(made.open_refused(SECOND)) == 1
-        assert ahead(made.refuse("L2", holder=WORKSHOP)) == 1
+        assert ahead(made.refuse("L2", holder=WORKSHOP)) == 2
         made.accept("L2", holder=RMF_SECOND)
-        assert made.state.waiting == 0
+        assert made.state.waiting == 2
         assert made.refuse("L2", holder=OTHER).code is Refusal.HELD
-        assert made.state.waiting == 1
+        assert made.state.waiting == 3
         await elapse(HEARD_WITHIN_S + 1)
         assert made.state.waiting == 0
 

@@ -17,13 +17,16 @@ FLOORS = ("L1", "L2", "L3", "L4")
 ANY = replace(WISH, lifts=("A", "B", "C"), any_lift=True)
 
 
+ABLE_TO_HOLD = replace(ABLE, commands=frozenset({"go_to", "hold_door.front"}))
+
+
 def described(lift: str = "A", floors: tuple[str, ...] = FLOORS, **more: object) -> LiftDescription:
     made = LiftDescription(
         lift=lift,
         floors=floors,
         doors_at=dict.fromkeys(floors, (Side.FRONT,)),
         control=True,
-        able=replace(ABLE, commands=frozenset({"go_to"})),
+        able=ABLE_TO_HOLD,
         poll_s=0.1,
         lease_s=300.0,
         max_session_s=3600.0,
@@ -46,7 +49,16 @@ def choice(
         (described(), replace(WISH, destination="L1"), Refusal.NOT_POSSIBLE, "begins and ends at L1"),
         (described(), replace(WISH, door=Side.REAR), Refusal.NOT_POSSIBLE, "no rear door at L1; there it has front"),
         (described(control=False), WISH, Refusal.MONITOR_ONLY, "A is only watched"),
-        (described(able=ABLE), replace(WISH, door=Side.FRONT), None, ""),
+        (described(), replace(WISH, door=Side.FRONT), None, ""),
+        (described(able=ABLE), WISH, Refusal.NOT_POSSIBLE, "its map by-hand has no hold for the front door at L1"),
+        (described(able=replace(ABLE, until={"call": "robot_left"})), WISH, None, ""),
+        (described(doors_at={}), WISH, Refusal.NOT_POSSIBLE, "its map by-hand shows no door at L1"),
+        (
+            described(able=replace(ABLE_TO_HOLD, doors=())),
+            WISH,
+            Refusal.NOT_POSSIBLE,
+            "its map by-hand shows no door at L1",
+        ),
         (
             described(able=replace(ABLE, commands=frozenset({"go"}))),
             WISH,
@@ -100,6 +112,17 @@ def test_a_car_that_may_hold_the_robot_itself_takes_it() -> None:
     chosen = choose(ANY, HOLDER, (choice("A", own), choice("B", BUSY)))
     assert isinstance(chosen, Choice)
     assert chosen.lift == "A"
+
+
+def test_a_robot_that_may_be_in_a_car_is_given_no_other_though_that_is_nearer_and_free() -> None:
+    own = replace(STATE, restrictions=Restrictions(maybe_aboard=HOLDER))
+    lifts = (choice("B", floor="L1"), choice("A", own, floor="L4", waiting=3))
+    chosen = choose(ANY, HOLDER, lifts)
+    assert isinstance(chosen, Choice)
+    assert chosen.lift == "A"
+    unnamed = choose(replace(ANY, robot=""), HOLDER, lifts)
+    assert isinstance(unnamed, Choice)
+    assert unnamed.lift == "B", "nobody knows whose robot is in the car"
 
 
 def test_where_no_lift_serves_both_floors_the_refusal_names_lifts_and_floors() -> None:

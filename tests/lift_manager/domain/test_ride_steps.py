@@ -1,5 +1,6 @@
 """How a ride goes on by what is seen, phase by phase."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -7,8 +8,20 @@ import pytest
 
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.ride import Guidance, Phase
-from lift_manager.domain.ride_record import Clearing, Close, GoTo, InPlace, Open, Renew, RideSight, Warn, shown
-from lift_manager.domain.ride_steps import REPEAT_S, asked, opened, step
+from lift_manager.domain.ride_record import (
+    UNHEARD_S,
+    Clearing,
+    Close,
+    Doubt,
+    GoTo,
+    InPlace,
+    Open,
+    Renew,
+    RideSight,
+    Warn,
+    shown,
+)
+from lift_manager.domain.ride_steps import REPEAT_S, asked, opened, read, step
 from lift_manager.domain.service import Advice, EndReason
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from register_maps.words import Door, Mode, Side
@@ -17,6 +30,7 @@ from tests.lift_manager.domain.ride_sights import (
     NOON,
     OFFLINE,
     STATE,
+    WISH,
     away,
     ended,
     here,
@@ -28,13 +42,14 @@ from tests.lift_manager.domain.ride_sights import (
 
 GOING_ON = [Phase.QUEUED, Phase.CALLED, Phase.BOARDING, Phase.RIDING, Phase.ALIGHTING, Phase.CLEARING]
 WITH_SESSION = GOING_ON[1:]
-CLEARING = Clearing(Phase.CANCELLED, "cancelled: no order")
+CLEARING = Clearing(Phase.CANCELLED, "withdrawn by its caller: no order")
 
 
 def test_a_ride_whose_lift_is_free_takes_it_at_once() -> None:
     after = step(ride(), sight())
     assert after.actions == (Open(),)
-    assert (after.record.guidance, after.record.reason, after.record.ahead) == (Guidance.WAIT, "", 0)
+    told = (after.record.guidance, after.record.reason, after.record.ahead)
+    assert told == (Guidance.WAIT, "its turn has come: asks for A", 0)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +148,7 @@ def test_nothing_but_an_open_held_door_of_its_own_lets_a_robot_in_or_out(fault: 
         assert inside.reason
     clearing = step(ride(Phase.CLEARING, entered=True, clear_at="L3", clearing=CLEARING), there).record
     assert (clearing.phase, clearing.guidance) == (Phase.CLEARING, Guidance.STAY)
-    assert clearing.reason.startswith("cancelled: no order; ")
+    assert clearing.reason.startswith("withdrawn by its caller: no order; ")
 
 
 def test_a_lift_that_does_not_permit_it_lets_no_robot_in_though_its_door_is_open() -> None:
@@ -196,8 +211,83 @@ def test_nothing_is_asked_after_a_restart_before_the_robot_is_heard(phase: Phase
 
 
 def test_a_queued_ride_takes_no_lift_after_a_restart_before_its_robot_is_heard() -> None:
-    after = step(ride(unheard_since=0.0), sight(now=5.0))
-    assert (after.actions, after.record.reason) == ((), "waits to hear the robot after a restart of the manager")
+    unheard = ride(unheard_since=0.0)
+    waits = "waits to hear the robot after a restart of the manager: it has to say `here`"
+    after = step(unheard, sight(replace(STATE, holder=Holder("rmf", "tiny")), ahead=2, now=5.0))
+    assert (after.actions, after.record.reason) == ((), f"{waits} within 25 s to keep its place")
+    assert read(after.record, sight(now=7.0)).reason == f"{waits} within 23 s to keep its place"
+    assert read(after.record, sight(now=7.0)).changed_at == after.record.changed_at
+    late = step(unheard, sight(now=UNHEARD_S))
+    assert (late.actions, late.record.reason) == ((), f"{waits}; it has lost its place in the line")
+
+
+DOUBT = Doubt("r0", "A", 50.0)
+
+
+@pytest.mark.parametrize(
+    ("robot", "spoke_at", "doubt", "words"),
+    [
+        ("amr-7", 49.0, DOUBT, "your robot may be in the car of A: say `left` for ride r0, or begin a ride anew"),
+        ("amr-7", 50.0, DOUBT, ""),
+        ("amr-7", -math.inf, replace(DOUBT, lift="B"), "your robot may be in the car of B"),
+        ("", 49.0, DOUBT, "cannot be told apart: give each its name with `robot`; say `left` for ride r0"),
+        ("", 51.0, DOUBT, ""),
+        ("", 51.0, replace(DOUBT, since=math.inf), "waits until that ride is over"),
+    ],
+)
+def test_a_ride_of_before_a_doubt_does_not_start_by_the_name_of_its_holder(
+    robot: str, spoke_at: float, doubt: Doubt, words: str
+) -> None:
+    waiting = replace(ride(spoke_at=spoke_at), wish=replace(WISH, robot=robot))
+    in_car = kept_out(maybe_aboard=waiting.holder)
+    after = step(waiting, replace(sight(in_car, now=60.0), doubt=doubt))
+    assert after.actions == (() if words else (Open(),))
+    assert words in after.record.reason
+
+
+def test_a_robot_that_may_be_inside_passes_the_line_while_nobody_holds_the_lift() -> None:
+    inside = sight(kept_out(maybe_aboard=HOLDER), ahead=2)
+    assert step(ride(), inside).actions == (Open(),)
+    held = replace(inside, state=replace(inside.state, holder=Holder("rmf", "tiny")))
+    assert step(ride(), held).actions == ()
+
+
+def test_a_robot_that_may_be_inside_boards_only_once_the_door_has_stood_open_in_this_ride() -> None:
+    shut = sight(here("L1", RobotDoor.CLOSED), session("L1", Who.MAY_BOARD))
+    called = step(ride(Phase.CALLED), shut).record
+    assert (called.phase, called.maybe_aboard) == (Phase.CALLED, True)
+    assert step(called, OPEN_AT_START).record.phase is Phase.BOARDING
+
+
+@pytest.mark.parametrize("seen_elsewhere", [False, True])
+def test_a_robot_could_leave_no_longer_once_the_car_moves_with_its_door_shut_or_is_elsewhere(
+    *, seen_elsewhere: bool
+) -> None:
+    riding = ride(Phase.RIDING, could_leave_at="L1")
+    between = sight(away(), session("L3", Who.ABOARD))
+    still_open = replace(between, state=replace(between.state, doors={Side.FRONT: Door.OPEN}))
+    assert step(riding, still_open).record.could_leave_at == "L1"
+    elsewhere = sight(here("L2", RobotDoor.CLOSED), session("L3", Who.ABOARD))
+    assert step(riding, elsewhere if seen_elsewhere else between).record.could_leave_at is None
+
+
+def test_a_car_that_is_open_and_not_held_yet_says_that_it_waits_for_the_hold() -> None:
+    unheld = _but(_with(OPEN_AT_START, door_held=False), robot_door=RobotDoor.MOVING)
+    assert step(ride(Phase.BOARDING), unheld).record.reason.endswith("is open, and is not held yet: waits for the hold")
+
+
+def test_a_ride_that_ends_with_its_robot_perhaps_inside_speaks_to_it() -> None:
+    shut = sight(here("L1", RobotDoor.CLOSED), session("L1", Who.MAY_BOARD))
+    after = step(ride(Phase.CLEARING, clearing=CLEARING), shut).record
+    assert after.guidance is Guidance.WAIT
+    assert after.reason.endswith("if the robot is inside, stay there until the door opens; say `entered` or `left`")
+
+
+def test_people_are_told_that_nothing_is_pressed_for_a_robot_that_is_not_heard() -> None:
+    after = step(ride(Phase.RIDING, unheard_since=100.0), sight(OFFLINE, session("L3", Who.ABOARD), now=200.0))
+    warn = after.actions[0]
+    assert isinstance(warn, Warn)
+    assert warn.text.endswith("nothing is pressed before the robot is heard: look into the car")
 
 
 @pytest.mark.parametrize("phase", WITH_SESSION)

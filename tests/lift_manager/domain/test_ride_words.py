@@ -17,7 +17,7 @@ OPEN_AT_START = sight(here("L1"), session("L1", Who.MAY_BOARD, there=True))
 SHUT_AT_START = sight(here("L1", RobotDoor.MOVING), session("L1", Who.MAY_BOARD))
 OFFLINE_AT_START = sight(OFFLINE, session("L1", Who.MAY_BOARD))
 UNDER_WAY = sight(away(), session("L3", Who.ABOARD))
-CLEARING = Clearing(Phase.CANCELLED, "cancelled: no order")
+CLEARING = Clearing(Phase.CANCELLED, "withdrawn by its caller: no order")
 
 
 def taken(record: RideRecord, word: RideWord, seen: RideSight) -> Step:
@@ -126,7 +126,7 @@ def test_a_ride_that_waits_is_cancelled_at_once() -> None:
     assert (after.record.phase, after.record.guidance, after.record.reason, after.actions) == (
         Phase.CANCELLED,
         Guidance.DONE,
-        "cancelled: no order",
+        "withdrawn by its caller: no order",
         (),
     )
 
@@ -149,7 +149,7 @@ def test_a_ride_whose_robot_may_be_inside_lets_it_out_first(phase: Phase, seen: 
 def test_people_are_told_when_an_operator_cancels_a_ride_with_its_robot_inside() -> None:
     after = cancel(ride(Phase.RIDING), UNDER_WAY, "fire drill", by_operator=True)
     assert isinstance(after.actions[0], Warn)
-    assert "cancelled by an operator: fire drill" in after.actions[0].text
+    assert "withdrawn by an operator: fire drill" in after.actions[0].text
     boarding = cancel(ride(Phase.BOARDING), OPEN_AT_START, "fire drill", by_operator=True)
     assert not any(isinstance(action, Warn) for action in boarding.actions)
 

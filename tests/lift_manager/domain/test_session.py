@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lift_manager.domain.asking import Ask, Refusal, Refused
+from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused
 from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.session import (
     NO_LEASE,
@@ -89,7 +89,8 @@ def test_a_request_of_the_holder_makes_a_restored_session_an_ordinary_one() -> N
 
 def test_another_caller_is_told_who_holds_it_and_since_when() -> None:
     refused = admit(opened(at=100.0), Ask("lift", OTHER, "L1", hold_door=True), number=2, now=142.0)
-    assert refused == Refused(Refusal.HELD, "held by api:r1 since 42 s")
+    blocking = Blocking(holder=ONE, since_s=42.0)
+    assert refused == Refused(Refusal.HELD, "held by api:r1 since 42 s", blocking)
 
 
 def test_a_hand_over_renews_the_lease_and_not_the_limit() -> None:

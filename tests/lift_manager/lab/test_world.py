@@ -204,3 +204,17 @@ def test_the_same_seed_tells_the_same_story() -> None:
         return [seen.truths, [(at, replace(state, not_visible={})) for at, state in seen.states], seen.presses]
 
     assert story(in_world(check)) == story(in_world(check))
+
+
+def test_what_a_killed_manager_still_hears_of_changes_nothing_that_the_next_one_finds() -> None:
+    async def check(world: World) -> None:
+        world.manager.lock_out("lift", "somebody", "ropes")
+        killed = world.manager
+        await world.restart()
+        killed.end_lockout("lift", "somebody")
+        await world.restart()
+        remembered = world.manager.remembered("lift")
+        assert remembered is not None
+        assert remembered.lockout is not None
+
+    in_world(check)

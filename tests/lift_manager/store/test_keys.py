@@ -48,6 +48,9 @@ def test_a_key_that_was_made_is_found_and_another_is_not(path: Path) -> None:
     keys = watched(path)
     assert keys.needed
     assert keys.names == ("amr-1", "amr-2")
+    by_name = {name: keys.named(name) for name in ("amr-1", "amr-2", "amr")}
+    assert {name: key is not None for name, key in by_name.items()} == {"amr-1": True, "amr-2": True, "amr": False}
+    assert keys.find(second) == by_name["amr-2"]
     for secret, name, lifts in ((first, "amr-1", ()), (second, "amr-2", ("east",))):
         found = keys.find(secret)
         assert found is not None

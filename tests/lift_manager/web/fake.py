@@ -1,11 +1,12 @@
 """A manager for the tests of the web face, and ways to ask the application something."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import httpx
 from fastapi import FastAPI
@@ -32,6 +33,10 @@ AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
 CALL = b'{"floor":"L2","door_state":0}'
 
 
+async def _at_once(_lift: str, _within_s: float) -> bool:
+    return True
+
+
 @dataclass
 class FakeManager(FakeSessions, FakeRides):
     """Says what it was told to say, and remembers what it was asked."""
@@ -45,6 +50,8 @@ class FakeManager(FakeSessions, FakeRides):
     """What people said."""
     away: list[TurnedAway] = field(default_factory=list)
     """Whom the face refused by itself."""
+    written: Callable[[str, float], Awaitable[bool]] = _at_once
+    """How long a lift's words take to the disk."""
     boot: str = "b0"
     newest: int = 0
     _ears: list[Callable[[Occurrence], None]] = field(default_factory=list)
@@ -84,6 +91,9 @@ class FakeManager(FakeSessions, FakeRides):
     def remembered(self, lift: str) -> Remembered | None:
         return Remembered() if lift in self.lifts else None
 
+    async def kept(self, lift: str, within_s: float) -> bool:
+        return await self.written(lift, within_s)
+
     def freshen(self) -> None:
         """Every state is as it was said to be."""
 
@@ -108,7 +118,40 @@ def one_lift(state: LiftState) -> FakeManager:
 
 
 def ask(facade: Facade, method: str, url: str, *, keys: Keys | None = None, **more: Any) -> httpx.Response:
-    return ask_app(make_app(facade, keys), method, url, **more)
+    return ask_app(app_of(facade, keys, make_app, _made), method, url, **more)
+
+
+class StandIn:
+    """Passes everything on to one manager after the other: an application takes long to make, and serves them all."""
+
+    def __init__(self, first: Facade) -> None:
+        self.stands_for = first
+
+    def __getattr__(self, name: str) -> Any:
+        if callable(getattr(self.stands_for, name)):
+            # what an application keeps of one manager must reach the next
+            return partial(self._pass_on, name)
+        return getattr(self.stands_for, name)
+
+    def _pass_on(self, name: str, *given: Any, **named: Any) -> Any:
+        return getattr(self.stands_for, name)(*given, **named)
+
+
+Made = dict[tuple[int, tuple[str, ...]], tuple[StandIn, Keys | None, FastAPI]]
+_made: Made = {}
+
+
+def app_of(facade: Facade, keys: Keys | None, make: Callable[[Facade, Keys | None], FastAPI], made: Made) -> FastAPI:
+    """An application for these two: one that was made for the same keys and the same names of lifts, if there is one in `made`."""
+    of = (id(keys), facade.lift_names())
+    if of not in made:
+        while len(made) > 3:
+            del made[next(iter(made))]
+        stand_in = StandIn(facade)
+        made[of] = stand_in, keys, make(cast("Facade", stand_in), keys)
+    stand_in, _, app = made[of]
+    stand_in.stands_for = facade
+    return app
 
 
 def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:

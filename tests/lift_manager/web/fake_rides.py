@@ -76,7 +76,9 @@ class FakeRides(FakeLifts):
 
     def cancel_ride(self, ride: str, caller: Holder | None, reason: str) -> Ride | Refused:
         self.said_of_rides.append((ride, reason, caller))
-        return self.ride_refused or replace(self.known[ride], phase=Phase.CLEARING, reason=reason)
+        if self.ride_refused is None:
+            self.known[ride] = replace(self.known[ride], phase=Phase.CLEARING, reason=reason)
+        return self.ride_refused or self.known[ride]
 
     def _no(self, wish: RideRequest) -> Refused | None:
         if unknown := set(wish.lifts) - set(self.lift_names()):

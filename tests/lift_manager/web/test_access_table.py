@@ -13,13 +13,14 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from starlette.types import Message, Scope
 
+from lift_manager.core.facade import Facade
 from lift_manager.domain.access import ROUTES, LiftIn, Need, Role, Route
 from lift_manager.domain.description import WireFrame
-from lift_manager.domain.keys import KeyRing
+from lift_manager.domain.keys import KeyRing, Keys
 from lift_manager.domain.state import Holder
 from lift_manager.web.access_table import COLUMNS, FILE, NO_KEYS, access_table
 from lift_manager.web.app import make_app
-from tests.lift_manager.web.fake import FakeManager, ask_app
+from tests.lift_manager.web.fake import FakeManager, Made, app_of, ask_app
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_command, a_session
@@ -79,7 +80,9 @@ def url_of(path: str, lift: str) -> str:
 
 def body_of(path: str, lift: str) -> Mapping[str, object]:
     found = {name: BODY[name] for name in KEYS_OF.get(path.rsplit("/", 1)[-1], ())}
-    return found | {"lift": lift} if path == "/api/v1/rides" else found
+    if path == "/api/v1/rides":
+        return found | {"lift": lift}
+    return found | {"to": "the operator"} if path.endswith("/hand-over") else found
 
 
 def manager_of(role: Role | None, lift: str) -> FakeManager:
@@ -119,7 +122,15 @@ class Frames:
 
 def whole(facade: FakeManager, keys: KeyRing | None = None) -> FastAPI:
     """The application with every part that it may have."""
+    return app_of(facade, keys, _whole, _made)
+
+
+def _whole(facade: Facade, keys: Keys | None) -> FastAPI:
     return make_app(facade, keys, frames=Frames(), metrics=nothing_measured)
+
+
+_made: Made = {}
+EVERY_KEY = ring(*Role)
 
 
 async def nothing_measured(accept: str) -> tuple[bytes, str]:
@@ -173,7 +184,7 @@ def test_with_keys_the_application_does_what_the_table_says(method: str, path: s
     for lift in lifts:
         facade = manager_of(role, lift)
         headers = {} if role is None else bearing(role)
-        app = whole(facade, ring(*Role))
+        app = whole(facade, EVERY_KEY)
         status = told(app, method, url_of(path, lift), headers=headers, json=body_of(path, lift))
         if may:
             assert status in YES

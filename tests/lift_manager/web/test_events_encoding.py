@@ -93,7 +93,7 @@ def test_every_event_that_there_is_is_among_these_cases() -> None:
 
 @pytest.mark.parametrize(("event", "name", "words"), CASES, ids=lambda case: type(case).__name__)
 def test_an_event_says_what_happened_and_can_be_read_back(event: Event, name: str, words: dict[str, object]) -> None:
-    said = shown(event, lambda _: 2.0)
+    said = shown(event, 2.0)
     lines = sse.event(said.event, said, "b0-7").decode().split("\n")
     assert lines[:2] == ["id: b0-7", f"event: {name}"]
     assert lines[3:] == ["", ""]
@@ -106,7 +106,7 @@ def test_an_event_says_what_happened_and_can_be_read_back(event: Event, name: st
 
 
 def test_text_with_line_breaks_stays_one_line_of_data() -> None:
-    said = shown(Alarm("lift", "one\r\ntwo\n\nid: forged\n\u2028\u0085"), lambda _: 2.0)
+    said = shown(Alarm("lift", "one\r\ntwo\n\nid: forged\n\u2028\u0085"), 2.0)
     sent = sse.event(said.event, said, "b0-1")
     assert sent.count(b"\n") == 4
     assert b"\r" not in sent

@@ -1,9 +1,10 @@
 """Event streams over real sockets: their heads, slow readers, many readers, the end of the manager, and who may read."""
 
 import asyncio
+import json
 import socket
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,48 @@ def test_a_stream_beyond_the_limit_is_refused_until_another_one_has_gone() -> No
     assert status == 503
     assert b"application/problem+json" in head
     assert b"retry-after: 5" in head
+
+
+async def _statuses(
+    port: int, stack: AsyncExitStack, count: int, headers: Mapping[str, str] | None = None
+) -> tuple[list[int], str]:
+    """Open so many streams and leave them open; returns their statuses, and what the last was told."""
+    found, text = [], ""
+    for _ in range(count):
+        stream = await stack.enter_async_context(listening(port, headers=headers))
+        found.append(await stream.begin())
+        if found[-1] == 503:
+            text = str(json.loads(await stream.reader.readuntil(b"}"))["detail"])
+    return found, text
+
+
+def test_one_key_gets_half_of_all_streams_and_the_others_the_rest() -> None:
+    keys = ring(Role.VIEWER, Role.ROBOT, Role.OPERATOR)
+
+    async def main() -> None:
+        async with serving(make_app(Happening(), keys, streams=6)) as port, AsyncExitStack() as stack:
+            async with AsyncExitStack() as of_viewer:
+                found, text = await _statuses(port, of_viewer, 4, bearing(Role.VIEWER))
+                assert found == [200, 200, 200, 503]
+                assert text.startswith("the key the viewer has 3 event streams open, and of the 6 ")
+                found, _ = await _statuses(port, stack, 3, bearing(Role.ROBOT))
+                assert found == [200, 200, 200]
+                found, text = await _statuses(port, stack, 1, bearing(Role.OPERATOR))
+                assert found == [503]
+                assert text.startswith("6 event streams are open")
+            async with asyncio.timeout(5):
+                while (await _statuses(port, stack, 1, bearing(Role.VIEWER)))[0] != [200]:
+                    pass
+
+    run(main())
+
+
+def test_without_keys_one_computer_may_have_all_streams() -> None:
+    async def main() -> list[int]:
+        async with serving(make_app(Happening(), streams=4)) as port, AsyncExitStack() as stack:
+            return (await _statuses(port, stack, 5))[0]
+
+    assert run(main()) == [200, 200, 200, 200, 503]
 
 
 @on_both_loops

@@ -109,10 +109,13 @@ def test_a_signal_that_has_changed_is_sent(change: Mapping[str, Any]) -> None:
     assert read(FakeManager(says=(replace(DOOR, **change),)), "/lift/signals", tag).status_code == 200
 
 
-def test_an_offline_lift_stays_the_same_though_its_reason_counts_seconds() -> None:
-    tag = read(one_lift(replace(OFFLINE, reason="silent for 7.2 s")), "/lift").headers["etag"]
-    assert read(one_lift(replace(OFFLINE, reason="silent for 19 s", age_s=19.0)), "/lift", tag).status_code == 304
-    assert read(one_lift(replace(OFFLINE, reason="refused for 19 s", age_s=19.0)), "/lift", tag).status_code == 200
+@pytest.mark.parametrize("reason", ["closed for 900 s", "closed for 30.5 s", "refused for 30 s"])
+@pytest.mark.parametrize("path", ["", "/lift"])
+def test_a_reason_in_other_words_or_with_other_numbers_is_sent(path: str, reason: str) -> None:
+    known = replace(OFFLINE, reason="closed for 30 s")
+    tag = read(one_lift(known), path).headers["etag"]
+    assert read(one_lift(replace(known, age_s=19.0)), path, tag).status_code == 304
+    assert read(one_lift(replace(known, reason=reason)), path, tag).status_code == 200
 
 
 @pytest.mark.parametrize("path", EVERY)

@@ -1,6 +1,7 @@
 """The OpenAPI document of /api/v1: every operation with its words and examples, and each example as its schema has it."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -8,9 +9,11 @@ import jsonschema
 import pytest
 
 from lift_manager.api.problem import MEDIA_TYPE
+from lift_manager.api.rides import ANY
 from lift_manager.domain.access import ROUTES, Need
 from lift_manager.web.codes import CODES
 from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake_lifts import IDLE
 
 Json = dict[str, Any]
 API = [
@@ -122,3 +125,26 @@ def test_lifts_document_the_etag_of_both_answers() -> None:
             for status in ("200", "304"):
                 assert {"ETag", "Cache-Control", "lift-age-s"} <= said["responses"][status]["headers"].keys()
             assert "If-None-Match" in {parameter["name"] for parameter in said["parameters"]}
+
+
+def test_the_first_example_of_a_body_can_be_sent_again_and_again() -> None:
+    for method, path in API:
+        body = operation(method, path).get("requestBody", {}).get("content", {}).get("application/json", {})
+        first: Json = next(iter(body.get("examples", {}).values()), {"value": {}})
+        assert "idempotency_key" not in first["value"], path
+
+
+@pytest.mark.parametrize("name", ["Güter", "east wing/2"])
+def test_what_a_request_names_in_the_examples_is_a_lift_of_the_site(name: str) -> None:
+    facade = FakeManager({name: replace(IDLE, lift=name), "other": replace(IDLE, lift="other")})
+    paths = ask(facade, "GET", "/openapi.json").json()["paths"]
+    named = set()
+    for method, path in API:
+        said = paths[path][method]
+        of_path = [
+            one["example"] for one in said.get("parameters", ()) if one["in"] == "path" and one["name"] == "lift"
+        ]
+        assert of_path == [name] * ("{lift}" in path), path
+        body = said.get("requestBody", {}).get("content", {}).get("application/json", {})
+        named |= {example["value"].get("lift") for example in body.get("examples", {}).values()}
+    assert named == {None, ANY, name}

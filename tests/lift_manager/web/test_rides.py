@@ -64,9 +64,19 @@ def test_a_ride_is_begun_with_201_and_the_address_where_it_is() -> None:
 
 def test_the_same_idempotency_key_gives_the_same_ride_with_200() -> None:
     facade = FakeManager()
-    first, again = (post(facade, RIDES, json={**WISH, "idempotency_key": "k1"}) for _ in range(2))
+    first, again = (post(facade, RIDES, json={**WISH, "robot": "amr-7", "idempotency_key": "k1"}) for _ in range(2))
     assert (first.status_code, again.status_code, len(facade.known)) == (201, 200, 1)
     assert first.json() == again.json()
+
+
+def test_an_idempotency_key_of_nobody_in_particular_is_refused() -> None:
+    facade = FakeManager()
+    body = {**WISH, "idempotency_key": "k1"}
+    answer = post(facade, RIDES, json=body)
+    assert "without keys an idempotency key needs a robot name" in refused(answer, 422, "malformed")
+    assert answer.json()["field"] == "robot"
+    assert facade.wishes == []
+    assert post(facade, RIDES, Role.ROBOT, json=body).status_code == 201
 
 
 def test_a_dry_run_is_a_plan_and_begins_nothing() -> None:
@@ -142,7 +152,7 @@ def test_a_ride_is_spoken_for_by_its_key_and_by_people(
 ) -> None:
     facade = of(Holder("ride", owner))
     assert post(facade, f"{RIDES}/r1/{word}", role).status_code == 200
-    assert facade.said_of_rides == [("r1", "cancelled" if word == "cancel" else word, speaker)]
+    assert facade.said_of_rides == [("r1", "no reason given" if word == "cancel" else word, speaker)]
 
 
 @pytest.mark.parametrize("word", WORDS)
@@ -178,7 +188,7 @@ def test_an_unknown_ride_is_404(word: str) -> None:
 @pytest.mark.parametrize("url", [RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)])
 def test_a_web_page_of_another_site_is_refused(url: str) -> None:
     facade = of(ANYBODY)
-    answer = post(facade, url, json=WISH, headers={"sec-fetch-site": "cross-site"})
+    answer = post(facade, url, json=WISH, headers={"host": "127.0.0.1", "sec-fetch-site": "cross-site"})
     refused(answer, 403, "another_site")
     assert facade.changes == []
 

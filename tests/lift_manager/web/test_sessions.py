@@ -58,10 +58,20 @@ def test_a_session_is_opened_with_201_and_the_address_where_it_is() -> None:
 
 def test_the_same_idempotency_key_gives_the_same_session_with_200() -> None:
     facade = FakeManager()
-    first, again = (post(facade, SESSIONS, json={"idempotency_key": "k1"}) for _ in range(2))
+    first, again = (post(facade, SESSIONS, json={"robot": "amr-7", "idempotency_key": "k1"}) for _ in range(2))
     assert (first.status_code, again.status_code) == (201, 200)
     assert first.json() == again.json()
     assert "location" not in again.headers
+
+
+def test_an_idempotency_key_of_nobody_in_particular_is_refused() -> None:
+    facade = FakeManager()
+    answer = post(facade, SESSIONS, json={"idempotency_key": "k1"})
+    assert "without keys an idempotency key needs a robot name" in refused(answer, 422, "malformed")
+    assert answer.json()["field"] == "robot"
+    assert facade.done == []
+    more = {"keys": ring(Role.ROBOT), "headers": bearing(Role.ROBOT)}
+    assert post(facade, SESSIONS, json={"idempotency_key": "k1"}, **more).status_code == 201
 
 
 @pytest.mark.parametrize("content", [b"", b"  ", b"{}"])
@@ -94,17 +104,43 @@ def test_a_caller_is_its_key_and_its_robot(role: Role | None, robot: str | None,
 
 def test_renew_and_close_and_hand_over_speak_in_the_name_of_the_session() -> None:
     holder = Holder("api", "the robot/amr-7")
-    more = {"keys": ring(Role.ROBOT), "headers": bearing(Role.ROBOT)}
+    more = {"keys": ring(Role.ROBOT, Role.OPERATOR), "headers": bearing(Role.ROBOT)}
     facade = of(holder)
     assert post(facade, f"{S1}/renew", json={"ttl_s": 30}, **more).json()["lease_ends_in_s"] == 30.0
     assert post(facade, f"{S1}/close", json={"robot": "left"}, **more).json()["over"]["reason"] == "released"
-    handed = post(facade, f"{S1}/hand-over", json={"to": "other", "robot": "amr-9"}, **more).json()
-    assert (handed["holder"], handed["id"]) == ("api:other/amr-9", "s1-2")
+    handed = post(facade, f"{S1}/hand-over", json={"to": "the operator", "robot": "amr-9"}, **more).json()
+    assert (handed["holder"], handed["id"]) == ("api:the operator/amr-9", "s1-2")
     assert facade.done == [
         ("renew", "lift", "s1", holder, 30.0),
         ("close", "lift", "s1", holder, RobotWord.LEFT),
-        ("hand over", "lift", "s1", holder, Holder("api", "other/amr-9")),
+        ("hand over", "lift", "s1", holder, Holder("api", "the operator/amr-9")),
     ]
+
+
+@pytest.mark.parametrize(
+    ("to", "why"),
+    [
+        ("the robott", "is not the name of a live key"),
+        ("the robot/amr-7", "is not the name of a live key"),
+        ("the viewer", "is the name of a key that may not command lift"),
+        ("elsewhere", "is the name of a key that may not command lift"),
+    ],
+)
+def test_a_session_goes_to_no_name_that_is_not_a_key_which_may_command_the_lift(to: str, why: str) -> None:
+    facade = of(Holder("api", "am"))
+    others = [
+        (Key("0000000a", "the viewer", Role.VIEWER), digest_of("x")),
+        (Key("0000000b", "elsewhere", Role.ROBOT, ("another lift",)), digest_of("y")),
+        (Key(dict(FLEET)["am"], "am", Role.ROBOT, ("lift",)), digest_of(digest_of("am"))),
+    ]
+    answer = post(facade, f"{S1}/hand-over", keys=KeyRing(others), headers=bearer("am"), json={"to": to})
+    assert why in refused(answer, 422, "malformed")
+    assert answer.json()["field"] == "to"
+    assert facade.done == []
+
+
+def test_without_keys_a_session_goes_to_any_name() -> None:
+    assert post(of(ANYBODY), f"{S1}/hand-over", json={"to": "amr-8"}).json()["holder"] == "api:amr-8"
 
 
 def test_a_command_is_taken_with_202_and_the_address_where_its_outcome_will_be() -> None:
@@ -129,12 +165,13 @@ def test_who_waits_is_answered_once_the_command_has_ended(wait: str) -> None:
     assert facade.waited_s == [float(wait)] * 2
 
 
-@pytest.mark.parametrize("wait", ["", "x", "-1", "30.1", "nan", "inf", "1&wait=2", "1" * 5000])
+@pytest.mark.parametrize("wait", ["", "x", "-1", "30.1", "nan", "inf", "1&wait=2", "1" * 5000, f"5&x={'1' * 5000}"])
 def test_a_wait_that_is_none_is_422_before_anything_is_asked(wait: str) -> None:
     facade = of(ANYBODY)
     for method, url in (("POST", f"{S1}/commands?wait={wait}"), ("GET", f"{S1}/commands/1?wait={wait}")):
         answer = ask(facade, method, url, json=GO)
-        assert "from 0 to 30" in refused(answer, 422, "malformed")
+        why = "the query is longer than 4096 bytes" if len(wait) > 4096 else "from 0 to 30"
+        assert why in refused(answer, 422, "malformed")
         assert answer.json()["field"] == "wait"
     assert facade.done == []
 
@@ -167,7 +204,8 @@ def test_a_session_is_its_keys_alone_and_all_others_are_told_what_they_are_told_
     for name, _ in FLEET:
         facade = of(Holder("api", owner))
         urls: list[tuple[str, str, str | None]] = [("GET", S1, None), ("GET", f"{S1}/commands/1", None)]
-        urls += [("POST", f"{S1}/{what}", json.dumps(body)) for what, body in CHANGES]
+        bodies = [{"to": "amr-2"} if what == "hand-over" else body for what, body in CHANGES]
+        urls += [("POST", f"{S1}/{what}", json.dumps(body)) for (what, _), body in zip(CHANGES, bodies, strict=True)]
         for method, url, body in urls:
             answer = ask(facade, method, url, keys=KEYS, headers=bearer(name), content=body)
             if name == "amr":
@@ -193,7 +231,7 @@ def test_a_session_of_another_face_is_none_here_even_with_the_same_key(holder: H
 @every_change
 def test_a_web_page_of_another_site_is_refused(what: str, body: dict[str, object]) -> None:
     facade = of(ANYBODY)
-    headers = {"origin": "http://evil.example"}
+    headers = {"host": "127.0.0.1", "origin": "http://evil.example"}
     refused(post(facade, f"{S1}/{what}", json=body, headers=headers), 403, "another_site")
     refused(post(facade, SESSIONS, headers=headers), 403, "another_site")
     assert facade.done == []
@@ -247,7 +285,7 @@ MALFORMED: list[tuple[str, bytes, str | None, str]] = [
     ("/s1/commands", b'{"do": "go_to"}', "floor", "floor is missing: go_to needs it"),
     ("/s1/commands", b'{"do": "hold_door", "floor": "L2"}', "floor", "floor does not go with hold_door"),
     ("/s1/commands", b'{"do": "go_to", "floor": 2}', "floor", "floor must be text"),
-    ("/s1/commands", b'{"do": "go_to", "floor": "\\ud800"}', "floor", "floor"),
+    ("/s1/commands", b'{"do": "go_to", "floor": "\\ud800"}', "floor", "floor must be whole characters"),
     ("/s1/commands", b'{"do": "close_door"}', "clear", "clear is missing: close_door needs it"),
     ("/s1/commands", b'{"do": "close_door", "clear": false}', "clear", "clear must be true"),
     ("/s1/commands", b'{"do": "close_door", "clear": 1}', "clear", "clear must be true"),

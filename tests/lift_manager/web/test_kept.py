@@ -1,0 +1,155 @@
+"""What was answered with yes is known after a crash: the answer waits for the disk, and not for long."""
+
+import asyncio
+from asyncio import Future
+
+import httpx
+import pytest
+
+from lift_manager.core.memory import ShortMemory
+from lift_manager.domain.service import Remembered
+from lift_manager.domain.state import Holder
+from lift_manager.web.app import make_app
+from tests.lift_manager.core.ride_building import building
+from tests.lift_manager.web.fake import FakeManager
+from tests.lift_manager.web.fake_rides import a_ride
+from tests.lift_manager.web.fake_sessions import a_session
+from tests.support.virtual_time import elapse, run_virtual
+
+SESSION = "/api/v1/lifts/lift/sessions"
+WISH = {"lift": "lift", "from": "L1", "to": "L2", "robot": "amr-7"}
+WORDS = [
+    ("/api/v1/rides", WISH),
+    ("/api/v1/rides/r1/entered", None),
+    ("/api/v1/rides/r1/left", None),
+    ("/api/v1/rides/r1/here", None),
+    ("/api/v1/rides/r1/cancel", None),
+    (SESSION, None),
+    (f"{SESSION}/s1/renew", None),
+    (f"{SESSION}/s1/close", None),
+    (f"{SESSION}/s1/hand-over", {"to": "amr-8"}),
+    (f"{SESSION}/s1/commands", {"do": "go_to", "floor": "L2"}),
+]
+every_word = pytest.mark.parametrize(("path", "body"), WORDS)
+
+
+def client(app: object) -> httpx.AsyncClient:
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://lifts")  # type: ignore[arg-type]
+
+
+def holding(disk_s: float) -> FakeManager:
+    """A manager whose disk takes so long, with a ride and a session."""
+
+    async def written(lift: str, within_s: float) -> bool:
+        assert lift == "lift"
+        await asyncio.sleep(min(disk_s, within_s))
+        return disk_s <= within_s
+
+    facade = FakeManager(written=written)
+    facade.going_on(a_ride(Holder("ride", "amr-7")))
+    facade.there(a_session(Holder("api", "amr-7")))
+    return facade
+
+
+@every_word
+@pytest.mark.parametrize(("disk_s", "answered_s"), [(0.2, 0.2), (60.0, 0.5)], ids=["soon", "late"])
+def test_a_word_is_taken_at_once_and_answered_when_it_is_written_or_after_half_a_second(
+    path: str, body: object, disk_s: float, answered_s: float
+) -> None:
+    facade = holding(disk_s)
+
+    async def main() -> None:
+        async with client(make_app(facade)) as ask:
+            began = asyncio.get_running_loop().time()
+            asking = asyncio.ensure_future(ask.post(path, json=body) if body else ask.post(path))
+            await elapse(0.1)
+            assert facade.changes, "it was not taken before it was written"
+            assert not asking.done()
+            assert (await asking).is_success
+            assert asyncio.get_running_loop().time() - began == pytest.approx(answered_s, abs=0.01)
+
+    run_virtual(main)
+
+
+def test_what_is_answered_with_no_or_changes_nothing_waits_for_no_disk() -> None:
+    async def main() -> None:
+        async with client(make_app(holding(60.0))) as ask:
+            began = asyncio.get_running_loop().time()
+            assert (await ask.post("/api/v1/rides", json={**WISH, "lift": "cellar"})).status_code == 404
+            assert (await ask.post("/api/v1/rides", json={**WISH, "dry_run": True})).status_code == 200
+            assert (await ask.get("/api/v1/rides/r1")).status_code == 200
+            assert asyncio.get_running_loop().time() == began
+
+    run_virtual(main)
+
+
+class SlowMemory(ShortMemory):
+    """What is kept is on its disk a fifth of a second later."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.disk: dict[str, Remembered] = {}
+        self._writes: dict[str, list[Future[None]]] = {}
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        super().keep(lift, remembered)
+        write = asyncio.get_running_loop().create_future()
+        self._writes.setdefault(lift, []).append(write)
+
+        def done() -> None:
+            self.disk[lift] = remembered
+            self._writes[lift].remove(write)
+            write.set_result(None)
+
+        asyncio.get_running_loop().call_later(0.2, done)
+
+    def written(self, lift: str) -> Future[None] | None:
+        waiting = self._writes.get(lift)
+        return waiting[-1] if waiting else None
+
+    def crashed(self) -> ShortMemory:
+        """What is left of it at this moment."""
+        left = ShortMemory()
+        for lift, remembered in self.disk.items():
+            left.keep(lift, remembered)
+        return left
+
+
+def test_a_ride_and_its_words_are_known_after_a_crash_right_behind_their_answer() -> None:
+    async def main() -> None:
+        memory, left = SlowMemory(), [ShortMemory()]
+        async with building("lift", memory=memory) as made, client(make_app(made.manager)) as ask:
+            answer = await ask.post("/api/v1/rides", json={**WISH, "to": "L3", "idempotency_key": "k1"})
+            left.append(memory.crashed())
+            ride = answer.json()["id"]
+            assert (await ask.post(f"/api/v1/rides/{ride}/cancel")).json()["phase"] == "cancelled"
+            left.append(memory.crashed())
+            opened = await ask.post(SESSION, json={"robot": "amr-8"})
+            left.append(memory.crashed())
+            assert (answer.status_code, opened.status_code) == (201, 201)
+        found = []
+        for memory_left in left:
+            async with building("lift", memory=memory_left) as made:
+                known = made.manager.ride(ride)
+                session = made.manager.session("lift", opened.json()["id"], Holder("api", "amr-8"))
+                found.append(("" if known is None else known.phase.value, type(session).__name__))
+        assert found[0] == ("", "Refused")
+        assert found[1][0] not in {"", "cancelled"}
+        assert found[2] == ("cancelled", "Refused")
+        assert found[3] == ("cancelled", "SessionInfo")
+
+    run_virtual(main, limit_s=9000)
+
+
+def test_a_manager_says_whether_what_it_remembers_was_written_in_time() -> None:
+    async def main() -> None:
+        memory = SlowMemory()
+        async with building("lift", memory=memory) as made:
+            await elapse(1)
+            assert await made.manager.kept("lift", 0.0)
+            memory.keep("lift", Remembered())
+            assert not await made.manager.kept("lift", 0.05)
+            assert await made.manager.kept("lift", 0.5)
+            assert memory.written("lift") is None
+
+    run_virtual(main, limit_s=9000)
