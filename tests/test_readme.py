@@ -91,8 +91,8 @@ def test_the_curl_lines_of_the_readme_and_of_the_demos_guide_make_the_ride_that_
     ridden = shell(f"{with_interpreter(ride)} --manager http://{address}").decode()
     assert ridden.index("enter") < ridden.index("stay") < ridden.index("leave")
     three_lines = textwrap.indent(blocks("python")[0].replace("Client()", f"Client('http://{address}')"), "    ")
-    program = f"import asyncio\nfrom lift_manager.client import LiftManagerClient\nasync def main():\n{three_lines}\nasyncio.run(main())"
-    looked = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=20)
+    code = f"import asyncio\nfrom lift_manager.client import LiftManagerClient\nasync def main():\n{three_lines}\nasyncio.run(main())"
+    looked = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
     assert [line.split()[0] for line in looked.stdout.splitlines()] == ["lift", "tower", "goods"]
 
 
