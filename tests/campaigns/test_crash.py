@@ -1,4 +1,4 @@
-"""Ten kills of a real manager; two hundred are one command, see README.md beside this."""
+"""Six kills of a real manager; two hundred are one command, see README.md beside this."""
 
 import pytest
 
@@ -9,8 +9,8 @@ from tests.campaigns.crash import MAPS, campaign
 def test_a_manager_that_is_killed_at_random_moments_loses_no_row_no_session_and_presses_nothing_when_it_starts() -> (
     None
 ):
-    tally = campaign(10, 1, MAPS[:2], lives_s=1.5)
+    tally = campaign(6, 1, MAPS[:2], lives_s=1.5)
     assert tally.findings == []
-    assert tally.kills == 10
+    assert tally.kills == 6
     assert tally.presses
     assert tally.restored
