@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, Field
 
 from lift_manager.api.lifts import Lift
-from lift_manager.api.parts import Answer
+from lift_manager.api.parts import Answer, Seconds
 from lift_manager.api.rides import Ride
 from lift_manager.domain.service import Advice, EndReason
 from lift_manager.domain.session_requests import Do, Status
@@ -94,7 +94,7 @@ class RideEvent(Answer):
 
     event: Literal["ride"] = "ride"
     ride: Ride
-    age_s: float = Field(
+    age_s: Seconds = Field(
         default=0.0, description="Seconds since it was published, within 0.25 s, when it is handed to the connection."
     )
 

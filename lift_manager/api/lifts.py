@@ -7,12 +7,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lift_manager.api.parts import Answer
+from lift_manager.api.parts import Answer, Seconds
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from register_maps.words import Door, Mode, Motion, Side
 
-Age = Annotated[float | None, Field(description="Seconds; null when there never was a reading.", examples=[0.12])]
+Age = Annotated[Seconds | None, Field(description="Seconds; null when there never was a reading.", examples=[0.12])]
 
 
 class Held(Answer):
@@ -20,7 +20,7 @@ class Held(Answer):
 
     face: str = Field(examples=["api"])
     name: str = Field(examples=["amr-7"])
-    for_s: float = Field(description="Since when, in seconds.")
+    for_s: Seconds = Field(description="Since when, in seconds.")
 
 
 class Restricted(Answer):

@@ -31,6 +31,15 @@ ShortName = Annotated[
 """A name from a caller."""
 Token = Annotated[str, StringConstraints(min_length=1, max_length=128, pattern=r"^[\x21-\x7e]+$")]
 """An idempotency key: printable ASCII without blanks."""
+
+
+def to_ms(seconds: float) -> float:
+    """Return seconds without what a clock of floats adds to them."""
+    return round(seconds, 3)
+
+
+Seconds = Annotated[float, AfterValidator(to_ms)]
+"""A time that passes, to the millisecond."""
 Door = Annotated[Side, Field(strict=False)]
 """A door by its name: a body that was decoded from JSON holds text, which strict would not take."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict
 
+from lift_manager.api.parts import to_ms
 from lift_manager.domain.asking import Blocking
 from register_maps.words import Mode
 
@@ -45,6 +46,11 @@ class Problem(BaseModel):
         said = cls(type=kind, title=title, status=status, detail=detail, code=code, field=field)
         if blocking is None:
             return said
-        holder = None if blocking.holder is None else str(blocking.holder)
-        told = {"holder": holder, "mode": blocking.mode, "since_s": blocking.since_s, "age_s": blocking.age_s}
-        return said.model_copy(update={**told, "ahead": blocking.ahead})
+        told = {
+            "holder": None if blocking.holder is None else str(blocking.holder),
+            "mode": blocking.mode,
+            "since_s": None if blocking.since_s is None else to_ms(blocking.since_s),
+            "age_s": None if blocking.age_s is None else to_ms(blocking.age_s),
+            "ahead": blocking.ahead,
+        }
+        return said.model_copy(update=told)

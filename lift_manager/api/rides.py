@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Door, Part, Words
+from lift_manager.api.parts import Answer, Door, Part, Seconds, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
 from lift_manager.domain import ride as rides
 from lift_manager.domain.ride import Guidance, Phase, RidePlan
@@ -76,7 +76,7 @@ class Ride(Answer):
     reason: str
     advice: Advice | None
     ahead: int | None = Field(description="How many wait before it; null once it is not queued any more.")
-    phase_ends_in_s: float | None
+    phase_ends_in_s: Seconds | None
     maybe_aboard: bool = Field(description="The robot may be in the car.")
     begun_at: AwareDatetime
     changed_at: AwareDatetime

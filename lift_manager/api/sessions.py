@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Door, Part, ShortName, Token
+from lift_manager.api.parts import Answer, Door, Part, Seconds, ShortName, Token
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.service import Advice, EndReason
@@ -139,9 +139,9 @@ class Session(Answer):
     floor: str | None
     hold_door: bool
     opened_at: AwareDatetime
-    lease_ends_in_s: float | None
-    ends_in_s: float | None = Field(description="However often it is renewed.")
-    hold_ends_in_s: float | None = Field(
+    lease_ends_in_s: Seconds | None
+    ends_in_s: Seconds | None = Field(description="However often it is renewed.")
+    hold_ends_in_s: Seconds | None = Field(
         description="The door is let go then whatever the holder wants; null while it is not held."
     )
     arrived: bool

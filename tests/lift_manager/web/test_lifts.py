@@ -7,7 +7,9 @@ from typing import Any
 import httpx
 import pytest
 
+from lift_manager.api.problem import Problem
 from lift_manager.domain.access import Role
+from lift_manager.domain.asking import Blocking
 from lift_manager.domain.state import Holder, LiftState, Quality
 from lift_manager.web.etags import is_known
 from tests.lift_manager.web.fake import FakeManager, ask, one_lift
@@ -162,3 +164,10 @@ def test_a_tag_tells_nothing_to_who_may_not_read() -> None:
         FakeManager(), "GET", f"{LIFTS}/G%C3%BCter", keys=ring(Role.ROBOT), headers={**headers, **bearing(Role.ROBOT)}
     )
     assert read_by.status_code == 304
+
+
+def test_seconds_are_told_to_the_millisecond() -> None:
+    uneven = replace(IDLE, age_s=0.07999999999447027)
+    assert read(one_lift(uneven), "/lift").json()["age_s"] == 0.08
+    blocked = Problem.of(409, "held", "", "", blocking=Blocking(since_s=0.43500000000494765, age_s=None))
+    assert (blocked.since_s, blocked.age_s) == (0.435, None)
