@@ -15,6 +15,10 @@ from register_maps.words import Door, Mode, Motion, Side
 Age = Annotated[Seconds | None, Field(description="Seconds; null when there never was a reading.", examples=[0.12])]
 
 
+AGE_HEADER = "lift-age-s"
+"""With an answer about a lift, 304 included: its age in seconds. All else that changes by itself follows from it."""
+
+
 class Held(Answer):
     """Who holds a lift."""
 
@@ -93,6 +97,21 @@ class Lift(Answer):
             ),
             not_visible=state.not_visible,
         )
+
+    def unread(self, age_s: float | None, reason: str) -> Lift:
+        """Return it as one of which nothing is known but what the manager itself knows: the answer about a lift that cannot be read."""
+        nothing: dict[str, object] = {
+            "quality": Quality.OFFLINE,
+            "floor": None,
+            "standing": False,
+            "robot_door": RobotDoor.MOVING,
+            "doors": {},
+            "motion": Motion.UNKNOWN,
+            "mode": Mode.UNKNOWN,
+            "permissions": {},
+        }
+        destination = None if self.session is None else self.destination
+        return self.model_copy(update={**nothing, "reason": reason, "age_s": age_s, "destination": destination})
 
 
 class Lifts(Answer):

@@ -17,7 +17,7 @@ from typing import Any, Self
 import httpx
 
 from lift_manager.api.events import Links
-from lift_manager.api.lifts import Lift, LiftCapabilities, Lifts, Signals
+from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
 from lift_manager.api.parts import Answer
 from lift_manager.api.people import AcknowledgedAnswer, ForceReleasedAnswer, LockoutAnswer, LockoutEndedAnswer
 from lift_manager.api.rides import Limits, Plan, Ride, RideRequest, Rides
@@ -26,7 +26,7 @@ from lift_manager.client.backoff import Backoff
 from lift_manager.client.beside import beside
 from lift_manager.client.call import WITHIN_S, Call, Form, Http, Reply
 from lift_manager.client.errors import ClientError, NotFound, Refused
-from lift_manager.client.lift_cache import AGE_HEADER, KnownLift
+from lift_manager.client.lift_cache import KnownLift
 from lift_manager.client.paths import API, frames_path, lift_path, part, ride_path, session_path
 from lift_manager.client.ride import RideInHand
 from lift_manager.client.session import SessionInHand

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from lift_manager.api.lifts import Lift
 from lift_manager.client.aging import age_s, is_too_old
-from lift_manager.domain.state import Quality, RobotDoor
-from register_maps.words import Mode, Motion
-
-AGE_HEADER = "lift-age-s"
-"""In seconds, with 304: all that changes by itself."""
-_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
+from lift_manager.domain.seconds import without_seconds
+from lift_manager.domain.state import Quality
 
 
 @dataclass(frozen=True)
@@ -30,7 +25,7 @@ class KnownLift:
         if self.lift.quality is Quality.OFFLINE or self.heard_at(now):
             return self.lift.model_copy(update={"age_s": age})
         silent_s = now - self.asked_at
-        return unknown(self.lift, age, f"the manager has not been heard for {silent_s:.1f} s")
+        return self.lift.unread(age, f"the manager has not been heard for {silent_s:.1f} s")
 
     def heard_at(self, now: float) -> bool:
         """Whether it is still what the manager says, be it that the lift is offline."""
@@ -46,25 +41,6 @@ class KnownLift:
         return KnownLift(lift, asked_at, self.etag)
 
 
-def unknown(lift: Lift, age: float | None, reason: str) -> Lift:
-    """Return a lift of which nothing is known but what is written down: the answer that the manager gives of one that it cannot read."""
-    return lift.model_copy(
-        update={
-            "quality": Quality.OFFLINE,
-            "reason": reason,
-            "age_s": age,
-            "floor": None,
-            "standing": False,
-            "destination": lift.destination if lift.session is not None else None,
-            "robot_door": RobotDoor.MOVING,
-            "doors": {},
-            "motion": Motion.UNKNOWN,
-            "mode": Mode.UNKNOWN,
-            "permissions": {},
-        }
-    )
-
-
 def same_but_for_time(one: Lift, other: Lift) -> bool:
     """Whether two differ in nothing but what passes by itself."""
     return _timeless(one) == _timeless(other)
@@ -73,4 +49,4 @@ def same_but_for_time(one: Lift, other: Lift) -> bool:
 def _timeless(lift: Lift) -> Lift:
     """Return a lift without its age, for how long it is held, and the seconds in its reason; the reason itself stays."""
     held = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
-    return lift.model_copy(update={"age_s": None, "session": held, "reason": _SECONDS.sub("", lift.reason)})
+    return lift.model_copy(update={"age_s": None, "session": held, "reason": without_seconds(lift.reason)})

@@ -11,7 +11,7 @@ from lift_manager.domain.description import LiftDescription, LiftSignals, WireFr
 from lift_manager.domain.events import Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionOpened, SessionRequest
+from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
 
 
@@ -79,7 +79,7 @@ class LiftFacade(Protocol):
 class SessionFacade(Protocol):
     """Sessions that their holder opens and closes. Each answer is from memory and at once."""
 
-    def open_session(self, wish: OpenSession) -> SessionOpened | Refused:
+    def open_session(self, wish: OpenSession) -> SessionBegun | Refused:
         """Take the lift for a caller; nothing is called by it."""
         ...
 

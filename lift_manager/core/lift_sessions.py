@@ -16,8 +16,8 @@ from lift_manager.domain.session_requests import (
     Do,
     Followed,
     OpenSession,
+    SessionBegun,
     SessionInfo,
-    SessionOpened,
     SessionRequest,
 )
 from lift_manager.domain.state import Holder, LiftState
@@ -46,11 +46,11 @@ class LiftSessions:
         self._log = log
         self._state = state
 
-    def open(self, wish: OpenSession) -> SessionOpened | Refused:
+    def open(self, wish: OpenSession) -> SessionBegun | Refused:
         """Take the lift for a caller; nothing is called by it."""
         self._keeper.begin()
         if (known := self._desk.known_by_key(wish)) is not None:
-            return known if isinstance(known, Refused) else SessionOpened(known, anew=False)
+            return known if isinstance(known, Refused) else SessionBegun(known, anew=False)
         state, said = self._state(), wishes.opening(wish.lift, wish.holder)
         self._log.asked(said)
         answer = (

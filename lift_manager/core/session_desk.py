@@ -22,8 +22,8 @@ from lift_manager.domain.session_requests import (
     Do,
     Followed,
     OpenSession,
+    SessionBegun,
     SessionInfo,
-    SessionOpened,
     SessionRequest,
 )
 from lift_manager.domain.state import Holder
@@ -60,7 +60,7 @@ class SessionDesk:
             return reused(wish, session.key_ttl_s) or keeper.info(session, now)
         return keeper.book.past_by_key(wish, now)
 
-    def open(self, wish: OpenSession, offline: str) -> SessionOpened | Refused:
+    def open(self, wish: OpenSession, offline: str) -> SessionBegun | Refused:
         """Take the lift for a caller. `offline` says why, should the lift be offline."""
         keeper, now = self._keeper, _now()
         answer = self._why_not_open(wish, offline, now)
@@ -73,7 +73,7 @@ class SessionDesk:
         keeper.take(session, now)
         # what it takes up may have ended it by now
         info = keeper.info(session, now) if keeper.session is not None else keeper.book.past(session.id, now)
-        return SessionOpened(info or keeper.info(session, now), anew=True)
+        return SessionBegun(info or keeper.info(session, now), anew=True)
 
     def read(self, session: str, holder: Holder | None) -> SessionInfo | Refused:
         """Return a session by its id; `holder` None reads whosesoever it is."""

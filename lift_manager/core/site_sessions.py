@@ -10,7 +10,7 @@ from typing import TypeVar
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.lift_sessions import LiftSessions
 from lift_manager.domain.asking import Refusal, Refused, RobotWord
-from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionOpened, SessionRequest
+from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder
 
 Answer = TypeVar("Answer")
@@ -27,7 +27,7 @@ class SiteSessions(ABC):
     def _told(self, lift: str, answer: _Told | Refused) -> _Told | Refused:
         """Pass an answer on."""
 
-    def open_session(self, wish: OpenSession) -> SessionOpened | Refused:
+    def open_session(self, wish: OpenSession) -> SessionBegun | Refused:
         """Take the lift for a caller; nothing is called by it."""
         return self._at(wish.lift, lambda sessions: sessions.open(wish))
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from drivers.model import Capabilities, FloorName
+from lift_manager.domain.seconds import without_seconds
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, moving, permissions, robot_door
 from lift_manager.domain.state import PERMISSIONS, LiftState, Quality, Restrictions, RobotDoor
 from register_maps.words import Mode, Motion, Side
-
-_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +81,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
 
 def same_but_for_time(one: LiftState, other: LiftState) -> bool:
     """Whether two states differ in nothing but the passing of time; some reasons say for how many seconds."""
-    if one.reason != other.reason and _SECONDS.sub("", one.reason) != _SECONDS.sub("", other.reason):
+    if one.reason != other.reason and without_seconds(one.reason) != without_seconds(other.reason):
         return False
     return replace(one, age_s=None, held_since_s=None, reason="") == replace(
         other, age_s=None, held_since_s=None, reason=""

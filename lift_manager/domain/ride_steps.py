@@ -5,7 +5,6 @@ The ride engine carries the actions out and comes back with what became of them.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -26,6 +25,7 @@ from lift_manager.domain.ride_record import (
     Step,
     Warn,
 )
+from lift_manager.domain.seconds import without_seconds
 from lift_manager.domain.service import Advice, EndReason, advise, how_to_acknowledge
 from register_maps.words import Motion
 
@@ -38,8 +38,6 @@ RENEW_S = 10.0
 
 STANDS_S = 1.0
 """So long the car is seen to stand at a floor before a robot is let out there. Chosen: some lifts report each floor they pass."""
-
-_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
 
 
 def step(record: RideRecord, seen: RideSight) -> Step:
@@ -106,7 +104,7 @@ def letting_out(record: RideRecord) -> str:
 def dated(before: RideRecord, after: Step, seen: RideSight) -> Step:
     """Note the time of a change; words that differ in their seconds only are none."""
     record = after.record
-    if _SECONDS.sub("", record.reason) == _SECONDS.sub("", before.reason):
+    if without_seconds(record.reason) == without_seconds(before.reason):
         record = replace(record, reason=before.reason)
     if _told(record) != _told(before):
         record = replace(record, changed_at=seen.at)

@@ -70,7 +70,7 @@ class SessionInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class SessionOpened:
+class SessionBegun:
     """The answer yes to `OpenSession`."""
 
     session: SessionInfo

@@ -10,7 +10,8 @@ from fastapi import Request
 from pydantic import BaseModel
 from starlette.responses import Response
 
-AGE_HEADER = "lift-age-s"
+from lift_manager.api.lifts import AGE_HEADER
+
 _TAG = re.compile(r'"([^"]*)"')
 
 

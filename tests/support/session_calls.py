@@ -6,8 +6,8 @@ from lift_manager.domain.session_requests import (
     Do,
     Followed,
     OpenSession,
+    SessionBegun,
     SessionInfo,
-    SessionOpened,
     SessionRequest,
     Status,
 )
@@ -25,7 +25,7 @@ class SessionCalls:
     def opened(self, holder: Holder = ROBOT, *, key: str = "", ttl_s: float | None = None) -> SessionInfo:
         """Open a session, which nothing speaks against."""
         answer = self.task.sessions.open(OpenSession(self.task.options.name, holder, key, ttl_s))
-        assert isinstance(answer, SessionOpened), answer
+        assert isinstance(answer, SessionBegun), answer
         return answer.session
 
     def open_refused(self, holder: Holder = ROBOT, *, key: str = "", ttl_s: float | None = None) -> Refused:

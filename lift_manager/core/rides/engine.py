@@ -12,7 +12,6 @@ import secrets
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
-from typing import Protocol
 
 from lift_manager.core.memory import Clock
 from lift_manager.core.rides.acting import Acting
@@ -59,13 +58,8 @@ _AT_A_TIME = 10
 _ID_BYTES = 8
 
 
-class Tap(Protocol):
-    """Hands out every event, as `EventSource.tap`."""
-
-    def __call__(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:
-        """Call `hear` with every event for as long as the context lasts."""
-        ...
-
+Tap = Callable[[Callable[[Occurrence], None]], AbstractContextManager[None]]
+"""Hands out every event, as `EventSource.tap`."""
 
 Keep = Callable[[str, tuple[KeptRide, ...]], None]
 """Remembers the rides of a lift over a restart."""
@@ -170,6 +164,12 @@ class RideEngine:
         """Return a ride as it is at this moment."""
         self._recall()
         return None if self._book.get(ride) is None else self._shown(ride)
+
+    def lift_of(self, ride: str) -> str:
+        """Return the lift of a ride; empty where nobody remembers it, or it has none yet."""
+        self._recall()
+        record = self._book.get(ride)
+        return "" if record is None else record.lift
 
     def rides(self) -> tuple[Ride, ...]:
         """Return every ride, the oldest first."""

@@ -12,6 +12,7 @@ from typing import Protocol
 from lift_manager.core.facade import LiftFacade, SessionFacade
 from lift_manager.core.memory import Clock
 from lift_manager.core.rides.book import RideBook
+from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain.asking import Refused
 from lift_manager.domain.ride import Phase
 from lift_manager.domain.ride_choice import Choice
@@ -28,36 +29,8 @@ class Core(LiftFacade, SessionFacade, Protocol):
     """What rides are a client of."""
 
 
-class Line(Protocol):
-    """Who waits for one lift, in their order (`core.waiting.WaitingLine`)."""
-
-    def join(self, holder: Holder, now: float) -> None:
-        """Wait at the end; whoever waits already keeps its place."""
-        ...
-
-    def leave(self, holder: Holder) -> None:
-        """Wait no more."""
-        ...
-
-    def ahead(self, holder: Holder, now: float) -> int:
-        """How many come before it, whether or not it waits."""
-        ...
-
-    def length(self, now: float) -> int:
-        """How many wait."""
-        ...
-
-    def first(self, now: float) -> Holder | str | None:
-        """Who comes first: a holder, or a face that waits as one."""
-        ...
-
-    @property
-    def left(self) -> int:
-        """How many have left the line so far, each of whom let those behind move up."""
-        ...
-
-
-Lines = Callable[[str], Line]
+Lines = Callable[[str], WaitingLine]
+"""Who waits for a lift, by its name."""
 
 
 @dataclass(frozen=True, slots=True)

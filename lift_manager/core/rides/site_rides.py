@@ -40,15 +40,11 @@ class SiteRides(ABC):
 
     def ride_word(self, ride: str, word: RideWord, caller: Holder | None) -> Ride | Refused:
         """Take the robot's word; `caller` None is an operator."""
-        return self._told(self._lift_now(ride), self._rides.word(ride, word, caller))
+        return self._told(self._rides.lift_of(ride), self._rides.word(ride, word, caller))
 
     def cancel_ride(self, ride: str, caller: Holder | None, reason: str) -> Ride | Refused:
         """End it safely."""
-        return self._told(self._lift_now(ride), self._rides.cancel(ride, caller, reason))
-
-    def _lift_now(self, ride: str) -> str:
-        found = self._rides.ride(ride)
-        return "" if found is None else found.lift
+        return self._told(self._rides.lift_of(ride), self._rides.cancel(ride, caller, reason))
 
 
 def _lift_of(wish: RideRequest) -> str:

@@ -16,7 +16,7 @@ from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Alarm, CommandEnded, Event, Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
-from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionOpened, SessionRequest
+from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
 
 Answer = TypeVar("Answer")
@@ -139,7 +139,7 @@ class NotingFacade:
 
     # -- sessions
 
-    def open_session(self, wish: OpenSession) -> SessionOpened | Refused:
+    def open_session(self, wish: OpenSession) -> SessionBegun | Refused:
         """Take the lift for a caller."""
         return self._noted(wish.lift, self._facade.open_session(wish))
 

@@ -36,8 +36,7 @@ from lift_manager.domain.events import (
     SessionRestored,
     StateChanged,
 )
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
-from register_maps.words import Mode, Motion
+from lift_manager.domain.state import Holder, LiftState, Quality
 
 Shown = StateEvent | SessionEvent | AdviceEvent | CommandEvent | RequestEvent | RideEvent | AlarmEvent | PersonEvent
 
@@ -50,7 +49,8 @@ def shown(event: Event, max_age_s: float, by_s: float = 0.0) -> Shown:
     is_old = by_s > invites_for_s(event, max_age_s)
     match aged(event, by_s):
         case StateChanged(_, state):
-            return StateEvent(lift=Lift.of(_unknown(state, max_age_s) if is_old else state, max_age_s=max_age_s))
+            lift = Lift.of(state, max_age_s=max_age_s)
+            return StateEvent(lift=lift.unread(lift.age_s, _too_old(max_age_s)) if is_old else lift)
         case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded() as about:
             return _session(about)
         case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson() as about:
@@ -100,22 +100,8 @@ def _aged_state(state: LiftState, by_s: float) -> LiftState:
     return replace(state, age_s=age_s, held_since_s=held_s)
 
 
-def _unknown(state: LiftState, max_age_s: float) -> LiftState:
-    """Return it as the manager publishes a lift that it cannot read."""
-    reason = f"nothing newer within {max_age_s:g} s in this event; GET /api/v1/lifts tells how the lift is now"
-    return replace(
-        state,
-        quality=Quality.OFFLINE,
-        reason=reason,
-        floor=None,
-        standing=False,
-        destination=None if state.holder is None else state.destination,
-        robot_door=RobotDoor.MOVING,
-        doors={},
-        motion=Motion.UNKNOWN,
-        mode=Mode.UNKNOWN,
-        permissions={},
-    )
+def _too_old(max_age_s: float) -> str:
+    return f"nothing newer within {max_age_s:g} s in this event; GET /api/v1/lifts tells how the lift is now"
 
 
 def _uninviting(ride: rides.Ride, by_s: float) -> rides.Ride:

@@ -11,8 +11,8 @@ from lift_manager.domain.session_requests import (
     Do,
     Followed,
     OpenSession,
+    SessionBegun,
     SessionInfo,
-    SessionOpened,
     SessionOver,
     SessionRequest,
     Status,
@@ -78,16 +78,16 @@ class FakeSessions(FakeLifts):
         """Let these sessions be open."""
         self.sessions |= {(session.lift, session.id): session for session in sessions}
 
-    def open_session(self, wish: OpenSession) -> SessionOpened | Refused:
+    def open_session(self, wish: OpenSession) -> SessionBegun | Refused:
         self.done.append(wish)
         if no := self._no_lift(wish.lift) or self.refuses:
             return no
         if wish.key and (known := self._keys.get((wish.holder, wish.key))):
-            return SessionOpened(self.sessions[wish.lift, known], anew=False)
+            return SessionBegun(self.sessions[wish.lift, known], anew=False)
         session = a_session(wish.holder, f"s{len(self.sessions) + 1}", wish.lift)
         self._keys[wish.holder, wish.key] = session.id
         self.there(session)
-        return SessionOpened(session, anew=True)
+        return SessionBegun(session, anew=True)
 
     def session(self, lift: str, session: str, holder: Holder | None) -> SessionInfo | Refused:
         if no := self._no_lift(lift):
