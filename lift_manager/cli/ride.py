@@ -20,10 +20,10 @@ from lift_manager.cli.secured import Ca, Certificate, CertificateKey
 from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused, Unreachable
-from lift_manager.client.paths import API, ride_path
 from lift_manager.client.ride import RideInHand
 from lift_manager.client.ride_step import Step
 from lift_manager.domain.ride import Guidance, Phase
+from lift_manager.plain.paths import API, ride_path
 
 PROMPTS = {
     Guidance.ENTER: "press ENTER once the robot is inside",

@@ -22,12 +22,10 @@ from lift_manager.api.parts import Answer
 from lift_manager.api.people import AcknowledgedAnswer, ForceReleasedAnswer, LockoutAnswer, LockoutEndedAnswer
 from lift_manager.api.rides import Limits, Plan, Ride, RideRequest, Rides
 from lift_manager.api.sessions import Command, CommandRequest, Session
-from lift_manager.client.backoff import Backoff
 from lift_manager.client.beside import beside
 from lift_manager.client.call import WITHIN_S, Call, Form, Http, Reply
 from lift_manager.client.errors import ClientError, NotFound, Refused
 from lift_manager.client.lift_cache import KnownLift
-from lift_manager.client.paths import API, frames_path, lift_path, part, ride_path, session_path
 from lift_manager.client.ride import RideInHand
 from lift_manager.client.session import SessionInHand
 from lift_manager.client.states import States
@@ -35,6 +33,8 @@ from lift_manager.client.stream import EventStream
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.keys import Secret
 from lift_manager.domain.ride import OVER, RideWord
+from lift_manager.plain.backoff import Backoff
+from lift_manager.plain.paths import API, frames_path, lift_path, part, ride_path, session_path
 from register_maps.words import Side
 
 _log = logging.getLogger(__name__)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lift_manager.api.lifts import Lift
-from lift_manager.client.aging import age_s, is_too_old
 from lift_manager.domain.seconds import without_seconds
 from lift_manager.domain.state import Quality
+from lift_manager.plain.aging import age_s, is_too_old
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from typing import Protocol, Self
 from lift_manager.api.events import RideEvent
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
-from lift_manager.client.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 from lift_manager.client.errors import ClientError, NotFound, Refused, Unreachable
 from lift_manager.client.ride_step import INVITATIONS, Known, Step, good_for_s, is_owed, step_at
 from lift_manager.client.stream import Connected, Disconnected, EventStream
 from lift_manager.domain.ride import OVER, RideWord
+from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 
 _log = logging.getLogger(__name__)
 

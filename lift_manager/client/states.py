@@ -8,10 +8,10 @@ from typing import Protocol, Self
 
 from lift_manager.api.events import SessionEvent, Snapshot, StateEvent
 from lift_manager.api.lifts import Lift
-from lift_manager.client.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 from lift_manager.client.errors import ClientError, NotFound, Refused
 from lift_manager.client.lift_cache import KnownLift, same_but_for_time
 from lift_manager.client.stream import Connected, EventStream
+from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 
 _log = logging.getLogger(__name__)
 

@@ -15,11 +15,11 @@ import httpx
 from pydantic import TypeAdapter, ValidationError
 
 from lift_manager.api.events import AnyEvent
-from lift_manager.client.aging import SILENT_S
-from lift_manager.client.backoff import Backoff
 from lift_manager.client.call import Call, Http
 from lift_manager.client.errors import ClientError, NotAManager, Refused, Unreachable
-from lift_manager.client.sse import EventParser, Message, TooLong
+from lift_manager.plain.aging import SILENT_S
+from lift_manager.plain.backoff import Backoff
+from lift_manager.plain.sse import EventParser, Message, TooLong
 
 _log = logging.getLogger(__name__)
 _EVENT: TypeAdapter[AnyEvent] = TypeAdapter(AnyEvent)

@@ -15,10 +15,10 @@ from rich.console import Console
 
 from lift_manager import app
 from lift_manager.client.client import MANAGER
-from lift_manager.client.paths import API
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.plant import controllers, simulated_lift
+from lift_manager.plain.paths import API
 from register_maps.codec import compile_map
 from register_maps.load import load
 

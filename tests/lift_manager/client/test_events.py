@@ -9,8 +9,8 @@ import pytest
 
 from lift_manager.api.events import AlarmEvent, Snapshot, StateEvent
 from lift_manager.client import Connected, Disconnected, EventStream, LiftManagerClient, NotAllowed
-from lift_manager.client.backoff import Backoff
 from lift_manager.client.stream import StreamEvent
+from lift_manager.plain.backoff import Backoff
 from tests.lift_manager.client.manager import IDLE, OPEN, URL, Manager, no, said
 from tests.support.virtual_time import elapse, run_virtual
 

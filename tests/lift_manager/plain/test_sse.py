@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lift_manager.client.sse import EventParser, Message, TooLong
+from lift_manager.plain.sse import EventParser, Message, TooLong
 
 LINES = st.sampled_from(
     [
