@@ -1,0 +1,226 @@
+"""Every lift of a manager, between its two neighbours: RMF and the manager. One thread, no clock of its own, nothing here waits."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Done, LiftContract
+from lift_manager.rmf.counts import Counts
+from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
+from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, Manager, Wanted
+from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
+from lift_manager.rmf.views import LiftView, Site
+from lift_manager.rmf.words import USUAL, short, why_ignored
+
+_log = logging.getLogger(__name__)
+
+EARLY_ENDS = 100
+"""Chosen: of so many ends is kept word while the manager was never heard; a supervisor sends humble's only once."""
+REST_S = 60.0
+"""When to look again where nothing is due."""
+_RIVAL = "rival"
+_LASTING = frozenset({_RIVAL, *(done.value for done in Done if done is not Done.HELD)})
+"""Causes that are no news a second time; why a lift is not to be had is, once it was."""
+
+
+@dataclass(frozen=True)
+class Out:
+    """What goes out to RMF."""
+
+    publish: Callable[[LiftState], None]
+    alarm: Callable[[bool, Site], None]
+    """Publish `fire_alarm_trigger`, and `emergency_signal` where the site wants it."""
+
+
+class _Lift:
+    """One lift, and what was last told of it."""
+
+    def __init__(self, view: LiftView, grace_s: float, cadence: Cadence, asked_at: float) -> None:
+        self.contract = LiftContract(view, grace_s)
+        self.cadence = cadence
+        self.asked_at = asked_at
+        self.next_at = -math.inf
+
+    def message(self, now: float, ros_time: float) -> LiftState:
+        return message(self.contract, self.asked_at, now, ros_time)
+
+
+class Adapter:
+    """Implements `port.Hears`; the shells (`run`, `ros_node`) bring it what happens. Times are monotonic seconds."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Callable[[], float], counts: Counts | None = None) -> None:
+        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation."""
+        self.counts = counts or Counts()
+        self._manager = manager
+        self._out = out
+        self._ros_time = ros_time
+        self._lifts: dict[str, _Lift] = {}
+        """By RMF's name."""
+        self._by_site_name: dict[str, _Lift] = {}
+        self._site: Site | None = None
+        self._lost_why: str | None = None
+        self._replay_until = -math.inf
+        self._early_ends: dict[tuple[str, str], None] = {}
+        """Lift and session, while the manager was never heard."""
+        self._alarmed = False
+        self._told: set[tuple[str, str]] = set()
+        """Lift and cause of which a line was written."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The lifts by RMF's names; empty before the manager was heard."""
+        return tuple(self._lifts)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        """Take a request, whatever is in it."""
+        lift = self._lifts.get(request.lift_name)
+        if lift is None:
+            done = self._for_no_lift(request)
+            self._count("", done)
+            self._explain(done, request, None)
+            return
+        done = lift.contract.requested(request, now, replay=now < self._replay_until)
+        lift.next_at = -math.inf
+        self._count(request.lift_name, done)
+        self._explain(done, request, lift.contract)
+
+    def broken(self, text: str, now: float) -> None:
+        """Count a request that could not be read at all."""
+        self._count("", Done.BROKEN)
+        self._once("", Done.BROKEN, f"a lift request cannot be read and is left out: {short(text)}")
+
+    def request_writer_matched(self, now: float) -> None:
+        """A writer of lift requests appeared: what it sends first may be a replay of old requests."""
+        self._replay_until = now + REPLAY_S
+
+    def rival(self, lift_name: str, now: float) -> None:
+        """Somebody else publishes the state of a lift."""
+        if lift_name in self._lifts:
+            text = (
+                f"another program publishes the state of {lift_name} too; robots act on whichever message comes last,"
+                " so end one of the two"
+            )
+            self._once(lift_name, _RIVAL, text)
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        """Take a whole answer of the manager."""
+        if self._lost_why is not None or self._site is None:
+            _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
+        self._lost_why, self._site = None, site
+        self._forget_gone(site)
+        for place, view in enumerate(site.lifts):
+            lift = self._lifts.get(view.name)
+            if lift is None:
+                lift = self._lifts[view.name] = _Lift(
+                    view, site.end_grace_s, Cadence(place, len(site.lifts), now), asked_at
+                )
+            contract = lift.contract
+            contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
+            before = contract.session if contract.granted else ""
+            if contract.heard(view, site.boot, site.event, now):
+                lift.asked_at = asked_at
+            if before and not contract.session:
+                _log.warning("%s: the manager ended the session of %s", view.name, before)
+        self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
+        self._say_early_ends(now)
+        self._alarms(site)
+
+    def answered(self, answer: Answer, now: float) -> None:
+        """Take what became of something asked."""
+        lift = self._by_site_name.get(answer.asked.lift)
+        if lift is None:
+            return  # of a site file that is no more
+        lift.next_at = -math.inf
+        lift.contract.answered(answer, now)
+        name = lift.contract.view.name
+        if answer.yes and isinstance(answer.asked, Wanted):
+            self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
+        elif not answer.yes and answer.code != UNREACHABLE:
+            what = "the end of" if isinstance(answer.asked, Ended) else "a request of"
+            text = f"{name}: the manager refuses {what} {short(answer.asked.session)}: {answer.reason}"
+            self._once(name, answer.code, text)
+
+    def lost(self, reason: str, now: float) -> None:
+        """The manager cannot be heard: its lifts are offline, sessions stay."""
+        if reason != self._lost_why:
+            _log.warning("the manager cannot be heard: %s; its lifts are offline for RMF", reason)
+        self._lost_why = reason
+        for lift in self._lifts.values():
+            lift.contract.lost, lift.next_at = True, -math.inf
+
+    def tick(self, now: float) -> float:
+        """Publish what is due, ask what is due; return when to come again, at the latest. Call it after everything above, too."""
+        return min((self._look(lift, now) for lift in self._lifts.values()), default=now + REST_S)
+
+    def stop(self, now: float) -> None:
+        """Publish every lift as offline, door not open, one last time: a robot that waits stands still. Sessions stay."""
+        for lift in self._lifts.values():
+            self._out.publish(offline(lift.message(now, self._ros_time())))
+
+    def _look(self, lift: _Lift, now: float) -> float:
+        if now < lift.next_at:
+            return lift.next_at
+        contract = lift.contract
+        if (asked := contract.ask(now)) is not None:
+            self._manager.ask(asked)
+        state = lift.message(now, self._ros_time())
+        if lift.cadence.due(state, now):
+            self._out.publish(state)
+            self.counts.states[state.lift_name] += 1
+            lift.cadence.sent(state, now)
+        stale = stale_at(contract.view, lift.asked_at)
+        lift.next_at = min(lift.cadence.next(state), contract.due(now), stale if stale > now else math.inf)
+        return lift.next_at
+
+    def _for_no_lift(self, request: LiftRequest) -> Done:
+        if self._site is not None:
+            return Done.UNKNOWN_LIFT
+        fits = len(request.lift_name) <= TEXT_LIMIT and 0 < len(request.session_id) <= TEXT_LIMIT
+        if request.request_type == END_SESSION and fits and len(self._early_ends) < EARLY_ENDS:
+            self._early_ends[request.lift_name, request.session_id] = None
+        return Done.NO_MANAGER
+
+    def _say_early_ends(self, now: float) -> None:
+        for name, session in self._early_ends:
+            if (lift := self._lifts.get(name)) is not None and lift.contract.session == session:
+                lift.contract.end(session, now)
+        self._early_ends.clear()
+
+    def _forget_gone(self, site: Site) -> None:
+        names = {view.name for view in site.lifts}
+        for name in [one for one in self._lifts if one not in names]:
+            _log.warning("the manager has no lift %s any more", name)
+            del self._lifts[name]
+
+    def _alarms(self, site: Site) -> None:
+        """Tell of a fire once, and of its end once where the site wants it: a `false` of ours would clear another system's alarm."""
+        if not site.alarms.fire_alarm and not site.alarms.emergency_signal:
+            return
+        burns = any(view.fire_latched or view.mode == "fire" for view in site.lifts)
+        if burns == self._alarmed:
+            return
+        self._alarmed = burns
+        if burns or site.alarms.clear_on_acknowledge:
+            self._out.alarm(burns, site)
+
+    def _count(self, lift: str, done: Done) -> None:
+        self.counts.requests[lift, done.value] += 1
+
+    def _explain(self, done: Done, request: LiftRequest, contract: LiftContract | None) -> None:
+        """Write one line for each cause and lift, not one for each message."""
+        name = "" if contract is None else contract.view.name
+        if done is Done.BEGUN:
+            _log.info("%s: %s wants %s", name, short(request.session_id), short(request.destination_floor))
+        elif done is Done.ENDED:
+            _log.info("%s: %s is done", name, short(request.session_id))
+        elif done not in (Done.REPEATED, Done.UPDATED, Done.REFUSED):
+            level = logging.INFO if done in USUAL else logging.WARNING
+            self._once(name, done.value, why_ignored(done, request, contract), level)
+
+    def _once(self, lift: str, cause: str, text: str, level: int = logging.WARNING) -> None:
+        if (lift, cause) not in self._told:
+            self._told.add((lift, cause))
+            _log.log(level, "%s", text)

@@ -1,0 +1,335 @@
+"""One lift between RMF and the manager: who holds it on the wire, and what the manager is asked. Pure: monotonic seconds go in.
+
+What RMF does, and where that was read: `shared/field/open-rmf.md`, sections 1.2 to 1.6 (rmf_ros2 humble 2.1.8 to main 2.12.0).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from lift_manager.rmf.messages import ASKED_DOORS, DOOR_OPEN, END_SESSION, HUMAN_MODE, REQUEST_TYPES, LiftRequest
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Wanted
+from lift_manager.rmf.views import HeldBy, LiftView
+
+FACE = "rmf"
+
+REPLAY_S = 5.0
+"""So long after a writer of requests appeared, what comes may be a replay of old ones: up to 100 per fleet adapter, in a burst."""
+SETTLE_S = 0.25
+"""So long no other wish may come before one is told, while it may be a replay. Chosen: a burst takes milliseconds."""
+REFUSED_S = 1.0
+"""Pause before the manager is asked again after a no. Below 5 s, after which it counts RMF as waiting no longer."""
+REPEAT_S = 2.0
+"""How often a repeated wish is passed on while the lift does not show it: one lost press must not strand a robot (DESIGN section 7)."""
+HEARD_S = 10.0
+"""The same for one that is fulfilled, so that the manager does not take its holder for silent (it does after 30 s)."""
+FRESH_S = 5.0
+"""An older wish is not told any more: RMF repeats each that is not fulfilled with every LiftState, twice a second."""
+END_AGAIN_S = 5.0
+"""Beyond the grace; then a session that is still there is ended once more."""
+DOUBTS = 16
+"""Chosen: of so many sessions it is remembered that the manager may have heard them."""
+TEXT_LIMIT = 256
+"""Characters of a session id; a longer one is none that a fleet adapter makes (`<fleet>/<robot>`)."""
+
+
+class Done(str, Enum):
+    """What was done with a request; the values are the words of the metrics."""
+
+    BEGUN = "begun"
+    """It is the first of its session: the manager is asked."""
+    UPDATED = "updated"
+    REPEATED = "repeated"
+    ENDED = "ended"
+    # ignored, and nothing written:
+    HELD = "held_by_another"
+    REFUSED = "refused"
+    """The manager said no a moment ago."""
+    END_NOBODY = "end_without_session"
+    """Jazzy and iron send it with every LiftState of an idle lift; `request_lift.py` of rmf_demos sends it for a request."""
+    END_NOT_HOLDER = "end_not_holder"
+    END_FOREIGN = "end_of_another_face"
+    UNKNOWN_LIFT = "unknown_lift"
+    UNKNOWN_FLOOR = "unknown_floor"
+    BAD_DOOR = "bad_door_state"
+    BAD_TYPE = "bad_request_type"
+    BAD_SESSION = "bad_session_id"
+    NO_MANAGER = "no_manager"
+    BROKEN = "broken_text"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a session wants."""
+
+    floor: str
+    """In the site's words."""
+    hold_door: bool
+
+
+class LiftContract:
+    """Grants, updates and ends, in the order in which they come; what the manager is asked follows, one thing at a time."""
+
+    def __init__(self, view: LiftView, grace_s: float) -> None:
+        self.view = view
+        self.grace_s = grace_s
+        self.lost = False
+        """The manager cannot be heard."""
+        self.session = ""
+        """RMF's session that has the lift, or is to have it; empty for none."""
+        self.granted = False
+        """It is told to RMF: the manager said yes, or the lift only waits for the grace of the session before."""
+        self.wish: Wish | None = None
+        """None for a session that was there before this adapter and was not heard since."""
+        self._told: Wish | None = None
+        """What the manager said yes to."""
+        self._told_at = -math.inf
+        self._again = False
+        """It was repeated, and is to be told again."""
+        self._had = False
+        """The manager has held the lift for the session."""
+        self._heard_at = -math.inf
+        self._tell_from = -math.inf
+        self._paused_until = -math.inf
+        """Wishes are not told before."""
+        self._end_from = -math.inf
+        """Nor are ends."""
+        self._in_flight: Asked | None = None
+        self._ends: list[str] = []
+        """Sessions whose end the manager has to hear, the oldest first."""
+        self._ended: dict[str, float] = {}
+        """Sessions that are over for RMF, and when: the manager may still show one as the holder."""
+        self._perhaps: list[str] = []
+        """Sessions of which nobody knows whether the manager heard their wish."""
+        self._as_of: tuple[str, int] = ("", 0)
+
+    @property
+    def holder(self) -> HeldBy | None:
+        """Who holds the lift, as the manager said last."""
+        return self.view.holder
+
+    @property
+    def foreign(self) -> HeldBy | None:
+        """Another face that holds the lift."""
+        holder = self.view.holder
+        return None if holder is None or holder.face == FACE else holder
+
+    @property
+    def settled(self) -> bool:
+        """Whether the manager holds the lift for the session that RMF is told of, for what that wants."""
+        return self.granted and self._is_held_by(self.session) and (self.wish is None or self.wish == self._told)
+
+    def requested(self, request: LiftRequest, now: float, *, replay: bool) -> Done:
+        """Take a request for this lift; `replay` says that it may be an old one."""
+        if request.request_type == END_SESSION:
+            return self.end(request.session_id, now)
+        wish = self._wish_of(request)
+        if isinstance(wish, Done):
+            return wish
+        session = request.session_id
+        if self.session and session != self.session:
+            if not self._is_given_up(now):
+                return Done.HELD
+            self._drop()
+        if not self.session:
+            if now < self._paused_until:
+                return Done.REFUSED
+            self._begin(session)
+            self._want(wish, now, replay=replay)
+            return Done.BEGUN
+        self._heard_at = now
+        if wish == self.wish:
+            self._repeat(now)
+            return Done.REPEATED
+        self._want(wish, now, replay=replay)
+        return Done.UPDATED
+
+    def heard(self, view: LiftView, boot: str, event: int, now: float) -> bool:
+        """Take the lift as the manager shows it in its answer of that number; False for one that is overtaken by another."""
+        self.lost = False
+        if boot == self._as_of[0] and event < self._as_of[1]:
+            return False  # it left before the manager's last answer
+        if boot != self._as_of[0]:
+            self._as_of = (boot, 0)
+            # after a restart nothing is pressed before the holder is heard again, and that is RMF's word, not ours
+            self._told, self._heard_at = None, -math.inf
+        if _blocking(view) != _blocking(self.view):
+            self._paused_until = -math.inf
+        self.view = view
+        if self._in_flight is None:
+            self._reconcile(now)
+        return True
+
+    def answered(self, answer: Answer, now: float) -> None:
+        """Take the manager's word on what it was asked."""
+        asked, self._in_flight = answer.asked, None
+        if answer.yes:
+            self._as_of = (answer.boot, answer.event)
+            self._forget_doubt(asked.session)
+        if isinstance(asked, Ended):
+            self._end_answered(asked, answer, now)
+        else:
+            self._wanted_answered(asked, answer, now)
+
+    def ask(self, now: float) -> Asked | None:
+        """Return what the manager is to be asked now, if anything. It counts as asked."""
+        if self._in_flight is not None or self.lost:
+            return None
+        self._in_flight = self._next(now)
+        return self._in_flight
+
+    def due(self, now: float) -> float:
+        """Return when to ask again although nothing happens; infinite for never."""
+        if self._in_flight is not None or self.lost:
+            return math.inf
+        times = (self._tell_from, self._paused_until, self._end_from)
+        return min((at for at in times if at > now), default=math.inf)
+
+    def _wish_of(self, request: LiftRequest) -> Wish | Done:
+        if request.request_type not in REQUEST_TYPES:
+            return Done.BAD_TYPE
+        if request.door_state not in ASKED_DOORS:
+            return Done.BAD_DOOR
+        session = request.session_id
+        if not 0 < len(session) <= TEXT_LIMIT or not session.isprintable():
+            return Done.BAD_SESSION
+        floor = next((site for site, name in self.view.floors.items() if name == request.destination_floor), None)
+        if floor is None:
+            return Done.UNKNOWN_FLOOR
+        # AGV mode: the doors are open whenever the lift has stopped (LiftState.msg)
+        return Wish(floor, request.request_type != HUMAN_MODE or request.door_state == DOOR_OPEN)
+
+    def _begin(self, session: str) -> None:
+        self._drop()
+        self.session = session
+        if session in self._ends:
+            self._ends.remove(session)
+        # one whose grace has not run out has the lift still, and one that comes next has nobody to compete with
+        self.granted = not self.lost and self._is_rmf() and self.view.live
+        self._ended.pop(session, None)
+
+    def _want(self, wish: Wish, now: float, *, replay: bool) -> None:
+        self.wish, self._heard_at = wish, now
+        self._tell_from = now + SETTLE_S if replay else now
+
+    def _repeat(self, now: float) -> None:
+        """Let a wish that was told be told again, if it is time."""
+        if self.wish is None or self._told != self.wish:
+            return
+        again_s = HEARD_S if self._is_fulfilled(self.wish) else REPEAT_S
+        self._again = now - self._told_at >= again_s
+
+    def end(self, session: str, now: float) -> Done:
+        """Take END_SESSION: in any mode, for any floor, as often as it comes. The car is not moved by it."""
+        if session and session == self.session:
+            may_hold = self._had or self._is_asked(session) or self._is_held_by(session) or session in self._perhaps
+            self._drop()
+            self._paused_until = -math.inf
+            if may_hold:
+                self._say_end(session, now)
+            return Done.ENDED
+        if session and session in self._perhaps:
+            self._say_end(session, now)
+            return Done.ENDED
+        if self.foreign is not None and session == str(self.foreign):
+            return Done.END_FOREIGN
+        return Done.END_NOT_HOLDER if session else Done.END_NOBODY
+
+    def _say_end(self, session: str, now: float) -> None:
+        self._forget_doubt(session)
+        self._ended[session] = now
+        if session not in self._ends:
+            self._ends.append(session)
+
+    def _drop(self) -> None:
+        self.session, self.granted, self.wish, self._told, self._again, self._had = "", False, None, None, False, False
+
+    def _next(self, now: float) -> Asked | None:
+        lift = self.view.lift
+        if self._ends:
+            session = self._ends[0]
+            left_s = max(0.0, self._ended.get(session, now) + self.grace_s - now)
+            return Ended(lift, session, left_s) if now >= self._end_from else None
+        wish = self.wish
+        if wish is None or now < max(self._tell_from, self._paused_until):
+            return None
+        if self._told == wish and not self._again:
+            return None
+        if self._waits_for_grace() or now - self._heard_at > FRESH_S:
+            return None
+        return Wanted(lift, self.session, wish.floor, wish.hold_door)
+
+    def _waits_for_grace(self) -> bool:
+        """Whether another session of RMF, which is over, has the lift still."""
+        return self._is_rmf() and not self._is_held_by(self.session)
+
+    def _end_answered(self, asked: Ended, answer: Answer, now: float) -> None:
+        if answer.code == UNREACHABLE:
+            self._end_from = now + REFUSED_S
+        elif asked.session in self._ends:
+            self._ends.remove(asked.session)
+
+    def _wanted_answered(self, asked: Wanted, answer: Answer, now: float) -> None:
+        if answer.code == UNREACHABLE and asked.session not in self._ends:
+            self._perhaps = [*self._perhaps[-(DOUBTS - 1) :], asked.session]
+        if asked.session != self.session:
+            return  # it ended meanwhile; that is said next
+        self._again = False
+        if answer.yes:
+            self.granted, self._had = True, True
+            self._told, self._told_at = Wish(asked.floor, asked.hold_door), now
+            return
+        self._paused_until = now + REFUSED_S
+        self._told = None
+        if answer.code != UNREACHABLE and not self._is_held_by(asked.session):
+            self._drop()
+
+    def _reconcile(self, now: float) -> None:
+        """Bring what RMF was told together with who holds the lift."""
+        holder = self.view.holder
+        theirs = holder.name if holder is not None and holder.face == FACE else ""
+        late = [
+            one for one, at in self._ended.items() if now - at > self.grace_s + END_AGAIN_S and one not in self._ends
+        ]
+        for one in late:
+            del self._ended[one]
+            if one == theirs:
+                self._say_end(one, now)
+        if theirs and theirs not in self._ended:
+            if theirs != self.session:
+                # from before this adapter, or by a word that was thought to be lost
+                self._drop()
+                self.session = theirs
+            self.granted = self._had = True
+        elif self._had or self._is_given_up(now):
+            self._drop()  # the manager ended it: fire, a person's word, its time was over; or nobody wants it any more
+        elif self.foreign is not None:
+            self.granted = False  # another face was quicker
+
+    def _is_given_up(self, now: float) -> bool:
+        """Whether the session never had the lift, and nobody has asked for it for a while."""
+        return not self._had and not self._is_asked(self.session) and now - self._heard_at > FRESH_S
+
+    def _forget_doubt(self, session: str) -> None:
+        self._perhaps = [one for one in self._perhaps if one != session]
+
+    def _is_held_by(self, session: str) -> bool:
+        return bool(session) and self.view.holder == HeldBy(FACE, session)
+
+    def _is_rmf(self) -> bool:
+        return self.view.holder is not None and self.view.holder.face == FACE
+
+    def _is_asked(self, session: str) -> bool:
+        return isinstance(self._in_flight, Wanted) and self._in_flight.session == session
+
+    def _is_fulfilled(self, wish: Wish) -> bool:
+        view = self.view
+        there = view.live and view.standing and view.floor == wish.floor
+        return there and (view.door == "open" or not wish.hold_door)
+
+
+def _blocking(view: LiftView) -> tuple[object, ...]:
+    """Return what a refusal may have been about."""
+    return view.holder, view.live, view.mode, view.fire_latched, view.keeps_off

@@ -1,0 +1,76 @@
+"""The manager as an adapter sees it: what it is asked, what it answers. `beside` speaks HTTP, `inside` calls it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from lift_manager.rmf.views import Site
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """RMF's session wants the lift at a floor: the first one opens it, each further one changes or repeats what is wanted."""
+
+    lift: str
+    """The site's name, like `floor`."""
+    session: str
+    """RMF's session id; the holder is `rmf:<session>`."""
+    floor: str
+    hold_door: bool
+    """Hold the door open there until another floor is wanted or the session ends."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """RMF's session is over. Door hold and robot mode stay for `grace_s`, unless the same session wants the lift again within it."""
+
+    lift: str
+    session: str
+    grace_s: float
+
+
+Asked = Wanted | Ended
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the manager said to one of these; answers come one for one, in order for each lift."""
+
+    asked: Asked
+    yes: bool
+    """It is decided so. Of `Wanted`: the session holds the lift; acceptance is not arrival."""
+    code: str = ""
+    """Why not, in a word of `web/ERRORS.md`; `unreachable` where no manager answered: then nobody knows whether it was heard."""
+    reason: str = ""
+    """The same in a sentence."""
+    boot: str = ""
+    event: int = 0
+    """Of `yes`: a `Site` of this boot with a lower number does not show it yet."""
+
+
+UNREACHABLE = "unreachable"
+
+
+class Manager(Protocol):
+    """Takes what is asked without waiting; the answer comes to `Hears.answered`."""
+
+    def ask(self, asked: Asked) -> None:
+        """Pass it on. Never called again for a lift whose last answer has not come."""
+        ...
+
+
+class Hears(Protocol):
+    """What of the adapter a way to the manager calls, always in the adapter's own thread. Times are monotonic seconds."""
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        """Take a whole answer; `asked_at` is when the question for it left, from which its ages count."""
+        ...
+
+    def answered(self, answer: Answer, now: float) -> None:
+        """Take what became of something asked."""
+        ...
+
+    def lost(self, reason: str, now: float) -> None:
+        """The manager cannot be heard."""
+        ...

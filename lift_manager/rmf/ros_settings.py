@@ -1,0 +1,104 @@
+"""Where RMF is to be found: domain, namespace, topics and discovery, as ROS 2 names them. Standard library only."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+DEFAULT_DOMAIN = 0
+HIGHEST_DOMAIN = 232
+"""Above it the ports of discovery do not exist (7400 + 250 x domain; to 101 is safe everywhere, open-rmf 5.4)."""
+RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
+"""ROS_AUTOMATIC_DISCOVERY_RANGE."""
+
+_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+_PEER = re.compile(r"[A-Za-z0-9._:%\[\]-]+", re.ASCII)
+"""An IPv4 or IPv6 address (with a zone, with a port) or a host name: what Cyclone DDS takes as a peer."""
+
+
+class BadSettings(ValueError):
+    """A setting that cannot be used; the message names it, its value and what it may be."""
+
+
+@dataclass(frozen=True)
+class RosSettings:
+    """How to reach RMF. Raises BadSettings where a value cannot be used."""
+
+    domain: int = DEFAULT_DOMAIN
+    namespace: str = ""
+    """Before both topics, as `/building1`; empty for none. A topic that begins with `/` has no namespace before it."""
+    states_topic: str = "lift_states"
+    requests_topic: str = "lift_requests"
+    adapter_requests_topic: str = "adapter_lift_requests"
+    """What the lift supervisor listens to. The adapter does not: the supervisor decides whose turn it is (open-rmf 1.2)."""
+    fire_topic: str = "fire_alarm_trigger"
+    emergency_topic: str = "emergency_signal"
+    discovery_range: str = "SUBNET"
+    peers: tuple[str, ...] = ()
+    """Addresses to look for RMF at where there is no multicast. Not used with the ranges OFF and SYSTEM_DEFAULT, as in ROS."""
+    cyclonedds_uri: str = ""
+    """CYCLONEDDS_URI: configuration of one's own (XML or the path of a file). It has the last word, as in rmw_cyclonedds. Not for rclpy."""
+    use_sim_time: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.domain <= HIGHEST_DOMAIN:
+            raise BadSettings(f"the domain is {self.domain}; it is a whole number from 0 to {HIGHEST_DOMAIN}")
+        if self.discovery_range not in RANGES:
+            raise BadSettings(f"the discovery range is {self.discovery_range!r}; it is one of {', '.join(RANGES)}")
+        for peer in self.peers:
+            if not _PEER.fullmatch(peer):
+                raise BadSettings(f"the peer {peer!r} is no address; it is like 192.168.1.20 or like robots.local")
+        if self.namespace.strip("/"):
+            _check_name("the namespace", self.namespace.rstrip("/"))
+        for topic in self._topics():
+            _check_name("the topic", topic)
+
+    def _topics(self) -> tuple[str, ...]:
+        adapter = (self.states_topic, self.requests_topic, self.adapter_requests_topic)
+        return (*adapter, self.fire_topic, self.emergency_topic)
+
+    @classmethod
+    def of(cls, environment: Mapping[str, str]) -> RosSettings:
+        """Return what ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and CYCLONEDDS_URI say.
+
+        ROS_LOCALHOST_ONLY=1 counts before the two that follow it, which are then not read, as in ROS. Raises BadSettings.
+        """
+        localhost_only = environment.get("ROS_LOCALHOST_ONLY", "") == "1"
+        peers = "" if localhost_only else environment.get("ROS_STATIC_PEERS", "")
+        return cls(
+            domain=_domain(environment.get("ROS_DOMAIN_ID", "")),
+            discovery_range="LOCALHOST" if localhost_only else _range(environment),
+            peers=tuple(part.strip() for part in peers.split(";") if part.strip()),
+            cyclonedds_uri=environment.get("CYCLONEDDS_URI", "").strip(),
+        )
+
+    def resolved(self, topic: str) -> str:
+        """Return a topic as it is found on the network, without its leading slash: the namespace before a relative one."""
+        if topic.startswith("/"):
+            return topic.strip("/")
+        return "/".join(part for part in (self.namespace.strip("/"), topic.strip("/")) if part)
+
+
+def _check_name(what: str, name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise BadSettings(
+            f"{what} is {name!r}; it is made of letters, digits and _, in parts with a / between them, "
+            "and no part begins with a digit"
+        )
+
+
+def _domain(text: str) -> int:
+    if not text.strip():
+        return DEFAULT_DOMAIN
+    if not text.strip().isdecimal() or int(text) > HIGHEST_DOMAIN:
+        raise BadSettings(f"ROS_DOMAIN_ID is {text!r}; it is a whole number from 0 to {HIGHEST_DOMAIN}")
+    return int(text)
+
+
+def _range(environment: Mapping[str, str]) -> str:
+    """Only capitals count in ROS, which takes any other word for LOCALHOST: that would be a silent difference."""
+    said = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    if said and said not in RANGES:
+        raise BadSettings(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {said!r}; it is one of {', '.join(RANGES)}, in capitals")
+    return said or "SUBNET"

@@ -1,0 +1,178 @@
+"""An adapter on a bench: a manager that answers by the rules of its sessions, and everything that went out, on a clock turned by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Wanted
+from lift_manager.rmf.publishing import AT_LEAST_S
+from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
+
+A, B = "fleet_a/robot1", "fleet_b/robot2"
+EPOCH = 1_700_000_000.0
+
+
+def lift(name: str = "lift", **changes: object) -> LiftView:
+    """An idle lift that stands at L1 with its door shut; RMF calls its floors by other names."""
+    view = LiftView(
+        lift=name,
+        name=f"{name}_rmf",
+        floors={"L1": "Level 1", "L2": "Level 2", "L3": "Level 3"},
+        live=True,
+        reason="",
+        age_s=0.1,
+        max_age_s=1.0,
+        floor="L1",
+        standing=True,
+        destination=None,
+        door="closed",
+        motion="stopped",
+        mode="normal",
+        robot_mode_on=None,
+        holder=None,
+        fire_latched=False,
+        waiting_for="",
+        keeps_off="",
+    )
+    return replace(view, **changes)  # type: ignore[arg-type]
+
+
+def wants(session: str, floor: str, lift: str = "lift_rmf", **changes: object) -> LiftRequest:
+    request = LiftRequest(lift, Time(), session, AGV_MODE, floor, DOOR_OPEN)
+    return replace(request, **changes)  # type: ignore[arg-type]
+
+
+def ends(session: str, floor: str = "", lift: str = "lift_rmf") -> LiftRequest:
+    return LiftRequest(lift, Time(), session, END_SESSION, floor, DOOR_CLOSED)
+
+
+@dataclass
+class Bench:
+    """The manager keeps an ended session until `over` is called, as it does for the grace."""
+
+    views: dict[str, LiftView] = field(default_factory=lambda: {"lift": lift()})
+    now: float = 100.0
+    alarms: Alarms = field(default_factory=Alarms)
+    boot: str = "first"
+    event: int = 0
+    refuses: str = ""
+    """The code of a refusal of all wishes; `unreachable` where nobody answers."""
+    asked: list[Asked] = field(default_factory=list)
+    sent: list[LiftState] = field(default_factory=list)
+    alarmed: list[bool] = field(default_factory=list)
+    waiting: list[Asked] = field(default_factory=list)
+    slow: bool = False
+    """Answers are given when `answers` is called."""
+
+    def __post_init__(self) -> None:
+        self.adapter = self._adapter()
+
+    def restart_adapter(self) -> None:
+        self.adapter = self._adapter()
+        self.waiting.clear()
+
+    def _adapter(self) -> Adapter:
+        out = Out(self.sent.append, lambda burns, _: self.alarmed.append(burns))
+        return Adapter(self, out, lambda: EPOCH + self.now)
+
+    def ask(self, asked: Asked) -> None:
+        assert asked.lift not in [one.lift for one in self.waiting], "asked again before it was answered"
+        self.asked.append(asked)
+        self.waiting.append(asked)
+
+    def answers(self) -> None:
+        for asked in [self.waiting.pop(0) for _ in range(len(self.waiting))]:
+            self.adapter.answered(self._decide(asked), self.now)
+
+    def _decide(self, asked: Asked) -> Answer:
+        view = self.views[asked.lift]
+        ours = HeldBy("rmf", asked.session)
+        if self.refuses == UNREACHABLE:
+            return Answer(asked, yes=False, code=UNREACHABLE, reason="nobody answers")
+        if isinstance(asked, Wanted):
+            if self.refuses or view.holder not in (None, ours):
+                return Answer(asked, yes=False, code=self.refuses or "held", reason="held by another")
+            self.views[asked.lift] = replace(view, holder=ours, destination=asked.floor)
+        elif view.holder not in (None, ours):
+            return Answer(asked, yes=False, code="held", reason="held by another")
+        self.event += 1
+        return Answer(asked, yes=True, boot=self.boot, event=self.event)
+
+    def turn(self) -> None:
+        """Let everything that is due happen, questions, answers and changes included."""
+        for _ in range(10):
+            before = len(self.asked), len(self.sent)
+            self.adapter.tick(self.now)
+            if not self.slow:
+                self.answers()
+            self.now += AT_LEAST_S
+            self.adapter.tick(self.now)
+            if (len(self.asked), len(self.sent)) == before:
+                return
+        raise AssertionError("it does not come to rest")
+
+    def hear(self) -> None:
+        """Bring the manager's newest answer."""
+        self.event += 1
+        self.adapter.heard(self.site(), self.now, self.now)
+        self.turn()
+
+    def site(self) -> Site:
+        """Return the manager's answer as it is now."""
+        return Site(self.boot, self.event, tuple(self.views.values()), 3.0, self.alarms)
+
+    def change(self, name: str = "lift", **changes: object) -> None:
+        """Change a lift, and let the adapter hear it."""
+        self.views[name] = replace(self.views[name], **changes)  # type: ignore[arg-type]
+        self.hear()
+
+    def over(self, name: str = "lift") -> None:
+        """The manager lets a session go."""
+        self.change(name, holder=None, destination=None)
+
+    def say(self, *requests: LiftRequest) -> None:
+        """RMF sends these at one moment."""
+        for request in requests:
+            self.adapter.requested(request, self.now)
+        self.turn()
+        self.step(0.0)
+
+    def step(self, seconds: float = 0.1) -> None:
+        """Let a short time pass; the manager is heard at its end."""
+        self.now += seconds
+        self.hear()
+
+    def elapse(self, seconds: float) -> None:
+        """Let time pass, the manager heard ten times a second."""
+        for _ in range(round(seconds / 0.1)):
+            self.step()
+
+    @property
+    def state(self) -> LiftState:
+        """What was published last."""
+        return self.sent[-1]
+
+    def wanted(self) -> list[tuple[str, str]]:
+        """Session and floor of everything wanted so far."""
+        return [(one.session, one.floor) for one in self.asked if isinstance(one, Wanted)]
+
+    def ended(self) -> list[str]:
+        return [one.session for one in self.asked if isinstance(one, Ended)]
+
+
+def bench(**changes: object) -> Bench:
+    """An adapter that has heard its manager."""
+    made = Bench(**changes)  # type: ignore[arg-type]
+    made.hear()
+    return made
+
+
+def riding(**changes: object) -> Bench:
+    """The lift stands at L2 with its door open and held for A."""
+    made = bench(**changes)
+    made.say(wants(A, "Level 2"))
+    made.change(floor="L2", door="open")
+    made.step()
+    return made

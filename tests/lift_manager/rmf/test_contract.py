@@ -1,0 +1,435 @@
+"""Grant, update, ignore, end (open-rmf 1.6), and what other adapters get wrong there (open-rmf 2)."""
+
+from __future__ import annotations
+
+import pytest
+
+from lift_manager.rmf.contract import FRESH_S, HEARD_S, REFUSED_S, REPEAT_S, Done
+from lift_manager.rmf.messages import (
+    AGV_MODE,
+    DOOR_CLOSED,
+    DOOR_MOVING,
+    DOOR_OPEN,
+    END_SESSION,
+    HUMAN_MODE,
+    LiftRequest,
+    Time,
+)
+from lift_manager.rmf.port import UNREACHABLE, Ended, Wanted
+from lift_manager.rmf.publishing import PERIOD_S
+from lift_manager.rmf.views import HeldBy
+from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
+
+REST = HeldBy("api", "amr-7")
+
+
+def test_the_first_request_for_a_free_lift_is_granted_once_the_manager_has_said_yes() -> None:
+    lift = bench(slow=True)
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == ""
+    lift.answers()
+    lift.step()
+    assert lift.asked == [Wanted("lift", A, "L2", hold_door=True)]
+    assert (lift.state.session_id, lift.state.destination_floor) == (A, "Level 2")
+
+
+def test_a_session_stays_on_the_wire_after_arrival() -> None:
+    """rmf_ros2 #314."""
+    lift = riding()
+    lift.elapse(400)
+    assert (lift.state.session_id, lift.state.door_state, lift.state.current_floor) == (A, DOOR_OPEN, "Level 2")
+
+
+def test_a_request_said_again_is_no_new_command() -> None:
+    """A10: RMF sends one to three copies with every LiftState."""
+    lift = riding()
+    before = len(lift.asked)
+    for _ in range(50):
+        lift.say(*[wants(A, "Level 2")] * 3)
+    assert len(lift.asked) == before
+
+
+def test_a_wish_that_the_lift_does_not_show_is_passed_on_again_but_not_with_every_message() -> None:
+    lift = bench()
+    begun = lift.now
+    for _ in range(200):
+        lift.say(wants(A, "Level 2"))
+        lift.step(0.1)
+    assert len(lift.wanted()) == pytest.approx((lift.now - begun) / REPEAT_S, abs=2)
+    assert set(lift.wanted()) == {(A, "L2")}
+
+
+def test_a_holder_that_goes_on_asking_is_not_silent_for_the_manager() -> None:
+    lift = riding()
+    before, begun = len(lift.asked), lift.now
+    for _ in range(round(5 * HEARD_S)):
+        lift.say(wants(A, "Level 2"))
+        lift.step(1.0)
+    assert len(lift.asked) - before == pytest.approx((lift.now - begun) / HEARD_S, abs=2)
+
+
+def test_another_floor_of_the_same_session_is_passed_on_at_once() -> None:
+    """rmf_ros2 #555: a destination may change while the car is under way."""
+    lift = bench()
+    lift.say(wants(A, "Level 3"))
+    lift.change(floor="L1", standing=False, motion="up")
+    lift.say(wants(A, "Level 2"))
+    assert lift.wanted() == [(A, "L3"), (A, "L2")]
+    assert lift.state.destination_floor == "Level 2"
+
+
+def test_another_session_is_ignored_while_one_has_the_lift() -> None:
+    """A7: any session stole the lift."""
+    lift = riding()
+    lift.say(wants(B, "Level 3"), wants(B, "Level 3"))
+    assert lift.wanted() == [(A, "L2")]
+    assert lift.state.session_id == A
+    assert lift.adapter.counts.requests["lift_rmf", "held_by_another"] == 2
+
+
+@pytest.mark.parametrize("floor", ["", "Level 2", "Level 1", "nowhere"])
+def test_an_end_clears_the_session_whatever_floor_it_names_and_moves_nothing(floor: str) -> None:
+    """A8, A9, and the template: END with an empty or unknown floor was refused, or sent the car there."""
+    lift = riding()
+    lift.say(ends(A, floor))
+    assert lift.state.session_id == ""
+    assert lift.asked[1:] == [Ended("lift", A, 3.0)]
+
+
+def test_an_end_is_told_to_the_manager_once_however_often_it_comes() -> None:
+    lift = riding()
+    for _ in range(20):
+        lift.say(ends(A))
+    assert lift.ended() == [A]
+
+
+def test_ends_of_nobody_and_of_others_change_nothing() -> None:
+    """Jazzy and iron answer every state of an idle lift with END, mostly of an empty session (open-rmf 1.4)."""
+    lift = riding()
+    sent = len(lift.sent)
+    for session in ("", B, "x" * 1_000_000):
+        lift.say(ends(session))
+    assert lift.ended() == []
+    assert lift.state.session_id == A
+    assert len(lift.sent) <= sent + 1
+
+
+def test_an_end_counts_in_any_mode_and_while_the_lift_cannot_be_read() -> None:
+    """LCI honoured it in AGV mode only."""
+    for change in ({"mode": "fire", "door": "moving"}, {"mode": "inspection"}, {"live": False}):
+        lift = riding()
+        lift.change(**change)
+        lift.say(ends(A))
+        assert (lift.state.session_id, lift.ended()) == ("", [A])
+
+
+@pytest.mark.parametrize("apart_s", [0.0, 0.001])
+def test_the_end_of_one_session_and_the_request_of_the_next_may_come_within_a_millisecond(apart_s: float) -> None:
+    lift = riding()
+    lift.adapter.requested(ends(A), lift.now)
+    lift.now += apart_s
+    lift.say(wants(B, "Level 3"))
+    assert lift.ended() == [A]
+    assert lift.state.session_id == B
+    assert lift.wanted() == [(A, "L2")], "the call waits for the grace of the session before"
+    lift.over()
+    assert lift.wanted() == [(A, "L2"), (B, "L3")]
+
+
+def test_the_door_is_not_open_for_a_session_before_the_manager_holds_it_for_that() -> None:
+    lift = riding()
+    lift.say(ends(A), wants(B, "Level 2"))
+    assert (lift.state.session_id, lift.state.current_floor, lift.state.door_state) == (B, "Level 2", DOOR_MOVING)
+    lift.over()
+    lift.step()
+    assert (lift.state.session_id, lift.state.door_state) == (B, DOOR_OPEN)
+
+
+def test_the_door_is_not_open_for_a_floor_that_is_not_told_yet() -> None:
+    """jazzy's RequestLift takes the first match: an open door that is let go in a moment must not be one (open-rmf 1.5)."""
+    lift = riding()
+    lift.slow = True
+    lift.say(wants(A, "Level 3"))
+    assert (lift.state.current_floor, lift.state.door_state) == ("Level 2", DOOR_MOVING)
+
+
+def test_a_session_that_comes_back_within_its_grace_goes_on() -> None:
+    """A supervisor that was restarted ends the session of a robot under way, and opens it again (open-rmf 1.6.8)."""
+    lift = riding()
+    lift.say(ends(A))
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == A
+    assert lift.asked == [Wanted("lift", A, "L2", hold_door=True), Ended("lift", A, 3.0), lift.asked[0]]
+    assert lift.state.door_state == DOOR_OPEN
+
+
+def test_only_the_last_floor_of_a_replay_is_told_and_its_ends_count_in_order() -> None:
+    lift = riding()
+    lift.adapter.request_writer_matched(lift.now)
+    lift.say(
+        wants(A, "Level 1"), wants(A, "Level 3"), ends(A), wants(B, "Level 1"), wants(B, "Level 3"), ends(B),
+        wants(A, "Level 3"), wants(A, "Level 2"),
+    )  # fmt: skip
+    lift.elapse(3)
+    assert lift.wanted() == [(A, "L2"), (A, "L2")]
+    assert lift.state.session_id == A
+
+
+def test_a_replay_that_ends_with_another_session_gives_the_lift_to_that() -> None:
+    lift = riding()
+    lift.adapter.request_writer_matched(lift.now)
+    lift.say(wants(A, "Level 1"), ends(A), wants(B, "Level 1"), wants(B, "Level 3"))
+    assert lift.state.session_id == B
+    lift.over()
+    lift.elapse(1)
+    assert (lift.ended(), lift.wanted()) == ([A], [(A, "L2"), (B, "L3")])
+
+
+def test_beyond_the_time_of_replays_every_floor_is_told_at_once() -> None:
+    lift = riding()
+    lift.adapter.request_writer_matched(lift.now)
+    lift.elapse(5.1)
+    lift.adapter.requested(wants(A, "Level 1"), lift.now)
+    lift.turn()
+    assert lift.wanted()[-1] == (A, "L1")
+
+
+def test_a_lift_of_another_face_is_shown_as_its_and_is_never_open() -> None:
+    lift = bench()
+    lift.change(holder=REST, door="open", destination="L1")
+    assert (lift.state.session_id, lift.state.door_state) == ("api:amr-7", DOOR_MOVING)
+    lift.say(ends("api:amr-7", "Level 1"), ends("api:amr-7"))
+    assert lift.asked == []
+    assert lift.adapter.counts.requests["lift_rmf", "end_of_another_face"] == 2
+
+
+def test_a_request_for_a_lift_of_another_face_keeps_its_place_in_the_line() -> None:
+    lift = bench()
+    lift.change(holder=REST)
+    begun = lift.now
+    for _ in range(50):
+        lift.say(wants(A, "Level 2"))
+        lift.step(0.1)
+    assert len(lift.asked) == pytest.approx((lift.now - begun) / REFUSED_S, abs=2), "not with every message"
+    assert lift.state.session_id == "api:amr-7"
+    lift.over()
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == A
+
+
+def test_a_refused_session_is_not_shown_and_is_asked_for_again_as_rmf_repeats_it() -> None:
+    lift = bench(refuses="mode")
+    sent, begun = len(lift.sent), lift.now
+    for _ in range(30):
+        lift.say(wants(A, "Level 2"))
+        lift.step(0.1)
+    assert {state.session_id for state in lift.sent} == {""}
+    assert len(lift.sent) - sent == pytest.approx((lift.now - begun) / PERIOD_S, abs=1), "no change"
+    assert len(lift.asked) == pytest.approx((lift.now - begun) / REFUSED_S, abs=2)
+    lift.refuses = ""
+    lift.change(mode="robot")
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == A
+
+
+def test_a_session_that_the_manager_ended_is_over_for_rmf_and_may_ask_anew() -> None:
+    lift = riding()
+    lift.over()
+    assert lift.state.session_id == ""
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == A
+
+
+def test_an_answer_that_left_before_the_managers_last_word_ends_no_session() -> None:
+    lift = bench()
+    overtaken = lift.site()
+    lift.adapter.requested(wants(A, "Level 2"), lift.now)
+    lift.turn()
+    lift.adapter.heard(overtaken, lift.now, lift.now)
+    lift.turn()
+    assert (lift.state.session_id, len(lift.asked)) == (A, 1)
+
+
+def test_an_adapter_that_was_restarted_takes_up_the_session_and_executes_no_old_floor() -> None:
+    lift = riding()
+    lift.restart_adapter()
+    lift.hear()
+    assert (lift.state.session_id, lift.state.door_state, lift.state.destination_floor) == (A, DOOR_OPEN, "Level 2")
+    assert lift.wanted() == [(A, "L2")]
+    lift.say(ends(A))
+    assert (lift.state.session_id, lift.ended()) == ("", [A])
+
+
+def test_an_end_that_came_before_the_manager_was_heard_counts() -> None:
+    lift = riding()
+    lift.restart_adapter()
+    lift.adapter.requested(ends(A), lift.now)
+    lift.hear()
+    lift.step()
+    assert (lift.state.session_id, lift.ended()) == ("", [A])
+
+
+def test_while_the_manager_is_away_the_lift_is_offline_and_its_session_stays() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.turn()
+    assert (lift.state.session_id, lift.state.current_mode, lift.state.door_state) == (A, 4, DOOR_MOVING)
+
+
+def test_an_end_while_the_manager_is_away_is_shown_at_once_and_told_first() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.requested(ends(A), lift.now)
+    lift.now += 0.02
+    lift.turn()
+    assert (lift.state.session_id, lift.asked[1:]) == ("", [])
+    lift.now += 60
+    lift.adapter.requested(wants(B, "Level 3"), lift.now)
+    lift.hear()
+    assert lift.asked[1:] == [Ended("lift", A, 0.0)], "its grace is over"
+    lift.over()
+    assert lift.wanted()[1:] == [(B, "L3")]
+
+
+def test_after_a_restart_of_the_manager_nothing_is_told_before_rmf_is_heard() -> None:
+    lift = riding()
+    lift.boot, lift.event = "second", 0
+    lift.hear()
+    lift.elapse(1)
+    assert len(lift.asked) == 1
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_MOVING)
+    lift.say(wants(A, "Level 2"))
+    assert lift.wanted() == [(A, "L2")] * 2
+    lift.step()
+    assert lift.state.door_state == DOOR_OPEN
+
+
+def test_a_manager_that_lost_the_session_is_asked_anew_as_rmf_repeats() -> None:
+    lift = riding()
+    lift.boot, lift.event = "second", 0
+    lift.over()
+    assert lift.state.session_id == ""
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == A
+
+
+def test_a_wish_that_nobody_answered_is_told_again_only_when_rmf_repeats_it() -> None:
+    lift = bench(refuses=UNREACHABLE)
+    lift.say(wants(A, "Level 2"))
+    lift.elapse(FRESH_S + 5)
+    asked = len(lift.asked)
+    assert asked <= FRESH_S + 1
+    lift.refuses = ""
+    lift.elapse(10)
+    assert len(lift.asked) == asked
+    lift.say(wants(A, "Level 2"))
+    assert lift.state.session_id == A
+
+
+def test_the_end_of_a_session_whose_wish_may_have_been_heard_is_told() -> None:
+    lift = bench(refuses=UNREACHABLE)
+    lift.say(wants(A, "Level 2"))
+    lift.refuses = ""
+    lift.say(ends(A))
+    assert lift.ended() == [A]
+
+
+def test_an_end_that_nobody_answered_is_said_again() -> None:
+    lift = riding()
+    lift.refuses = UNREACHABLE
+    lift.say(ends(A))
+    lift.elapse(3)
+    lift.refuses = ""
+    lift.elapse(2)
+    assert 3 <= len(lift.ended()) <= 5
+    said = len(lift.ended())
+    lift.over()
+    lift.elapse(20)
+    assert len(lift.ended()) == said
+
+
+def test_a_session_that_stays_with_the_manager_after_its_end_is_ended_again() -> None:
+    lift = riding()
+    lift.say(ends(A))
+    lift.elapse(9)
+    assert lift.ended() == [A, A]
+    assert lift.state.session_id == ""
+
+
+def test_a_session_that_was_refused_and_gave_up_does_not_keep_others_off() -> None:
+    lift = bench()
+    lift.adapter.lost("gone", lift.now)
+    lift.adapter.requested(wants(A, "Level 2"), lift.now)
+    lift.now += FRESH_S + 0.1
+    lift.adapter.requested(wants(B, "Level 3"), lift.now)
+    lift.hear()
+    assert lift.wanted() == [(B, "L3")]
+
+
+@pytest.mark.parametrize(
+    ("bad", "cause"),
+    [
+        (wants(A, "Level 9"), "unknown_floor"),
+        (wants(A, "L2"), "unknown_floor"),  # the site's word, not RMF's
+        (wants(A, ""), "unknown_floor"),
+        (wants(A, "Level 2", door_state=1), "bad_door_state"),
+        (wants(A, "Level 2", door_state=255), "bad_door_state"),
+        (wants(A, "Level 2", request_type=9), "bad_request_type"),
+        (wants(A, "Level 2", request_type=3), "bad_request_type"),
+        (wants("", "Level 2"), "bad_session_id"),
+        (wants("x" * 1_000_000, "Level 2"), "bad_session_id"),
+        (wants("two\nlines", "Level 2"), "bad_session_id"),
+        (wants(A, "F" * 1_000_000), "unknown_floor"),
+    ],
+)
+def test_nonsense_is_counted_and_nothing_is_asked(
+    bad: LiftRequest, cause: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    lift = bench()
+    for _ in range(20):
+        lift.say(bad)
+    assert lift.asked == []
+    assert lift.adapter.counts.requests == {("lift_rmf", cause): 20}
+    lines = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(lines) == 1
+    assert len(lines[0]) < 400
+
+
+def test_an_unknown_lift_is_told_of_once_and_its_name_is_kept_nowhere(caplog: pytest.LogCaptureFixture) -> None:
+    """A6: it was dropped without a line."""
+    lift = bench()
+    for number in range(20):
+        lift.say(wants(A, "Level 2", lift=f"elevator{number}"), wants(A, "Level 2", lift="x" * 1_000_000))
+    assert lift.adapter.counts.requests == {("", "unknown_lift"): 40}
+    assert len([record for record in caplog.records if record.levelname == "WARNING"]) == 1
+
+
+def test_the_numbers_of_a_request_are_not_those_of_a_mode() -> None:
+    """QuikSync took AGV for END: request_type has AGV 1 and HUMAN 2, current_mode has them the other way round."""
+    lift = bench()
+    lift.say(LiftRequest("lift_rmf", Time(), A, 1, "Level 2", 2))
+    assert (AGV_MODE, HUMAN_MODE, END_SESSION) == (1, 2, 0)
+    assert lift.state.session_id == A
+    lift.say(LiftRequest("lift_rmf", Time(), A, 0, "", 0))
+    assert lift.state.session_id == ""
+
+
+@pytest.mark.parametrize(
+    ("kind", "door", "holds"),
+    [
+        (AGV_MODE, DOOR_OPEN, True),
+        (AGV_MODE, DOOR_CLOSED, True),
+        (HUMAN_MODE, DOOR_OPEN, True),
+        (HUMAN_MODE, DOOR_CLOSED, False),
+    ],
+)
+def test_in_agv_mode_the_door_is_open_and_in_human_mode_as_asked(kind: int, door: int, holds: bool) -> None:
+    lift = bench()
+    lift.say(wants(A, "Level 2", request_type=kind, door_state=door))
+    assert lift.asked == [Wanted("lift", A, "L2", hold_door=holds)]
+
+
+def test_what_was_done_with_a_request_has_a_word_of_its_own() -> None:
+    words = [done.value for done in Done]
+    assert len(words) == len(set(words))
+    assert all(word == word.lower() and " " not in word for word in words)

@@ -1,0 +1,271 @@
+"""What a LiftState says (open-rmf 1.5, 1.6), and when it is sent."""
+
+from __future__ import annotations
+
+import pytest
+
+from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, LiftState, Time
+from lift_manager.rmf.publishing import PERIOD_S, stale_at
+from lift_manager.rmf.views import Alarms, HeldBy
+from tests.lift_manager.rmf.bench import EPOCH, A, Bench, bench, ends, lift, riding, wants
+
+HUMAN, AGV, FIRE, OFFLINE, EMERGENCY = 1, 2, 3, 4, 5
+
+
+def test_a_lift_is_told_with_the_names_of_the_building_map() -> None:
+    ride = bench()
+    assert ride.state == LiftState(
+        lift_time=ride.state.lift_time,
+        lift_name="lift_rmf",
+        available_floors=("Level 1", "Level 2", "Level 3"),
+        current_floor="Level 1",
+        destination_floor="Level 1",
+        door_state=DOOR_CLOSED,
+        motion_state=0,
+        available_modes=(HUMAN, AGV),
+        current_mode=HUMAN,
+        session_id="",
+    )
+
+
+def test_the_time_of_a_state_is_that_of_its_data() -> None:
+    """A3: it was the time of sending, for data of any age."""
+    ride = bench()
+    ride.change(age_s=0.4, motion="up")
+    told = ride.state.lift_time
+    at = told.sec + told.nanosec / 1e9
+    assert at == pytest.approx(EPOCH + ride.now - 0.4, abs=0.05)
+
+
+def test_a_lift_that_was_never_read_has_no_time() -> None:
+    ride = bench(views={"lift": lift(live=False, age_s=None, floor=None, reason="no answer yet")})
+    assert (ride.state.lift_time, ride.state.current_mode) == (Time(0, 0), OFFLINE)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(1.0000000025, Time(1, 2)), (-5.0, Time(0, 0)), (1e12, Time(2**31 - 1, 0)), (1.9999999999, Time(2, 0))],
+)
+def test_a_time_is_told_to_the_nanosecond_and_within_what_the_message_holds(seconds: float, told: Time) -> None:
+    assert Time.of(seconds) == told
+
+
+@pytest.mark.parametrize(("view", "motion"), [("stopped", 0), ("up", 1), ("down", 2), ("moving", 3), ("unknown", 3)])
+def test_motion_has_the_numbers_of_the_message(view: str, motion: int) -> None:
+    ride = bench()
+    ride.change(motion=view)
+    assert ride.state.motion_state == motion
+
+
+@pytest.mark.parametrize(
+    ("view", "mode"),
+    [
+        ("normal", HUMAN),
+        ("robot", AGV),
+        ("independent", HUMAN),
+        ("attendant", HUMAN),
+        ("inspection", HUMAN),
+        ("fire", FIRE),
+        ("emergency", EMERGENCY),
+        ("out_of_service", OFFLINE),
+        ("unknown", 0),
+    ],
+)
+def test_modes_are_those_of_the_lift(view: str, mode: int) -> None:
+    """A4: every adapter but two says AGV, whatever the lift does."""
+    ride = bench()
+    ride.change(mode=view)
+    assert ride.state.current_mode == mode
+
+
+@pytest.mark.parametrize(("robot_mode_on", "mode"), [(None, AGV), (True, AGV), (False, HUMAN)])
+def test_a_lift_that_rmf_holds_is_in_agv_mode_unless_it_says_that_it_is_not(
+    robot_mode_on: bool | None, mode: int
+) -> None:
+    ride = riding()
+    ride.change(robot_mode_on=robot_mode_on)
+    assert ride.state.current_mode == mode
+    ride.say(ends(A))
+    ride.over()
+    assert ride.state.current_mode == HUMAN
+
+
+def test_a_lift_that_cannot_be_read_is_offline_and_its_door_is_not_open() -> None:
+    """A5 went silent, the template said the old state for ever."""
+    ride = riding()
+    ride.change(live=False, reason="no answer", floor=None, door="moving")
+    told = ride.state
+    assert (told.current_mode, told.motion_state, told.door_state) == (OFFLINE, 3, DOOR_MOVING)
+    assert (told.current_floor, told.session_id, told.destination_floor) == ("", A, "Level 2")
+
+
+def test_a_state_becomes_too_old_by_itself() -> None:
+    """M4: the last state was kept for ever, and a dead lift looked alive."""
+    ride = riding()
+    sent, heard = len(ride.sent), ride.now
+    while ride.now < heard + 1.0:
+        ride.now += 0.01
+        ride.adapter.tick(ride.now)
+    assert ride.state.door_state == DOOR_MOVING
+    first = next(state for state in ride.sent[sent:] if state.door_state == DOOR_MOVING)
+    assert first.current_mode == OFFLINE
+    assert stale_at(ride.views["lift"], heard) == pytest.approx(heard + 0.9)
+
+
+def test_the_adapter_wakes_when_a_state_becomes_too_old() -> None:
+    ride = riding()
+    now = ride.now
+    for _ in range(4):
+        now = ride.adapter.tick(now)
+    states = [state for state in ride.sent if state.current_mode == OFFLINE]
+    assert states
+    told = states[0].lift_time
+    assert told == ride.sent[-1].lift_time, "the time of the last good data"
+
+
+def test_a_floor_that_nobody_reports_is_an_empty_text() -> None:
+    ride = bench()
+    ride.change(floor=None)
+    assert (ride.state.current_floor, ride.state.destination_floor) == ("", "")
+
+
+def test_the_destination_stays_what_was_asked_for() -> None:
+    """Any other value makes the supervisor repeat for ever (open-rmf 1.6.4)."""
+    ride = bench()
+    ride.say(wants(A, "Level 3"))
+    for view in ({"floor": "L2", "destination": "L2"}, {"floor": "L3", "destination": None, "door": "open"}):
+        ride.change(**view)
+        assert ride.state.destination_floor == "Level 3"
+
+
+def test_an_idle_lift_with_an_open_door_is_told_as_it_is() -> None:
+    ride = bench()
+    ride.change(door="open")
+    assert (ride.state.session_id, ride.state.door_state) == ("", DOOR_OPEN)
+
+
+def test_each_lift_is_told_twice_a_second_and_no_two_at_one_moment() -> None:
+    ride = Bench(views={f"lift{number}": lift(f"lift{number}") for number in range(10)})
+    ride.hear()
+    ride.sent.clear()
+    moments: dict[float, int] = {}
+    begun = ride.now
+    while ride.now < begun + 10:
+        before = len(ride.sent)
+        ride.now += 0.005
+        ride.adapter.heard(ride.site(), ride.now, ride.now)
+        ride.adapter.tick(ride.now)
+        moments[ride.now] = len(ride.sent) - before
+    assert max(moments.values()) == 1
+    for number in range(10):
+        mine = [state for state in ride.sent if state.lift_name == f"lift{number}_rmf"]
+        assert len(mine) == pytest.approx(10 / PERIOD_S, abs=1)
+
+
+def test_a_change_is_told_at_once_and_a_request_that_changes_nothing_never_is() -> None:
+    """One state for each request would spin at the speed of the wire (open-rmf 1.5)."""
+    ride = riding()
+    sent, begun = len(ride.sent), ride.now
+    for _ in range(1000):
+        ride.adapter.requested(wants(A, "Level 2"), ride.now)
+        ride.now += 0.001
+        ride.adapter.tick(ride.now)
+    assert len(ride.sent) - sent <= (ride.now - begun) / PERIOD_S + 2
+    sent = len(ride.sent)
+    ride.change(door="closed")
+    assert [state.door_state for state in ride.sent[sent:]] == [DOOR_CLOSED]
+
+
+def test_the_last_word_of_an_adapter_is_that_its_lifts_are_offline() -> None:
+    ride = riding()
+    ride.adapter.stop(ride.now)
+    assert (ride.state.door_state, ride.state.current_mode, ride.state.session_id) == (DOOR_MOVING, OFFLINE, A)
+
+
+def test_a_lift_of_a_manager_that_was_never_heard_is_not_told_at_all() -> None:
+    """A1 died of it."""
+    ride = Bench()
+    ride.adapter.requested(wants(A, "Level 2"), ride.now)
+    ride.adapter.lost("connection refused", ride.now)
+    ride.adapter.tick(ride.now)
+    assert ride.sent == []
+    assert ride.adapter.counts.requests == {("", "no_manager"): 1}
+
+
+def test_a_lift_that_left_the_site_file_is_told_no_more() -> None:
+    ride = Bench(views={"east": lift("east"), "west": lift("west")})
+    ride.hear()
+    del ride.views["west"]
+    ride.step()
+    sent = len(ride.sent)
+    ride.elapse(2)
+    assert {state.lift_name for state in ride.sent[sent:]} == {"east_rmf"}
+
+
+def test_another_writer_of_a_lift_is_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:
+    ride = bench()
+    for _ in range(10):
+        ride.adapter.rival("lift_rmf", ride.now)
+        ride.adapter.rival("some_other_lift", ride.now)
+    assert [record.getMessage().split(";")[0] for record in caplog.records if record.levelname == "WARNING"] == [
+        "another program publishes the state of lift_rmf too"
+    ]
+
+
+def test_a_fire_is_told_only_where_the_site_says_so() -> None:
+    quiet = bench()
+    quiet.change(mode="fire", fire_latched=True)
+    assert (quiet.alarmed, quiet.state.current_mode) == ([], FIRE)
+
+
+@pytest.mark.parametrize(("clears", "told"), [(False, [True]), (True, [True, False])])
+def test_a_fire_is_told_once_and_cleared_only_by_a_person_and_where_the_site_says_so(
+    clears: bool, told: list[bool]
+) -> None:
+    """KABAM says false every second, which clears the alarms of other systems (open-rmf 1.7)."""
+    ride = bench(alarms=Alarms(fire_alarm=True, clear_on_acknowledge=clears))
+    ride.elapse(5)
+    assert ride.alarmed == []
+    ride.change(mode="fire", fire_latched=True)
+    ride.elapse(5)
+    ride.change(mode="normal")
+    ride.elapse(5)
+    assert ride.alarmed == [True], "it is over when a person says so"
+    ride.change(fire_latched=False)
+    ride.elapse(5)
+    assert ride.alarmed == told
+
+
+def test_a_fire_that_is_latched_is_told_again_after_a_restart_of_the_adapter() -> None:
+    ride = bench(alarms=Alarms(fire_alarm=True))
+    ride.change(fire_latched=True)
+    ride.restart_adapter()
+    ride.hear()
+    assert ride.alarmed == [True, True]
+
+
+def test_a_manager_that_is_lost_clears_no_alarm() -> None:
+    ride = bench(alarms=Alarms(fire_alarm=True, clear_on_acknowledge=True))
+    ride.change(fire_latched=True)
+    ride.adapter.lost("connection refused", ride.now)
+    ride.turn()
+    ride.step()
+    assert ride.alarmed == [True]
+
+
+def test_a_second_lift_in_fire_is_no_second_alarm_and_the_first_to_be_well_ends_none() -> None:
+    ride = Bench(
+        views={"east": lift("east"), "west": lift("west")}, alarms=Alarms(fire_alarm=True, clear_on_acknowledge=True)
+    )
+    ride.change("east", fire_latched=True)
+    ride.change("west", fire_latched=True)
+    ride.change("east", fire_latched=False)
+    assert ride.alarmed == [True]
+    ride.change("west", fire_latched=False)
+    assert ride.alarmed == [True, False]
+
+
+def test_a_lift_of_another_face_shows_where_that_goes() -> None:
+    ride = bench()
+    ride.change(holder=HeldBy("ride", "amr-7"), destination="L3")
+    assert (ride.state.session_id, ride.state.destination_floor) == ("ride:amr-7", "Level 3")
