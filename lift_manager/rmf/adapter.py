@@ -22,6 +22,8 @@ EARLY_ENDS = 100
 REST_S = 60.0
 """When to look again where nothing is due."""
 _RIVAL = "rival"
+_TAKEN = frozenset({Done.BEGUN, Done.UPDATED, Done.REPEATED, Done.REFUSED})
+"""These come with every message; what becomes of them is said when it happens."""
 _LASTING = frozenset({_RIVAL, *(done.value for done in Done if done is not Done.HELD)})
 """Causes that are no news a second time; why a lift is not to be had is, once it was."""
 
@@ -134,8 +136,10 @@ class Adapter:
         if lift is None:
             return  # of a site file that is no more
         lift.next_at = -math.inf
+        before, name = lift.contract.holds, lift.contract.view.name
         lift.contract.answered(answer, now)
-        name = lift.contract.view.name
+        if lift.contract.holds and not before:
+            _log.info("%s: %s has the lift", name, short(answer.asked.session))
         if answer.yes and isinstance(answer.asked, Wanted):
             self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
         elif not answer.yes and answer.code != UNREACHABLE:
@@ -212,11 +216,9 @@ class Adapter:
     def _explain(self, done: Done, request: LiftRequest, contract: LiftContract | None) -> None:
         """Write one line for each cause and lift, not one for each message."""
         name = "" if contract is None else contract.view.name
-        if done is Done.BEGUN:
-            _log.info("%s: %s wants %s", name, short(request.session_id), short(request.destination_floor))
-        elif done is Done.ENDED:
-            _log.info("%s: %s is done", name, short(request.session_id))
-        elif done not in (Done.REPEATED, Done.UPDATED, Done.REFUSED):
+        if done is Done.ENDED:
+            _log.info("%s: %s has ended its session", name, short(request.session_id))
+        elif done not in _TAKEN:
             level = logging.INFO if done in USUAL else logging.WARNING
             self._once(name, done.value, why_ignored(done, request, contract), level)
 

@@ -117,6 +117,11 @@ class LiftContract:
         return None if holder is None or holder.face == FACE else holder
 
     @property
+    def holds(self) -> bool:
+        """Whether the manager has said that the session holds the lift."""
+        return self._had
+
+    @property
     def settled(self) -> bool:
         """Whether the manager holds the lift for the session that RMF is told of, for what that wants."""
         return self.granted and self._is_held_by(self.session) and (self.wish is None or self.wish == self._told)
