@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -23,7 +23,7 @@ from lift_manager.config.site import Controller
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import Clock, ShortMemory
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import StateChanged
+from lift_manager.domain.events import Occurrence, StateChanged
 from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.device import Device, MemoryController
@@ -115,6 +115,8 @@ class World:
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
         """The manager, task by task."""
+        self._hearing = ExitStack()
+        """What it publishes is told at once for as long as this lasts."""
         self.manager: LiftManager
         """As every face sees it; another one after a restart."""
         self.links: tuple[Link, ...]
@@ -185,6 +187,7 @@ class World:
                         self.released = True
                 self._look(self.lifts)
             finally:
+                self._hearing.close()
                 for task in (*self._program, *others):
                     task.cancel()
 
@@ -196,6 +199,7 @@ class World:
         await asyncio.gather(*program, return_exceptions=True)
         for controller in self._controllers.values():
             controller.hang_up()
+        self._hearing.close()
         self._struck(Struck("manager", RESTART, began=True), ())
         self._build()
         self._start()
@@ -210,18 +214,25 @@ class World:
         self.links = building.links
 
     def _start(self) -> None:
-        parts = [*(link.run() for link in self.links), *self.manager.drives(), self.manager.run(), self._listen()]
+        # nothing is missed between one manager and the next: a word of a person that is not heard is missed for the rest of the day
+        self._hearing.enter_context(self.manager.tap(self._heard))
+        self._ask_for_states()
+        parts = [*(link.run() for link in self.links), *self.manager.drives(), self.manager.run()]
         self._program = [self._tasks.create_task(part) for part in parts]
 
-    async def _listen(self) -> None:
-        with self.manager.listen() as events:
-            while True:
-                event, now = await events.next(), _now()
-                if isinstance(event, StateChanged):
-                    self._told(now, event.lift, event.state)
-                    continue
-                for witness in self._witnesses:
-                    witness.heard(now, event)
+    def _heard(self, said: Occurrence) -> None:
+        if isinstance(said.event, StateChanged):
+            self._told(said.at, said.event.lift, said.event.state)
+            return
+        for witness in self._witnesses:
+            witness.heard(said.at, said.event)
+
+    def _ask_for_states(self) -> None:
+        now = _now()
+        for name in self.lifts:
+            state = self.manager.state(name)
+            if state is not None:
+                self._told(now, name, state)
 
     def _told(self, now: float, lift: str, state: LiftState) -> None:
         for witness in self._witnesses:
@@ -230,12 +241,8 @@ class World:
     async def _watch(self) -> None:
         while True:
             await asyncio.sleep(self._look_s)
-            now = _now()
             self._look(self.lifts)
-            for name in self.lifts:
-                state = self.manager.state(name)
-                if state is not None:
-                    self._told(now, name, state)
+            self._ask_for_states()
 
     async def _inhabit(self) -> None:
         while True:

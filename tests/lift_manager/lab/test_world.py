@@ -1,7 +1,7 @@
 """A site of simulated lifts on virtual time: the real manager on wires without a network, with everything on record."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +9,15 @@ import pytest
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
+from lift_manager.core.bus import QUEUE_LENGTH
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
+from lift_manager.domain.events import Event, LockedOut, LockoutOver
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import Struck, Witness
 from lift_manager.lab.world.world import World, WorldError
 from register_maps.load import load
 from register_maps.words import Mode
@@ -72,11 +75,11 @@ def site(*lifts: str, units: bool = True) -> LoadedSite:
     return LoadedSite(Site.model_validate(made), {name: load("generic-registers") for name in lifts}, Path("world"))
 
 
-def in_world(check: Callable[[World], Awaitable[None]], *lifts: str) -> Recorder:
+def in_world(check: Callable[[World], Awaitable[None]], *lifts: str, judges: Sequence[Witness] = ()) -> Recorder:
     seen = Recorder()
 
     async def main() -> None:
-        world = World(site(*(lifts or ("lift",))), (seen,))
+        world = World(site(*(lifts or ("lift",))), (seen, *judges))
         async with world.running():
             await check(world)
         assert world.released
@@ -218,3 +221,58 @@ def test_what_a_killed_manager_still_hears_of_changes_nothing_that_the_next_one_
         assert remembered.lockout is not None
 
     in_world(check)
+
+
+def test_no_word_of_a_person_is_missed_around_a_restart() -> None:
+    async def check(world: World) -> None:
+        world.manager.lock_out("lift", "somebody", "ropes")
+        restarting = asyncio.ensure_future(world.restart())
+        await asyncio.sleep(0)
+        world.manager.end_lockout("lift", "somebody")
+        await restarting
+        world.manager.lock_out("lift", "somebody", "more ropes")
+
+    seen = in_world(check)
+    words = [type(event) for event in seen.events if isinstance(event, LockedOut | LockoutOver)]
+    assert words == [LockedOut, LockoutOver, LockedOut]
+
+
+def test_a_witness_is_told_of_more_at_once_than_any_listener_can_keep() -> None:
+    async def check(world: World) -> None:
+        for _ in range(QUEUE_LENGTH):
+            world.manager.lock_out("lift", "somebody", "ropes")
+            world.manager.end_lockout("lift", "somebody")
+
+    seen = in_world(check)
+    assert sum(isinstance(event, LockoutOver) for event in seen.events) == QUEUE_LENGTH
+
+
+@pytest.mark.parametrize("heard", [False, True])
+def test_a_hold_that_a_controller_loses_after_a_restart_is_pressed_again_only_for_a_holder_that_was_heard(
+    *, heard: bool
+) -> None:
+    ask = Ask("lift", ROBOT, "L2", hold_door=True)
+    oracle = judge_of(site("lift"))
+
+    async def check(world: World) -> None:
+        await elapse(2)
+        world.ask(ask)
+        await until(world, is_open_at("L2"))
+        await world.restart()
+        await until(world, is_open_at("L2"))
+        if heard:
+            assert world.ask(ask) == Accepted()
+            await elapse(1)
+        world.begin("lift", PowerLoss())
+        await elapse(4)
+        world.end("lift", PowerLoss())
+        await elapse(5)
+        state = world.manager.state("lift")
+        assert state is not None
+        assert (state.holder, state.robot_door is RobotDoor.OPEN) == (ROBOT, heard)
+        assert world.ask(ask) == Accepted()
+        await until(world, is_open_at("L2"))
+
+    seen = in_world(check, judges=(oracle, Rules(oracle)))
+    assert oracle.findings == []
+    assert [commands for _, commands in seen.presses].count(frozenset({"hold_door.front"})) == 2
