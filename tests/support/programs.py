@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from codecs import getincrementaldecoder
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import TypeVar
 from typer.testing import CliRunner
 
 from lift_manager.cli.main import app
+from tests.support.forked import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
 LIFT_MANAGER = (sys.executable, "-I", "-m", "lift_manager")
@@ -40,22 +42,26 @@ def eventually(look: Callable[[], Seen | None], within_s: float, every_s: float 
 class Program:
     """One running process. What it prints goes to files, so that it never waits for a reader."""
 
-    def __init__(self, command: tuple[str, ...], folder: Path, cwd: Path | None) -> None:
+    def __init__(self, command: tuple[str, ...], folder: Path, cwd: Path | None, *, forked: bool = False) -> None:
         self._out, self._err = folder / "out", folder / "err"
+        self._process: subprocess.Popen[bytes] | Forked
         with self._out.open("wb") as out, self._err.open("wb") as err:
             # what a manager remembers over a restart ends with the test, unless its site file names a folder
             env = os.environ | {"XDG_STATE_HOME": str(folder)}
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd, env=env
-            )
+            if forked:
+                self._process = Forked(command, env=env, cwd=cwd, out=out, err=err)
+            else:
+                self._process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd, env=env
+                )
 
     @property
     def out(self) -> str:
-        return self._out.read_text("utf-8")
+        return _text_so_far(self._out)
 
     @property
     def err(self) -> str:
-        return self._err.read_text("utf-8")
+        return _text_so_far(self._err)
 
     def says(self, pattern: str, within_s: float = 15.0) -> re.Match[str]:
         """Wait until stdout holds this."""
@@ -86,20 +92,35 @@ class Program:
     def end(self) -> None:
         if self._process.poll() is None:
             self._process.kill()
-            self._process.wait()
+            self._process.wait(OUT_WITHIN_S)
+
+
+def _text_so_far(file: Path) -> str:
+    """What a process has written; of what it is just writing there may be half a character."""
+    return getincrementaldecoder("utf-8")().decode(file.read_bytes())
 
 
 @contextmanager
 def running(*arguments: str | Path, cwd: Path | None = None) -> Iterator[Program]:
-    """Run `lift-manager` with these arguments; ended by its id whatever happens, and its words are shown on failure."""
-    with started(*LIFT_MANAGER, *map(str, arguments), cwd=cwd) as program:
+    """Run `lift-manager` with these arguments, forked by the starter; ended by its id whatever happens.
+
+    Its words are shown where a test has failed.
+    """
+    with _running(tuple(map(str, arguments)), cwd, forked=True) as program:
         yield program
 
 
 @contextmanager
 def started(*command: str, cwd: Path | None = None) -> Iterator[Program]:
+    """Run any program, as `running` does, from its very start."""
+    with _running(command, cwd, forked=False) as program:
+        yield program
+
+
+@contextmanager
+def _running(command: tuple[str, ...], cwd: Path | None, *, forked: bool) -> Iterator[Program]:
     with TemporaryDirectory() as folder:
-        program = Program(command, Path(folder), cwd)
+        program = Program(command, Path(folder), cwd, forked=forked)
         try:
             yield program
         finally:

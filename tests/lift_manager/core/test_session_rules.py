@@ -68,7 +68,7 @@ def test_no_session_lasts_for_ever_renewed_or_not(*, renewed: bool) -> None:
         await elapse(11)
         assert await reasons(made) == [EndReason.MAX_SESSION]
 
-    on_bench(check, PLAIN, max_session_s=600)
+    on_bench(check, PLAIN, max_session_s=600, poll_s=0.5)
 
 
 def test_a_hand_over_does_not_make_a_session_longer() -> None:
@@ -83,7 +83,7 @@ def test_a_hand_over_does_not_make_a_session_longer() -> None:
         await elapse(101)
         assert await reasons(made) == [EndReason.MAX_SESSION]
 
-    on_bench(check, PLAIN, max_session_s=600)
+    on_bench(check, PLAIN, max_session_s=600, poll_s=0.5)
 
 
 async def under_way_with_a_robot(made: Bench) -> None:

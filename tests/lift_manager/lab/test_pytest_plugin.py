@@ -353,7 +353,7 @@ def outcome_of(pytester: pytest.Pytester, body: str) -> tuple[dict[str, int], st
     """Run a test file; return how its tests ended, and all that pytest said."""
     pytester.makepyfile(f"import logging\nimport pytest\n\n{body}")
     done = pytester.runpytest_inprocess(
-        "-p", "no:cacheprovider", "-p", "no:randomly", "-W", "error", "--strict-markers"
+        "-p", "no:cacheprovider", "-p", "no:randomly", "-p", "no:schemathesis", "-W", "error", "--strict-markers"
     )
     return done.parseoutcomes(), done.stdout.str()
 
@@ -490,6 +490,10 @@ def my_robot():
 # -- how pytest meets the plugin
 
 
+# a plugin that nobody needs here, and that takes two seconds in each process
+PYTEST = ("-m", "pytest", "-p", "no:cacheprovider", "-p", "no:schemathesis")
+
+
 def python(*args: str, path: Path | None = None, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "COV"))}
     environment |= {} if path is None else {"PYTHONPATH": str(path)}
@@ -510,12 +514,12 @@ def test_pytest_says_which_package_shadows_ours_and_what_to_do(tmp_path: Path) -
     (tmp_path / "simulator").mkdir()
     (tmp_path / "simulator" / "__init__.py").write_text("print('the intruder ran')")
     (tmp_path / "test_it.py").write_text("def test_it(): pass\n")
-    done = python("-m", "pytest", "-p", "no:cacheprovider", path=tmp_path, cwd=tmp_path)
+    done = python(*PYTEST, path=tmp_path, cwd=tmp_path)
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     assert f"package 'simulator' resolves to {tmp_path / 'simulator'}" in done.stderr
     assert "Traceback" not in done.stderr
     assert "pytest -p no:lift_manager" in done.stderr
-    done = python("-m", "pytest", "-p", "no:cacheprovider", "-p", "no:lift_manager", path=tmp_path, cwd=tmp_path)
+    done = python(*PYTEST, "-p", "no:lift_manager", path=tmp_path, cwd=tmp_path)
     assert (done.returncode, "the intruder ran" in done.stdout) == (0, False)
 
 
@@ -523,7 +527,7 @@ def test_pytest_says_which_package_shadows_ours_and_what_to_do(tmp_path: Path) -
 def example() -> str:
     """What pytest says of the example project, run on two processes at once as a robot team may."""
     folder = ROOT / "examples" / "robot-team"
-    done = python("-m", "pytest", str(folder), "-p", "no:cacheprovider", "-n", "2", "-v")
+    done = python(*PYTEST, str(folder), "-n", "2", "-v")
     assert done.returncode == 0, done.stdout
     return done.stdout
 

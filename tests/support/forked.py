@@ -1,0 +1,85 @@
+"""The part of `subprocess.Popen` that tests need, for a `lift-manager` that the starter forks."""
+
+import atexit
+import functools
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO
+
+from tests.support.starter import Order
+
+STARTER = Path(__file__).with_name("starter.py")
+STARTS_WITHIN_S = 15.0
+
+
+class Forked:
+    """A running process."""
+
+    def __init__(
+        self, words: Sequence[str], *, env: Mapping[str, str], cwd: Path | None, out: IO[bytes], err: IO[bytes]
+    ) -> None:
+        self._words = words
+        self._code: int | None = None
+        order = Order(words=list(words), env=dict(env), cwd=str(cwd or Path.cwd()))
+        self._answers, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            files = [theirs.fileno(), out.fileno(), err.fileno()]
+            socket.send_fds(_starter(), [json.dumps(order).encode()], files)
+        self._answers.settimeout(STARTS_WITHIN_S)
+        self._pid = int(self._answers.recv(32))
+
+    @property
+    def returncode(self) -> int | None:
+        return self._code
+
+    def poll(self) -> int | None:
+        """Return the exit code, or None while it runs."""
+        try:
+            return self.wait(0)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def wait(self, timeout: float) -> int:
+        """Wait for its end; returns the exit code. Raises `subprocess.TimeoutExpired`."""
+        if self._code is None:
+            self._answers.settimeout(timeout)
+            try:
+                self._code = int(self._answers.recv(32))
+            except (TimeoutError, BlockingIOError):
+                raise subprocess.TimeoutExpired(list(self._words), timeout) from None
+            self._answers.close()
+        return self._code
+
+    def send_signal(self, number: signal.Signals) -> None:
+        if self.poll() is None:
+            os.kill(self._pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+@functools.cache
+def _starter() -> socket.socket:
+    """Start the starter; one serves all tests of this process."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with theirs:
+        # a session of its own, for Ctrl-C at the terminal of the tests is not meant for it
+        process = subprocess.Popen(
+            [sys.executable, "-I", str(STARTER)],
+            stdin=theirs.fileno(),
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def end() -> None:
+        ours.close()
+        process.wait()
+
+    atexit.register(end)
+    return ours
