@@ -12,6 +12,7 @@ from drivers.model import FloorName, LiftReading
 from lift_manager.core.ask_desk import AskDesk
 from lift_manager.core.bus import Bus
 from lift_manager.core.gate import Gate
+from lift_manager.core.held import ReadWhileHeld
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.keeper import Around, SessionKeeper
 from lift_manager.core.lift_sessions import LiftSessions
@@ -89,6 +90,7 @@ class LiftTask:
         """The sessions of this lift that their holders open and close."""
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
+        self._read_while_held = ReadWhileHeld()
         self._shown: LiftState | None = None
         self._looked = asyncio.Event()
 
@@ -137,7 +139,7 @@ class LiftTask:
             source=self._driver.source,
             session=keeper.session,
             arrived=keeper.arrived,
-            door_held=keeper.door_held,
+            door_held=self._read_while_held(held=keeper.door_held, read_at=self._read_at, now=_now()),
             aboard=keeper.aboard,
             restrictions=keeper.restrictions(),
             waiting=self.line.length(_now()),
