@@ -59,15 +59,28 @@ class LiftDriver(Protocol):
         """Give a command once. It is never repeated, whatever happens to it."""
         ...
 
-    def hold(self, command: Command, permit: Permit) -> None:
-        """Keep a held command on, or renew it; it falls `max_hold_s` after the last call."""
+    def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
+        """Keep a held command on, or renew it; it falls `max_hold_s` after the last call.
+
+        Where it may not `begin`, only what is on is renewed, and what was adopted, or is only kept, and is found off later
+        stays off.
+        """
+        ...
+
+    def keep(self, command: Command) -> None:
+        """Leave a hold on though nobody asks for it any more.
+
+        It is not renewed by this. One that is found off stays off until `hold` may `begin` it; one that was not pressed yet is
+        not pressed.
+        """
         ...
 
     def adopt(self, command: Command, permit: Permit) -> None:
         """Keep what was on for this session before the process began, if the first look at the lift finds it on.
 
         To be called before the lift is read for the first time. What is found off is at rest: nothing is pressed because of
-        this, a call least of all. What is found on is a hold, or a call, like any other: `given`, refreshed, limited.
+        this, a call least of all. What is found on is a hold, or a call, like any other: `given`, refreshed, limited; but it is
+        pressed again only once `hold` may `begin` it.
         """
         ...
 

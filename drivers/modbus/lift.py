@@ -197,8 +197,8 @@ class ModbusLift:
         self._ask(Wish(command, permit, asyncio.get_running_loop().time(), press))
         return press.future
 
-    def hold(self, command: Command, permit: Permit) -> None:
-        """Keep a held command on, or renew it. From rest it waits until it is written down."""
+    def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
+        """Keep a held command on, or renew it. From rest it waits until it is written down, and stays there unless it may `begin`."""
         name = command.name
         if name not in self._outputs or self._carrier.has_failed:
             return
@@ -209,10 +209,10 @@ class ModbusLift:
         now = asyncio.get_running_loop().time()
         if self._outputs.wanted(name):
             self._permissions.note(name, permit)
-            self._outputs.hold(name, now)
+            self._outputs.hold(name, now, begin=begin)
         elif (wish := self._rows.waiting(name)) is not None:
             wish.permit, wish.at = permit, now
-        elif self._rows.may_ask(name, now):
+        elif begin and self._rows.may_ask(name, now):
             self._ask(Wish(command, permit, now))
 
     def adopt(self, command: Command, permit: Permit) -> None:
@@ -228,6 +228,12 @@ class ModbusLift:
             return
         self._permissions.note(command.name, permit)
         self._outputs.adopt(command.name, code, asyncio.get_running_loop().time())
+
+    def keep(self, command: Command) -> None:
+        """Leave a hold on though nobody asks for it any more; what waits to be pressed is dropped."""
+        self._drop(command.name, Result.REJECTED, NOT_SENT)
+        if command.name in self._outputs:
+            self._outputs.output(command.name).keep()
 
     def let_go(self, command: Command) -> None:
         """Release a hold or a press that is still on."""

@@ -82,6 +82,8 @@ class Output:
     """It was dropped too often: it is pressed once more when `FIGHT_S` is over, and not before."""
     adopt_by: float = -math.inf
     """Until then the first look at the controller may find it on for somebody from before this process began."""
+    only_kept: bool = False
+    """It was adopted, or whoever asked for it is gone: until somebody asks, it is kept as it is found, and not pressed."""
     foreign: int = 0
     """Tries that are left to let go of what somebody else pressed; 0: what is let go of is ours, and it is tried until it is done."""
 
@@ -94,6 +96,18 @@ class Output:
         """Whether it is read back from time to time, because nothing writes it again. A call is never written again."""
         looks = self.spec.action == "hold" and bool(self.codec.read_points) and not self.codec.lamp
         return looks and math.isinf(self.every_s) and not self.codec.is_call
+
+    @property
+    def looks(self) -> bool:
+        """Whether it is read back next instead of written: a write would press what is only kept, should it be off by now."""
+        unsure = self.only_kept and not self.verified
+        return self.yields or unsure or (self.is_only_looked_at and not self.gone)
+
+    def pause_s(self, *, looked: bool) -> float:
+        """How long it is left alone after it was written, or `looked` at: one that is refreshed is due as soon as it was seen."""
+        if self.is_only_looked_at or self.yields:
+            return LOOK_S
+        return 0.0 if looked else self.every_s
 
     @property
     def is_written_again(self) -> bool:
@@ -163,7 +177,7 @@ class Output:
 
     def _keep(self, now: float) -> None:
         """It is on for somebody from before: it goes on like a hold that was pressed now, but for the press."""
-        self.phase, self.verified, self.was_seen, self.gone = Phase.ON, True, True, False
+        self.phase, self.verified, self.was_seen, self.gone, self.only_kept = Phase.ON, True, True, False, True
         self.fall_at = now + (self.spec.max_hold_s or math.inf)
         if math.isinf(self.every_s):
             self.refresh_at = now + LOOK_S if self.is_only_looked_at else math.inf
@@ -199,11 +213,22 @@ class Output:
             self.phase, self.try_at, self.failures = Phase.LETTING_GO, now, 0
 
     def adopted(self, cells: Cells, now: float) -> bool:
-        """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call."""
+        """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call or only kept."""
         self.verified = match(self.codec, cells, self.code)
         self.gone = not self.verified
         self.refresh_at = min(now, self.refresh_at)
-        return self.verified or not self.codec.is_call
+        return self.verified or not (self.codec.is_call or self.only_kept)
+
+    def keep(self) -> None:
+        """Want it no more than it is there; one that was not pressed yet is not wanted at all.
+
+        One that cannot be seen to be off goes on as it is: nobody can tell whether the lift still needs it.
+        """
+        self.again = False
+        if self.phase is Phase.DUE:
+            self.release()
+        elif self.phase in (Phase.LEAVING, Phase.ON):
+            self.only_kept = self.can_be_adopted
 
     def release(self) -> None:
         """Want rest."""
@@ -220,7 +245,7 @@ class Output:
     def rest(self, now: float) -> None:
         """It has come to rest."""
         self.phase, self.rested_at, self.verified = Phase.REST, now, False
-        self.paused, self.unwanted, self.echoed, self.foreign = False, False, False, 0
+        self.paused, self.unwanted, self.echoed, self.only_kept, self.foreign = False, False, False, False, 0
         self.was_seen, self.yields, self.dropped_at = False, False, ()
         if self.again:
             self.again = False

@@ -65,9 +65,10 @@ class Outputs:
         if output.phase is not Phase.ON:  # a pulse that the device ends still lasts as long as it lasts
             output.fall_at = now + (output.spec.max_hold_s or math.inf)
 
-    def hold(self, name: str, now: float) -> None:
-        """Want a hold, or renew it until `max_hold_s` from now."""
+    def hold(self, name: str, now: float, *, begin: bool = True) -> None:
+        """Want a hold, or renew it until `max_hold_s` from now; what is only kept is pressed again once it may `begin`."""
         output = self._outputs[name]
+        output.only_kept = output.only_kept and not begin
         if output.awaits_look:
             output.adopt_by = now + (output.spec.max_hold_s or 0.0)
             return
@@ -232,8 +233,7 @@ class Outputs:
                 kind, code = (StepKind.PRESS, output.code) if armed else (StepKind.RESET, None)
                 yield self._free_at(name), Step(kind, name, code)
             if output.phase is Phase.ON:
-                looks = output.yields or (output.is_only_looked_at and not output.gone)
-                yield output.refresh_at, Step(StepKind.LOOK if looks else StepKind.REFRESH, name, output.code)
+                yield output.refresh_at, Step(StepKind.LOOK if output.looks else StepKind.REFRESH, name, output.code)
         for cycle in self._cycles:
             if cycle.block.endpoint == endpoint and self._image.idle(cycle.block):
                 yield cycle.at, Step(StepKind.CYCLE, "", None, cycle.block)
@@ -297,7 +297,7 @@ class Outputs:
             case _:
                 pass
         if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
-            output.refresh_at = now + (LOOK_S if output.is_only_looked_at or output.yields else output.every_s)
+            output.refresh_at = now + output.pause_s(looked=step.kind is StepKind.LOOK)
             output.paused = output.gone = False
             if output.spec.repeat_pulse_s is not None:
                 output.pause_at = now + (output.spec.width_s or math.inf)
@@ -309,6 +309,9 @@ class Outputs:
         """
         output = self._outputs[step.name]
         if output.phase is Phase.ON and step.kind is not StepKind.RELEASE:
+            if output.only_kept and not holds:
+                output.release()
+                return
             if not holds and not excused:
                 output.drop(now)
             # one that did not come back at the first try is not tried at that pace: each try is a rising edge

@@ -118,4 +118,4 @@ class CallButton:
     def keep_on(self, permit: Permit) -> None:
         """Renew a call that keeps the door open, unless the controller forgot it."""
         if self._on is not None and self.keeps_door and self._driver.given(self._on):
-            self._driver.hold(self._on, permit)
+            self._driver.hold(self._on, permit, begin=False)

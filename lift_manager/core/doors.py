@@ -25,7 +25,7 @@ class DoorHolds:
         holds = [_hold(side) for side in self._options.doors_at[floor]]
         wanted = holds if begin else [hold for hold in holds if self._driver.given(hold)]
         for hold in wanted:
-            self._driver.hold(hold, permit)
+            self._driver.hold(hold, permit, begin=begin)
         return bool(wanted)
 
     def adopt(self, floor: FloorName, permit: Permit) -> None:

@@ -432,6 +432,87 @@ def test_an_adopted_hold_that_the_controller_drops_later_is_written_again_as_any
     on_rig(check, NOT_REFRESHED, {"": device}, first=adopting(HOLD_FRONT))
 
 
+def dropped(made: Rig) -> None:
+    """The controller has let go by itself."""
+    for table, cells in made.device.values.items():
+        cells.update({Table.COIL: {1: 0, 8: 0}, Table.HOLDING: {9: 0xA000}}.get(table, {}))
+
+
+def switched_off_and_on(made: Rig) -> None:
+    dropped(made)
+    made.device.disconnect()
+
+
+@pytest.mark.parametrize(
+    ("text", "table", "address", "on", "drops"),
+    [
+        (NOT_REFRESHED, Table.COIL, 8, 1, dropped),
+        (NOT_REFRESHED, Table.COIL, 8, 1, switched_off_and_on),
+        (SINGLE, Table.COIL, 8, 1, switched_off_and_on),
+        (SHARED, Table.HOLDING, 9, 0xA004, switched_off_and_on),
+        (BLOCK, Table.COIL, 1, 1, switched_off_and_on),
+    ],
+    ids=["seen off", "not refreshed", "coil", "shared word", "cyclic block"],
+)
+def test_an_adopted_hold_that_the_controller_drops_stays_off_until_it_may_be_begun(
+    text: str, table: Table, address: int, on: int, drops: Callable[[Rig], None]
+) -> None:
+    device = left_on({table: {address: on}})
+
+    async def check(made: Rig) -> None:
+        made.lift.hold(HOLD_FRONT, allowed, begin=False)
+        assert made.lift.held(HOLD_FRONT)
+        drops(made)
+        before = len(device.writes)
+        for _ in range(50):
+            made.lift.hold(HOLD_FRONT, allowed, begin=False)
+            await elapse(0.1)
+        assert not made.lift.given(HOLD_FRONT)
+        assert on not in values_of([h for h in device.heard if h.request in device.writes[before:]], table, address)
+        made.lift.hold(HOLD_FRONT, allowed)
+        await elapse(0.5)
+        assert made.lift.held(HOLD_FRONT)
+
+    on_rig(check, text, {"": device}, first=adopting(HOLD_FRONT))
+
+
+def test_an_adopted_hold_is_looked_at_before_it_is_written_again_after_a_refresh_that_failed() -> None:
+    device = left_on({Table.COIL: {8: 1}})
+
+    async def check(made: Rig) -> None:
+        device.fail_next(exception(4), times=10**6, on=lambda request: request.is_write)
+        await elapse(1.5)
+        device.clear_faults()
+        await elapse(1.5)
+        assert made.lift.held(HOLD_FRONT), "it was still on"
+        device.fail_next(exception(4), times=10**6, on=lambda request: request.is_write)
+        await elapse(1.5)
+        dropped(made)
+        device.clear_faults()
+        for _ in range(30):
+            made.lift.hold(HOLD_FRONT, allowed, begin=False)
+            await elapse(0.1)
+        assert made.cells(Table.COIL, 8) == [0]
+
+    on_rig(check, SINGLE, {"": device}, first=adopting(HOLD_FRONT))
+
+
+def test_a_hold_that_may_not_be_begun_stays_at_rest_and_one_that_was_begun_goes_on() -> None:
+    async def check(made: Rig) -> None:
+        made.lift.hold(HOLD_FRONT, allowed, begin=False)
+        await elapse(1.0)
+        assert not made.lift.given(HOLD_FRONT)
+        made.lift.hold(HOLD_FRONT, allowed)
+        await elapse(0.5)
+        dropped(made)
+        for _ in range(30):
+            made.lift.hold(HOLD_FRONT, allowed, begin=False)
+            await elapse(0.1)
+        assert made.lift.held(HOLD_FRONT), "somebody has asked for it"
+
+    on_rig(check, NOT_REFRESHED)
+
+
 def outputs(text: str) -> Outputs:
     codec = written_map(text)
     return Outputs(codec.commands, codec.written)
