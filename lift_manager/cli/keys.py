@@ -12,7 +12,7 @@ import typer
 
 from lift_manager.cli.common import SiteFile, fail, loaded_site, out, say, say_aside, state_path_of
 from lift_manager.config.load import LoadedSite
-from lift_manager.domain.access import Role
+from lift_manager.domain.access import OF_SOME_LIFTS, Role
 from lift_manager.domain.keys import Key, holds_key
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyEntry, keys_path, make_key, read_keys, revoke_key
@@ -35,12 +35,13 @@ def make(
         Role,
         typer.Option(
             "--role",
-            help="viewer reads; robot also commands the lifts named here; operator all, and speaks for people.",
+            help="viewer reads; robot also commands the lifts named here; rmf, for `lift-manager rmf`, speaks for RMF's sessions there;"
+            " operator commands all, and speaks for people.",
         ),
     ],
     lift: Annotated[
         list[str] | None,
-        typer.Option("--lift", metavar="LIFT", help="A lift that this robot may command; can be repeated."),
+        typer.Option("--lift", metavar="LIFT", help="A lift that this robot, or RMF, may command; can be repeated."),
     ] = None,
 ) -> None:
     """Make a key and print it, this once: the key on stdout, all else on stderr."""
@@ -105,12 +106,12 @@ def _checked(name: str) -> str:
 
 def _lifts(loaded: LoadedSite, role: Role, lifts: list[str]) -> tuple[str, ...]:
     known = ", ".join(loaded.site.lifts)
-    if role is not Role.ROBOT:
+    if role not in OF_SOME_LIFTS:
         if lifts:
             raise typer.BadParameter(f"a key with the role {role} is for every lift; leave it out", param_hint="--lift")
         return ()
     if not lifts:
-        raise typer.BadParameter(f"say which lifts this robot may command: {known}", param_hint="--lift")
+        raise typer.BadParameter(f"say which lifts this key may command: {known}", param_hint="--lift")
     for lift in lifts:
         if lift not in loaded.site.lifts:
             raise typer.BadParameter(f"this site has no lift {lift!r}; there is {known}", param_hint="--lift")

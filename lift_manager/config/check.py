@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from lift_manager.config.check_devices import check_devices
 from lift_manager.config.check_floors import check_floors
 from lift_manager.config.check_outputs import check_outputs
+from lift_manager.config.check_rmf import check_rmf
 from lift_manager.config.check_use import check_use, unsaid
 from lift_manager.config.devices import POLL_S, devices, least_poll_s, links
 from lift_manager.config.problem import Key, Problem
@@ -27,7 +28,7 @@ def check_site(
     `unchanged` has the maps of lifts whose changes have mistakes, as they are without; `spare` the maps of controllers
     that no lift is on. Lifts on a controller that is not there are left out: `references` finds these in the raw file.
     """
-    problems = list(_controllers(site))
+    problems = [*_controllers(site), *check_rmf(site)]
     plain = {name: loaded.map for name, loaded in maps.items()}
     needs = links(site, plain, {name: loaded.map for name, loaded in spare.items()})
     known = {name: lift for name, lift in site.lifts.items() if lift.controller in site.controllers}

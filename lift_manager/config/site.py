@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 from lift_manager.domain.hours import Hours, read_hours
+from lift_manager.domain.rmf import LONGEST_GRACE_S, RmfRules
 from register_maps.expand import ParameterValue
 from register_maps.words import Side, Table
 
@@ -182,6 +183,58 @@ class Endpoint(_Part):
     """Its controller's when not said, else the map's."""
 
 
+_NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+RosName = Annotated[
+    str,
+    StringConstraints(max_length=255, pattern=rf"^/?{_NAME}(/{_NAME})*$"),
+    Field(description="letters, digits and underscores, with slashes between, as ROS 2 names topics"),
+]
+
+
+class Rmf(_Part):
+    """What Open-RMF is told, and where it is found."""
+
+    end_grace_s: Annotated[float, Field(ge=0, le=LONGEST_GRACE_S)] = RmfRules().end_grace_s
+    """How long door hold and robot mode stay after END_SESSION, should the session go on after all."""
+    fire_alarm: bool = False
+    """Tell of a fire on `fire_alarm_trigger`: every fleet of that RMF evacuates."""
+    emergency_signal: bool = False
+    """Tell of it on `emergency_signal`, which kilted and later know."""
+    emergency_fleets: tuple[Text, ...] = ()
+    """The fleets that it names; all of them when not said."""
+    clear_on_acknowledge: bool = False
+    """Tell once that it is over when a person has acknowledged. That clears the alarms of others, too."""
+    namespace: RosName | None = None
+    """Before both topics."""
+    lift_states: RosName = "lift_states"
+    lift_requests: RosName = "lift_requests"
+    domain: Annotated[int, Field(strict=True, ge=0, le=232)] | None = None
+    """That of ROS_DOMAIN_ID when not said."""
+    peers: tuple[Text, ...] = ()
+    """Addresses to look for RMF at where there is no multicast."""
+    use_sim_time: bool = False
+    """Take the time from /clock, as the nodes of a simulation do."""
+
+    @property
+    def rules(self) -> RmfRules:
+        """What of it the manager tells every adapter."""
+        return RmfRules(
+            end_grace_s=self.end_grace_s,
+            fire_alarm=self.fire_alarm,
+            emergency_signal=self.emergency_signal,
+            emergency_fleets=self.emergency_fleets,
+            clear_on_acknowledge=self.clear_on_acknowledge,
+        )
+
+
+class LiftRmf(_Part):
+    """One lift as RMF's building map names it; what is left out is named there as here."""
+
+    name: Text | None = None
+    floors: dict[Text, Text] = Field(default_factory=dict)
+    """Our floor to RMF's."""
+
+
 class Lift(_Part):
     """One lift on a controller, and on further devices where its map has endpoints."""
 
@@ -220,6 +273,8 @@ class Lift(_Part):
     """What people get for themselves between two robots."""
     fire_release_delay_s: Annotated[float, Field(ge=0, le=10)] = 0.0
     """From telling robots of a fire to letting everything go. Bounded: a robot at 0.5 m/s is out of a doorway in two seconds."""
+    rmf: LiftRmf = LiftRmf()
+    """Its names in RMF's building map."""
     accept_latching: Text | None = None
     """Why it is acceptable that an output stays on when this manager is lost and nothing lets it go."""
 
@@ -243,5 +298,6 @@ class Site(_Part):
     """The folder in which is kept what outlives the manager, relative to the site file."""
     journal: Journal = Journal()
     api: Api = Api()
+    rmf: Rmf = Rmf()
     controllers: dict[Text, Controller] = Field(min_length=1)
     lifts: dict[Text, Lift] = Field(min_length=1)

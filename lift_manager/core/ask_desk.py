@@ -25,7 +25,7 @@ class AskDesk:
         """Decide on a request and act on it. `offline` says why, should the lift be offline."""
         keeper, now = self._keeper, _now()
         answer = self._decide(ask, now, is_release=is_release, offline=offline)
-        if isinstance(answer, Refused) and ask.hold_door and not is_release:
+        if isinstance(answer, Refused) and _is_wish(ask, is_release=is_release):
             self._line.refused(ask.holder, answer, now)
         if not isinstance(answer, Session):
             return answer
@@ -34,6 +34,18 @@ class AskDesk:
             return refused
         self._line.leave(ask.holder)
         keeper.take(answer, now)
+        return Accepted()
+
+    def end(self, holder: Holder, grace_s: float) -> Accepted | Refused:
+        """End the session at its holder's word, after the grace; one that is over already is over. No line is left by it."""
+        keeper, now = self._keeper, _now()
+        if keeper.stopping:
+            return STOPPING
+        if (session := keeper.session) is None:
+            return Accepted()
+        if session.holder != holder:
+            return sessions.held(session, now)
+        keeper.end_soon(session, grace_s, now)
         return Accepted()
 
     def hand_over(self, holder: Holder, to: Holder) -> Accepted | Refused:
@@ -52,7 +64,7 @@ class AskDesk:
             return unknown
         if keeper.session is not None and keeper.session.holder == ask.holder:
             keeper.session = replace(keeper.session, heard_at=now)
-        elif keeper.session is not None and ask.hold_door and not is_release:
+        elif keeper.session is not None and _is_wish(ask, is_release=is_release):
             over = self._contest(keeper.session, ask, now, offline)
             if over is not None:
                 return over
@@ -61,6 +73,10 @@ class AskDesk:
         if mine and is_release:
             keeper.release(ask, now)
             return Accepted()
+        if session is not None and mine and _lets_go(ask, session):
+            keeper.serving.let_go_of_door()
+            session = replace(session, holding_since=None)
+            return sessions.admit(session, ask, number=session.number, now=now)
         goes_on = session is not None or keeper.handshake.goes_on(ask.holder)
         if mine and (refused := keeper.admission.refusal(offline=offline, goes_on=goes_on)) is not None:
             return refused
@@ -76,6 +92,16 @@ class AskDesk:
         refusal = refusal or keeper.handshake.impossible(ask.floor, aboard=aboard)
         queued = self._line.ahead(ask.holder, now) > 0
         return keeper.contest(session, ask.holder, now, refusal, queued=queued)
+
+
+def _is_wish(ask: Ask, *, is_release: bool) -> bool:
+    """Whether it wants the lift for itself; an idle client posts requests without a hold once a second."""
+    return (ask.hold_door or ask.stays) and not is_release
+
+
+def _lets_go(ask: Ask, session: Session) -> bool:
+    """Whether it wants the door no longer where the session has it, and nothing else: a release, against which nothing speaks."""
+    return ask.stays and not ask.hold_door and session.hold_door and ask.floor == session.floor
 
 
 def _now() -> float:

@@ -10,6 +10,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, Turned
 from lift_manager.domain.description import LiftDescription, LiftSignals, WireFrame
 from lift_manager.domain.events import Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
+from lift_manager.domain.rmf import RmfRules
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
@@ -21,6 +22,11 @@ class LiftFacade(Protocol):
     @property
     def unwritten(self) -> frozenset[str]:
         """Which of `journal` and `state` cannot be written: then nothing is pressed on any lift."""
+        ...
+
+    @property
+    def rmf(self) -> RmfRules:
+        """What the site says about Open-RMF."""
         ...
 
     def lift_names(self) -> tuple[str, ...]:
@@ -41,6 +47,14 @@ class LiftFacade(Protocol):
 
     def request(self, ask: Ask) -> Accepted | Refused:
         """Decide at once. All session rules live behind this call, the release rule for a closed door included."""
+        ...
+
+    def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted | Refused:
+        """End the session of `holder`, wherever the car is; one that is over already is over. The car is not moved by it.
+
+        For `grace_s` door hold and robot mode stay as they are and nothing new is pressed; a request of the same holder within
+        it goes on as if nothing had been said. Another holder's session is refused.
+        """
         ...
 
     def turned_away(self, who: TurnedAway) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from asyncio import Future
 from collections.abc import Callable
+from enum import Enum, auto, unique
+from typing import NamedTuple
 
 from drivers.driver import LiftDriver, Permit
 from drivers.model import CommandKind, FloorName, Outcome
@@ -18,6 +20,25 @@ from lift_manager.domain.service import how_to_acknowledge
 from lift_manager.domain.session import Session
 from lift_manager.domain.sight import Sight, permissions, robot_door, under_way
 from lift_manager.domain.state import Holder, RobotDoor
+
+
+@unique
+class _Parting(Enum):
+    """How the robot of a session and the lift part."""
+
+    DONE = auto()
+    LEFT = auto()
+    """It got out, and the lift is told."""
+    DOUBT = auto()
+
+
+class LeftBehind(NamedTuple):
+    """What a session leaves behind in the car."""
+
+    occupied: tuple[Holder, bool] | None
+    """Whose robot may be there, and whether it is known to be."""
+    left_untold: bool
+    """The lift has still to be told that the robot left."""
 
 
 class Handshake:
@@ -203,7 +224,7 @@ class Handshake:
                 and self._in_place.is_level
                 and (begin or self._driver.given(self._in_place.command))
             ):
-                self._driver.hold(self._in_place.command, session_permit)
+                self._driver.hold(self._in_place.command, session_permit, begin=begin)
 
     def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> str | None:
         """Take the outcome of a press; a text is what a person should know."""
@@ -226,16 +247,26 @@ class Handshake:
             if release is not None:
                 self.end_again(release, now)
             return
+        parting = self._parting(session, release, arrived=arrived)
         boarding, self._boarding = self._boarding, Boarding()
-        if release is not None and boardings.has_left(boarding, release, session.floor, self._rules):
+        if parting is _Parting.LEFT and release is not None:
             self._report_left(release.floor, now)
             self._keep_until_told()
             return
         self._let_go_of_stay()
-        if boardings.leaves_doubt(boarding, release, arrived=arrived, has_words=session.stays):
+        if parting is _Parting.DOUBT:
             self._abandoned_by, self._boarding = session.holder, boarding
         if boarding.who is Who.ABOARD and (self._in_place.is_level or not self._in_place.taken):
             self._in_place.forget()
+
+    def _parting(self, session: Session, release: Ask | None, *, arrived: bool) -> _Parting:
+        boarding, let_out = self._boarding, session.stood_open or session.has_words or not session.stays
+        if release is not None:
+            to = session.floor if let_out else None
+            if boardings.has_left(boarding, release, to, self._rules):
+                return _Parting.LEFT
+        doubt = boardings.leaves_doubt(boarding, release, arrived=arrived, has_words=session.has_words, let_out=let_out)
+        return _Parting.DOUBT if doubt else _Parting.DONE
 
     def end_again(self, release: Ask, now: float) -> None:
         """Take a release that finds no session: what the lift should have been told by an earlier one is told again.
@@ -258,6 +289,14 @@ class Handshake:
             return None
         return holder, self._boarding.who is Who.ABOARD
 
+    def left_behind(self, session: Session | None, release: Ask | None) -> LeftBehind:
+        """Return what outlives a session: as it goes on, or were it over with this `release`."""
+        if session is None or release is None or self._abandoned_by is not None:
+            return LeftBehind(self.occupied_by(session), left_untold=self.untold)
+        parting = self._parting(session, release, arrived=False)
+        occupied = (session.holder, self._boarding.who is Who.ABOARD) if parting is _Parting.DOUBT else None
+        return LeftBehind(occupied, left_untold=self.untold or (parting is _Parting.LEFT and self._left.known))
+
     def take_up(self, holder: Holder, *, aboard: bool) -> None:
         """Remember whose robot may be in the car from before this process began."""
         self._abandoned_by, self._boarding = holder, boardings.taken_up(aboard=aboard)
@@ -279,11 +318,12 @@ class Handshake:
     def to_see_to(self, session: Session | None, *, fire: bool) -> Callable[[float], None] | None:
         """Return what to do once a person has seen to the car and the lift; None where nothing of ours needs one.
 
-        After a fire, and behind a robot that may be in the car, the lift is told once more that an earlier one left.
+        After a fire, and behind a robot that may be in the car, the lift is told once more that an earlier one left. A word
+        that is on its way for the first time needs nobody: a lift that never heard it would take no robot any more.
         """
         if session is None and self.occupied_by(None) is not None:
             return self.found_empty
-        return self._forget_left if self.untold and not fire else None
+        return self._forget_left if self.untold and self._left.late and not fire else None
 
     def _forget_left(self, _: float) -> None:
         self._left.forget()

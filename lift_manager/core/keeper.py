@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from drivers.driver import LiftDriver, Permit
-from drivers.model import Command, CommandKind, FloorName, Outcome
+from drivers.model import Command, CommandKind, FloorName, Outcome, Result
 from lift_manager.core.admission import Admission
 from lift_manager.core.announce import Announcer
+from lift_manager.core.around import Around
 from lift_manager.core.bus import Bus
 from lift_manager.core.calling import CallButton
 from lift_manager.core.emergency import Emergency
+from lift_manager.core.ending import before_the_end, last_word
 from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
@@ -34,20 +35,6 @@ from lift_manager.domain.state import Holder, Restrictions
 from register_maps.vocabulary import CALLS
 
 STOPPING = Refused(Refusal.STOPPING, "the manager is stopping")
-
-
-@dataclass(frozen=True, slots=True)
-class Around:
-    """What the keeper of a session needs of the task of its lift."""
-
-    sight: Callable[[float], Sight | None]
-    """What is known at a time, unless it is too old by then."""
-    last_sight: Callable[[], Sight | None]
-    """The same however old it is."""
-    changed: Callable[[], None]
-    """Hears when there is news to publish."""
-    trouble: Callable[[], str]
-    """Why nothing may be pressed, because it cannot be written down; empty while it can."""
 
 
 class SessionKeeper:
@@ -139,11 +126,8 @@ class SessionKeeper:
 
     def info(self, session: Session, now: float) -> SessionInfo:
         """Return the session that goes on as its holder sees it."""
-        # one from before a restart may name a floor that is no more
-        here = session.floor is not None and session.floor in self._options.floors
-        holds = here and self.serving.why_no_hold(session.floor or "") is None
-        held = holds and self.serving.door_held(session)
-        facts = Facts(self.book.opened_at, self.arrived, held, self.handshake.who, self.waits)
+        kept_open = self.serving.keeps_open(session)
+        facts = Facts(self.book.opened_at, self.arrived, kept_open, self.handshake.who, self.waits)
         return info_of(session, self._options, facts, now)
 
     def begin(self) -> None:
@@ -183,6 +167,8 @@ class SessionKeeper:
         """Refuse everything from now on, and let the session rest until the next start."""
         self.note(_now())
         self.stopping = True
+        if self.session is not None and self.session.ending:
+            self.end(EndReason.RELEASED, "released", _now())
         self.end(EndReason.STOPPING, STOPPING_TEXT, _now())
         self._robot_mode.drop()
 
@@ -224,6 +210,8 @@ class SessionKeeper:
             self.book.look(self.serving.view(self.session, self.waits, now), now)
 
     def _act(self, now: float) -> None:
+        if self.session is not None and self.session.over_at is not None and now >= self.session.over_at:
+            self.end(EndReason.RELEASED, "released", now)
         sight, last = self.sight(now), self._last_sight()
         if last is not None:
             # letting go needs no fresh reading: a poll may take longer than a reading counts
@@ -244,7 +232,7 @@ class SessionKeeper:
         elif sight is not None:
             if self._robot_mode.known:
                 self._used()
-            may_begin = not self.session.restored
+            may_begin = self.session.may_begin
             self._robot_mode.hold(self.admission.why_no_press, begin=may_begin)
             self.handshake.act(self._permit, now, begin=may_begin)
             served = self.serving.advance(self.session, sight, self._permit, now)
@@ -257,9 +245,12 @@ class SessionKeeper:
 
     def note(self, now: float, *, pressed: bool = False) -> None:
         """Write down what a restart must know. An orderly end writes down nothing more: the session rests until then."""
-        self._memory.note_rest(self.handshake, self.session)
+        session, word = self.session, last_word(self.session, self._options)
+        self._memory.note_rest(self.handshake.left_behind(session, word))
         if self._begun and not self.stopping:
-            self._memory.note_mode(self._robot_mode.kept_until, now)
+            ends_at = None if session is None else session.over_at
+            mode_until = self._robot_mode.kept_until if ends_at is None else self._robot_mode.kept_after(ends_at)
+            self._memory.note_mode(mode_until, now)
             pressed = pressed or self.serving.call.pressed
             self._memory.note(self.session, self.handshake.kept(), pressed=pressed, now=now)
 
@@ -299,7 +290,7 @@ class SessionKeeper:
             self._used()
         # what is pressed was pressed if a restart comes between: its row, and with it the press, waits for this
         self.note(_now(), pressed=command.kind in CALLS)
-        future = self._driver.press(command, permit)
+        future = self._driver.press(command, before_the_end(command.kind, permit, lambda: self.session))
         future.add_done_callback(self._ended)
         return future
 
@@ -316,7 +307,9 @@ class SessionKeeper:
             return
         outcome, now = future.result(), _now()
         self.say.outcome(outcome, self.session.holder if self.session is not None else None)
-        self.serving.call.ended(future, outcome, now)
+        # one that its holder's end came before has not failed
+        kept_back = self.session is not None and self.session.ending and outcome.result is Result.REJECTED
+        self.serving.call.ended(future, replace(outcome, not_granted=outcome.not_granted or kept_back), now)
         self.serving.closing.ended(future, outcome)
         if (text := self.handshake.ended(future, outcome, now)) is not None:
             self.say.alarm(text)
@@ -338,6 +331,13 @@ class SessionKeeper:
             self.handshake.end_again(ask, now)
             self.note(now)
         self.end(EndReason.RELEASED, "released", now, release=ask)
+
+    def end_soon(self, session: Session, grace_s: float, now: float) -> None:
+        """Take its holder's word that the session is over. Until the grace is over what is on stays on, should it think again."""
+        self.session = sessions.ending(session, grace_s, now)
+        asyncio.get_running_loop().call_at(now + grace_s, lambda: self.act(_now()))
+        self.act(now)
+        self.changed()
 
     def held_by(self, holder: Holder | None, now: float) -> Session | Refused:
         """Return the session if it is this holder's, or whosever where none is named."""
@@ -365,6 +365,7 @@ class SessionKeeper:
         if session is None:
             return
         holder, advice = session.holder, self._advice()
+        release = release or last_word(session, self._options)
         was = self.info(session, now)
         self.session = self._emergency.release_at = None
         self.serving.end()

@@ -9,12 +9,13 @@ import math
 from drivers.driver import LiftDriver
 from drivers.errors import DriverError
 from drivers.model import FloorName, LiftReading
+from lift_manager.core.around import Around
 from lift_manager.core.ask_desk import AskDesk
 from lift_manager.core.bus import Bus
 from lift_manager.core.gate import Gate
 from lift_manager.core.held import ReadWhileHeld
 from lift_manager.core.journal import ShortJournal
-from lift_manager.core.keeper import Around, SessionKeeper
+from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.lift_sessions import LiftSessions
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
@@ -24,6 +25,7 @@ from lift_manager.core.recording import LiftLog
 from lift_manager.core.session_desk import SessionDesk
 from lift_manager.core.ticker import Ticker
 from lift_manager.core.waiting import WaitingLine
+from lift_manager.domain import wish as wishes
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Event, StateChanged
@@ -160,6 +162,8 @@ class LiftTask:
             max_session_s=options.max_session_s,
             max_session_hold_s=options.max_session_hold_s,
             robot_hours="" if options.robot_hours is None else str(options.robot_hours),
+            rmf_name=options.rmf_name,
+            rmf_floors=options.rmf_floors,
         )
 
     def signals(self) -> LiftSignals:
@@ -172,7 +176,7 @@ class LiftTask:
         """Decide on a request at once. Acceptance is not arrival."""
         self._keeper.begin()
         state = self.state()
-        is_release = not ask.hold_door and self._is_release(ask, state)
+        is_release = not ask.hold_door and not ask.stays and self._is_release(ask, state)
         known = ask.floor in self.options.floors
         self._log.asked(ask, known=known)
         answer = self._gate.told(self._decided(ask, state, is_release=is_release), state)
@@ -202,6 +206,15 @@ class LiftTask:
     def force_release(self, by: str, reason: str) -> ForceReleased | Refused:
         """Take the lift from its holder at a person's word."""
         return self._words.force_release(by, reason)
+
+    def end_session(self, holder: Holder, grace_s: float) -> Accepted | Refused:
+        """End the session at its holder's word, after the grace."""
+        self._keeper.begin()
+        said = wishes.ending(self.options.name, holder, grace_s)
+        self._log.asked(said)
+        answer = self._gate.told(self._asks.end(holder, grace_s), self.state())
+        self._log.answered(said, answer)
+        return answer
 
     def hand_over(self, holder: Holder, to: Holder) -> Accepted | Refused:
         """Give the session of `holder` to another caller."""

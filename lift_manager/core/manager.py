@@ -21,6 +21,7 @@ from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Alarm, Event, Occurrence, StateChanged
 from lift_manager.domain.journal import Row
 from lift_manager.domain.ride_record import KeptRide
+from lift_manager.domain.rmf import RmfRules
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState
 
@@ -40,6 +41,8 @@ class LiftManager(SiteSessions, SiteRides):
         memory: Memory | None = None,
         journal: Journal | None = None,
         clock: Clock | None = None,
+        *,
+        rmf: RmfRules | None = None,
     ) -> None:
         """Put lifts together; `memory`, `journal` and `clock` are what they were made with, if these are not the usual ones."""
         super().__init__({lift.options.name: lift for lift in lifts})
@@ -47,6 +50,8 @@ class LiftManager(SiteSessions, SiteRides):
         self._memory = memory or ShortMemory()
         self._journal = journal or ShortJournal()
         self._refusals = RefusalLog(self._journal)
+        self.rmf = rmf or RmfRules()
+        """What the site says about Open-RMF."""
         self._rides = RideEngine(
             self, self.line, self.tap, publish=bus.publish, keep=self._keep_rides, clock=clock or wall_clock()
         )
@@ -145,6 +150,11 @@ class LiftManager(SiteSessions, SiteRides):
         answer = self._unknown(ask.lift)
         self.turned_away(TurnedAway(answer.code, "there is no such lift", ask.lift, str(ask.holder)))
         return answer
+
+    def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted | Refused:
+        """End the session of `holder` at its word."""
+        task = self._lifts.get(lift)
+        return self._told(lift, self._unknown(lift) if task is None else task.end_session(holder, grace_s))
 
     def acknowledge(self, lift: str, by: str) -> Acknowledged | Refused:
         """Take it that a person has checked a lift after a fire, or found no robot in its car."""

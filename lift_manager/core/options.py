@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.model import FloorName
 from lift_manager.domain.hours import RobotHours
@@ -42,3 +42,7 @@ class LiftOptions:
     """What people get for themselves between two robots: from the end of a session to the first press of the next."""
     fire_release_delay_s: float = 0.0
     """From telling robots of a fire to letting everything go."""
+    rmf_name: str = ""
+    """In RMF's building map; empty where it is the same there."""
+    rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
+    """Those that RMF's building map names otherwise."""

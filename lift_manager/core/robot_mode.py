@@ -41,7 +41,7 @@ class RobotMode:
         if not given:
             self._pressed = False
         if begin or given:
-            self._driver.hold(_ROBOT_MODE, self._noted(permit))
+            self._driver.hold(_ROBOT_MODE, self._noted(permit), begin=begin)
 
     def _noted(self, permit: Permit) -> Permit:
         """Return a permit that notes when the bytes may leave, which is asked once nothing else is waited for."""
@@ -72,10 +72,16 @@ class RobotMode:
 
     def session_ended(self, now: float) -> None:
         """Keep it from here on only for as long as a car may take to come to rest; drop it if it was not pressed yet."""
-        if self.known and self._pressed:
-            self._keep_until = now + self._able.arrive_within_s
-        else:
+        self._keep_until = self.kept_after(now)
+        if self._keep_until is None:
             self.drop()
+        else:
+            # at once, for the lift may not be readable: what has fallen by the next connection is not pressed for nobody
+            self._driver.keep(_ROBOT_MODE)
+
+    def kept_after(self, over_at: float) -> float | None:
+        """Return until when it would be kept at the most were its session over then."""
+        return over_at + self._able.arrive_within_s if self.known and self._pressed else None
 
     def settle(
         self, sight: Sight | None, last: Sight | None, permit: Permit, *, reporting: bool, now: float
@@ -91,7 +97,6 @@ class RobotMode:
         under_way = last is not None and moving(last) and granted
         until = self._keep_until
         if until is not None and now < until and (last is None or under_way or reporting):
-            # what is on is kept on; what has fallen is not pressed for nobody
             if sight is not None:
                 self.hold(permit, begin=False)
             return None

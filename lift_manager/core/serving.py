@@ -76,6 +76,13 @@ class Serving:
             self.call.told and self._button.keeps_door and not self._button.forgotten
         )
 
+    def keeps_open(self, session: Session) -> bool:
+        """Whether the door is held at the session's floor, on a map that has anything for that."""
+        # a session from before a restart may name a floor that is no more
+        if session.floor is None or session.floor not in self._options.floors:
+            return False
+        return self.why_no_hold(session.floor) is None and self.door_held(session)
+
     def wants(self, session: Session, now: float) -> None:
         """Take a request that was accepted: a new call, or the same one again."""
         self.closing.forget()
@@ -162,7 +169,7 @@ class Serving:
             return self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
         if call.phase is CallPhase.WANTED and not self._handshake.ready:
             return self._await_word(session, sight, permit, now)
-        if calls.may_press(call, sight, self._able, now, is_hold=is_hold):
+        if not session.ending and calls.may_press(call, sight, self._able, now, is_hold=is_hold):
             self._let_go_of_doors()
             self.call.press(call, permit, aboard=self._handshake.aboard is True, now=now)
         elif call.phase is CallPhase.ARRIVED:
@@ -250,7 +257,7 @@ class Serving:
         session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self._used(session)
         self._button.keep_on(permit)
-        self.doors.hold(floor, permit, begin=begin and not session.restored)
+        self.doors.hold(floor, permit, begin=begin and session.may_begin)
         return session
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from datetime import UTC, timedelta
 
-from lift_manager.core.handshake import Handshake
+from lift_manager.core.handshake import LeftBehind
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.people import PeopleFirst
 from lift_manager.domain import session as sessions
@@ -69,10 +69,10 @@ class SessionMemory:
         rest_s = (until.astimezone(UTC) - people.clock().astimezone(UTC)).total_seconds()
         return None if rest_s <= 0 else now + min(rest_s, most_s)
 
-    def note_rest(self, handshake: Handshake, session: Session | None) -> None:
+    def note_rest(self, left: LeftBehind) -> None:
         """Write down what a session leaves behind in the car: a robot that may be there, the word that it left."""
-        self._people.note_occupied(handshake.occupied_by(session))
-        self._people.note_left_untold(owed=handshake.untold)
+        self._people.note_occupied(left.occupied)
+        self._people.note_left_untold(owed=left.left_untold)
 
     def note_mode(self, mode_until: float | None, now: float) -> None:
         """Write down until when robot mode is kept although its session is over."""
@@ -84,8 +84,11 @@ class SessionMemory:
             self._people.note_robot_mode(at)
 
     def note(self, session: Session | None, boarding: KeptBoarding, *, pressed: bool, now: float) -> None:
-        """Write down what a restart must know, if it has changed; called often."""
-        if session is None:
+        """Write down what a restart must know, if it has changed; called often.
+
+        One that its holder has ended is over for a restart: it would come back for as long as a session may last.
+        """
+        if session is None or session.ending:
             self._noted = None
             self._people.note_session(None)
             return

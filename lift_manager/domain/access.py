@@ -15,6 +15,8 @@ class Role(StrEnum):
     """Reads."""
     ROBOT = "robot"
     """Reads everything, commands the lifts that its key names, in sessions of its own."""
+    RMF = "rmf"
+    """Reads everything, and passes on what RMF's sessions want of the lifts that its key names. Commands nothing else."""
     OPERATOR = "operator"
     """Commands every lift, and gives a person's word: acknowledge, lock out, end a session that is not its own."""
     COMMISSIONER = "commissioner"
@@ -29,13 +31,19 @@ class Need(StrEnum):
     """Open to everybody, with or without keys: it tells nothing about this site's lifts but their names."""
     READ = "read"
     COMMAND = "command"
+    RMF = "rmf"
+    """To speak for RMF, which no robot and no person is."""
     OPERATE = "operate"
     COMMISSION = "commission"
 
 
+OF_SOME_LIFTS = frozenset({Role.ROBOT, Role.RMF})
+"""Roles whose keys name the lifts that they are for."""
+
 ROLES = {
     Need.READ: frozenset(Role),
     Need.COMMAND: frozenset({Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER}),
+    Need.RMF: frozenset({Role.RMF}),
     Need.OPERATE: frozenset({Role.OPERATOR, Role.COMMISSIONER}),
     Need.COMMISSION: frozenset({Role.COMMISSIONER}),
 }
@@ -94,6 +102,9 @@ ROUTES: tuple[Route, ...] = (
     Route(_POST, f"{_SESSION}/close", Need.COMMAND, LiftIn.PATH),
     Route(_POST, f"{_SESSION}/hand-over", Need.COMMAND, LiftIn.PATH),
     Route(_POST, f"{_SESSION}/commands", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/rmf/wanted", Need.RMF, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/rmf/ended", Need.RMF, LiftIn.PATH),
+    Route(_GET, "/api/v1/rmf", Need.READ),
     Route(_GET, _RIDES, Need.READ),
     Route(_POST, _RIDES, Need.COMMAND, LiftIn.BODY),
     Route(_GET, _RIDE, Need.READ),
@@ -121,15 +132,15 @@ slash: it stays the last, and the application has what is read below the lifts i
 def refusal(role: Role, own: Sequence[str], need: Need, asked: Sequence[str]) -> str:
     """Return why a key may not do this, in words; empty where it may.
 
-    `own` are the lifts that the key names, `asked` those that the request names: a robot commands nothing else, and nothing
-    that names no lift.
+    `own` are the lifts that the key names, `asked` those that the request names: a robot, and RMF, command nothing else, and
+    nothing that names no lift.
     """
     if need is Need.NOTHING:
         return ""
     allowed = ROLES[need]
     if role not in allowed:
         return f"this needs a key with the role {_listed([other for other in Role if other in allowed])}; this key's is {role}"
-    if role is Role.ROBOT and need is not Need.READ and (not asked or set(asked) - set(own)):
+    if role in OF_SOME_LIFTS and need is not Need.READ and (not asked or set(asked) - set(own)):
         return (
             f"this key commands {_listed(own, 'and') or 'no lift'} and no other; another lift needs a key that names it"
         )

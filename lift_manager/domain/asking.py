@@ -28,8 +28,10 @@ class Ask:
     holder: Holder
     floor: FloorName
     hold_door: bool
-    """Hold the door open at `floor`; otherwise the session ends on arrival."""
+    """Hold the door open at `floor`; otherwise a session that does not stay ends on arrival."""
     robot: RobotWord | None = None
+    stays: bool = False
+    """Its session ends by `end_session`, and neither on arrival nor by a request that wants no door held."""
 
 
 @unique

@@ -95,15 +95,18 @@ def rode(boarding: Boarding) -> bool:
     return boarding.sent_on or boarding.who is Who.ABOARD
 
 
-def leaves_doubt(boarding: Boarding, release: Ask | None, *, arrived: bool, has_words: bool) -> bool:
+def leaves_doubt(
+    boarding: Boarding, release: Ask | None, *, arrived: bool, has_words: bool, let_out: bool = True
+) -> bool:
     """Whether the end of a session leaves it open whether its robot is in the car. `release` is its holder's own word.
 
-    A holder that lets go, or wanted no more than to arrive, is done, unless its robot was aboard on the way. One that
-    `has_words` for it has to say that its robot left.
+    A holder that lets go, or wanted no more than to arrive, is done, unless its robot was aboard on the way, or may have been
+    sent on and the door has not stood open for it since (`let_out`). One that `has_words` for it has to say that its robot left.
     """
     if release is not None:
-        must_say = has_words and release.robot is not RobotWord.LEFT
-        return possible(boarding) if must_say else boarding.who is Who.ABOARD
+        if has_words and release.robot is not RobotWord.LEFT:
+            return possible(boarding)
+        return boarding.who is Who.ABOARD or (boarding.sent_on and not let_out)
     return rode(boarding) if arrived else possible(boarding)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.model import Capabilities, FloorName, SignalValue
 from register_maps.words import Side
@@ -26,6 +26,10 @@ class LiftDescription:
     max_session_hold_s: float
     robot_hours: str
     """In words; empty for always."""
+    rmf_name: str = ""
+    """In RMF's building map; empty where it is the site's."""
+    rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
+    """Those that RMF's building map names otherwise."""
 
 
 @dataclass(frozen=True, slots=True)

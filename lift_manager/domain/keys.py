@@ -74,7 +74,7 @@ class Key:
     """Of whoever bears it; also the name of its sessions."""
     role: Role
     lifts: tuple[str, ...] = ()
-    """Those that a robot commands; empty for the other roles."""
+    """Those that a robot commands, or RMF; empty for the other roles."""
 
 
 class Keys(Protocol):

@@ -18,6 +18,11 @@ NO_LEASE: Mapping[str, str] = {
 }
 """Faces whose callers cannot renew a lease, and why. Their sessions end by a word, or after `max_session_s`."""
 
+NO_WORDS: Mapping[str, str] = {
+    "rmf": "a request of RMF names a floor and a door, and nothing of what the robot does (rmf_lift_msgs/LiftRequest)",
+}
+"""Faces whose sessions stay and whose callers have no words for their robots, and why: the end of a session is all they say."""
+
 _ID_BYTES = 16
 
 SILENT_S = 30.0
@@ -59,6 +64,23 @@ class Session:
     """Idempotency key that it was opened with; empty for none."""
     key_ttl_s: float | None = None
     """The lease that was asked for with the key, which renewing does not change."""
+    over_at: float | None = None
+    """Its holder has said that it is over: until then what is on stays on, and nothing new is pressed for it."""
+
+    @property
+    def ending(self) -> bool:
+        """Whether its holder has said that it is over, and may still think again."""
+        return self.over_at is not None
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether what is found off is put on for it."""
+        return not (self.restored or self.ending)
+
+    @property
+    def has_words(self) -> bool:
+        """Whether its holder can say that the robot left, and so has to."""
+        return self.stays and self.holder.face not in NO_WORDS
 
 
 def new_id() -> str:
@@ -96,15 +118,23 @@ def admit(session: Session | None, ask: Ask, *, number: int, now: float) -> Sess
             lease_from=now,
             heard_at=now,
             id=new_id(),
+            stays=ask.stays,
         )
     if session.holder != ask.holder:
         return held(session, now)
-    return wanting(session, ask.floor, hold_door=ask.hold_door, now=now)
+    after = wanting(session, ask.floor, hold_door=ask.hold_door, now=now)
+    return replace(after, stays=True) if ask.stays else after
 
 
 def renewed(session: Session, now: float) -> Session:
-    """Begin the lease anew at the holder's word; one from before a restart goes on."""
-    return replace(session, lease_from=now, heard_at=now, restored=False)
+    """Begin the lease anew at the holder's word; one from before a restart goes on, and one that was to end does."""
+    return replace(session, lease_from=now, heard_at=now, restored=False, over_at=None)
+
+
+def ending(session: Session, grace_s: float, now: float) -> Session:
+    """Take its holder's word that it is over in so many seconds; said again, the earlier time counts."""
+    over_at = now + grace_s if session.over_at is None else min(session.over_at, now + grace_s)
+    return replace(session, heard_at=now, over_at=over_at)
 
 
 def wanting(session: Session, floor: FloorName, *, hold_door: bool, now: float) -> Session:
@@ -122,8 +152,15 @@ def wanting(session: Session, floor: FloorName, *, hold_door: bool, now: float) 
 
 
 def stood_open(session: Session, now: float) -> Session:
-    """Note the first time the door stands open at the session's floor: the lease begins anew."""
-    return session if session.stood_open else replace(session, stood_open=True, lease_from=max(session.lease_from, now))
+    """Note the first time the door stands open at the session's floor: the lease begins anew.
+
+    Not for one that is about to end: whoever has ended it may not see the door open.
+    """
+    return (
+        session
+        if session.stood_open or session.ending
+        else replace(session, stood_open=True, lease_from=max(session.lease_from, now))
+    )
 
 
 def held(session: Session, now: float) -> Refused:

@@ -43,6 +43,11 @@ def closing(lift: str, holder: Holder, robot: RobotWord | None) -> Wish:
     return Wish(lift, holder, "close", more="its session" + ("" if robot is None else f", robot {robot}"))
 
 
+def ending(lift: str, holder: Holder, grace_s: float) -> Wish:
+    """Return the wish to end the session of a face without ids of sessions."""
+    return Wish(lift, holder, "end", more="its session" + (f" in {grace_s:g} s" if grace_s > 0 else ""))
+
+
 def handing_over(lift: str, holder: Holder, to: Holder) -> Wish:
     """Return the wish to give it to another caller."""
     return Wish(lift, holder, "hand over", more=f"its session to {to}")

@@ -9,7 +9,16 @@ from lift_manager.domain.access import ROUTES, Need, Role, Route, refusal
 
 FILE = Path(__file__).with_name("ACCESS.md")
 
-COLUMNS = ("no key", "viewer", "robot, its lift", "robot, another lift", "operator", "commissioner")
+COLUMNS = (
+    "no key",
+    "viewer",
+    "robot, its lift",
+    "robot, another lift",
+    "rmf, its lift",
+    "rmf, another lift",
+    "operator",
+    "commissioner",
+)
 NO_KEYS = ("this computer", "another computer")
 _HEAD = """# Who may ask what
 
@@ -45,6 +54,8 @@ def _with_keys(route: Route) -> tuple[bool, ...]:
         not refusal(Role.VIEWER, (), route.need, own),
         not refusal(Role.ROBOT, own, route.need, own),
         not refusal(Role.ROBOT, own, route.need, other),
+        not refusal(Role.RMF, own, route.need, own),
+        not refusal(Role.RMF, own, route.need, other),
         not refusal(Role.OPERATOR, (), route.need, own),
         not refusal(Role.COMMISSIONER, (), route.need, own),
     )

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from lift_manager.core.facade import Facade, FrameSource
 from lift_manager.domain.access import ROUTES, Route
 from lift_manager.domain.keys import KeyRing, Keys, redacted
-from lift_manager.web import health, lifts_docs, people_docs, rides_docs, sessions_docs, workshop_docs
+from lift_manager.web import health, lifts_docs, people_docs, rides_docs, rmf_docs, sessions_docs, workshop_docs
 from lift_manager.web.accepting import streams_limit
 from lift_manager.web.access import Gate
 from lift_manager.web.error_table import error_table
@@ -29,6 +29,7 @@ from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access
 from lift_manager.web.people import people_router
 from lift_manager.web.rides import rides_router
+from lift_manager.web.rmf import rmf_router
 from lift_manager.web.sessions import sessions_router
 from lift_manager.web.workshop import workshop_router
 
@@ -66,6 +67,7 @@ def make_app(
             {"name": lifts_docs.TAG, "description": lifts_docs.TAG_DESCRIPTION},
             {"name": rides_docs.TAG, "description": rides_docs.TAG_DESCRIPTION},
             {"name": sessions_docs.TAG, "description": sessions_docs.TAG_DESCRIPTION},
+            {"name": rmf_docs.TAG, "description": rmf_docs.TAG_DESCRIPTION},
             {"name": events_docs.TAG, "description": events_docs.TAG_DESCRIPTION},
             {"name": people_docs.TAG, "description": people_docs.TAG_DESCRIPTION},
             {"name": health.TAG, "description": health.TAG_DESCRIPTION},
@@ -85,6 +87,7 @@ def make_app(
     app.include_router(workshop_router(facade))
     app.include_router(lifts_router(facade))
     app.include_router(sessions_router(facade, keys))
+    app.include_router(rmf_router(facade))
     app.include_router(lift_router(facade))  # takes every GET below the lifts: what else is there comes before it
     app.include_router(rides_router(facade))
     app.include_router(people_router(facade))

@@ -113,5 +113,8 @@ def _who(need: Need) -> str:
     if need is Need.NOTHING:
         return "Needs no key."
     roles = ", ".join(role for role in Role if role in ROLES[need])
-    limit = " (a robot: for the lifts that its key names)" if need is Need.COMMAND else ""
+    limit = {
+        Need.COMMAND: " (a robot: for the lifts that its key names)",
+        Need.RMF: " (for the lifts that its key names)",
+    }.get(need, "")
     return f"Where keys are used, the roles that may: {roles}{limit}."

@@ -29,7 +29,7 @@ from schemathesis.checks import CHECKS, load_all_checks
 from schemathesis.core.failures import FailureGroup
 from schemathesis.core.result import Ok
 
-from lift_manager.domain.access import Role
+from lift_manager.domain.access import OF_SOME_LIFTS, Role
 from lift_manager.domain.keys import Key
 from lift_manager.store.keys import keys_path, make_key
 from lift_manager.store.place import state_path
@@ -154,7 +154,7 @@ def content(name: str, ports: Sequence[int]) -> dict[str, object]:
 
 def made(folder: Path, site: str, role: Role) -> str:
     path = keys_path(state_path(site, "kept", folder / "site.yaml", {}))
-    lifts = (NAMED,) if role is Role.ROBOT else ()
+    lifts = (NAMED,) if role in OF_SOME_LIFTS else ()
     return make_key(path, site, Key("", f"the {role}", role, lifts), by="the campaign", at=datetime.now(UTC)).reveal()
 
 
@@ -292,11 +292,11 @@ class Asking:
         if caller.name == "open":
             return True  # from this computer
         column = caller.name
-        if caller.name == Role.ROBOT:
+        if caller.name in OF_SOME_LIFTS:
             lift = named.get("lift", case.path_parameters.get("lift", case.query.get("lift_name")))
             if case.path == "/api/v1/rides" and isinstance(case.body, dict):
                 lift = case.body.get("lift")
-            column = "robot, its lift" if lift in (NAMED, [NAMED], "any") else "robot, another lift"
+            column = f"{caller.name}, {'its' if lift in (NAMED, [NAMED], 'any') else 'another'} lift"
         if not self._allowed[case.method, case.path, column]:
             return False
         if "session" in case.path_parameters:

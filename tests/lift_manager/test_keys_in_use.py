@@ -98,14 +98,14 @@ def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_p
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--name", "amr", "--role", "robot"), "say which lifts this robot may command: east wing"),
+        (("--name", "amr", "--role", "robot"), "say which lifts this key may command: east wing"),
         (("--name", "amr", "--role", "robot", "--lift", "west"), "no lift 'west'; there is east wing"),
         (("--name", "amr", "--role", "viewer", "--lift", LIFT), "is for every lift"),
         (("--name", "a:b", "--role", "viewer"), "letters, digits, spaces, points and hyphens"),
         (("--name", "", "--role", "viewer"), "letters, digits, spaces, points and hyphens"),
         (("--name", "x" * 33, "--role", "viewer"), "letters, digits, spaces, points and hyphens"),
         (("--name", "Workshop", "--role", "viewer"), "is the name of a face"),
-        (("--name", "amr", "--role", "king"), "'viewer', 'robot', 'operator', 'commissioner'"),
+        (("--name", "amr", "--role", "king"), "'viewer', 'robot', 'rmf', 'operator'"),
     ],
 )
 def test_a_key_that_makes_no_sense_is_not_made(tmp_path: Path, words: tuple[str, ...], said: str) -> None:

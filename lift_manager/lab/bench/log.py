@@ -15,6 +15,7 @@ from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, Turned
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Alarm, CommandEnded, Event, Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
+from lift_manager.domain.rmf import RmfRules
 from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
@@ -73,6 +74,11 @@ class NotingFacade:
         """What cannot be written."""
         return self._facade.unwritten
 
+    @property
+    def rmf(self) -> RmfRules:
+        """What the site says about Open-RMF."""
+        return self._facade.rmf
+
     def lift_names(self) -> tuple[str, ...]:
         """Every lift of the site."""
         return self._facade.lift_names()
@@ -93,6 +99,12 @@ class NotingFacade:
         """Decide at once."""
         answer = self._facade.request(ask)
         self._note(ask.lift, answer)
+        return answer
+
+    def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted | Refused:
+        """End the session of a face without ids of sessions."""
+        answer = self._facade.end_session(lift, holder, grace_s)
+        self._note(lift, answer)
         return answer
 
     def turned_away(self, who: TurnedAway) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from lift_manager.config.devices import Device, devices
 from lift_manager.config.load import check_file, load_site
-from lift_manager.config.site import Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, Site
+from lift_manager.config.site import Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, LiftRmf, Rmf, Site
 from tests.lift_manager.config.site_files import ROOT
 
 README = (ROOT / "lift_manager" / "config" / "README.md").read_text("utf-8")
@@ -43,7 +43,7 @@ def test_the_example_of_the_readme_is_free_of_mistakes(tmp_path: Path) -> None:
 
 
 def test_the_readme_has_every_key_of_a_site_file_and_no_other() -> None:
-    models = (Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, Site)
+    models = (Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, LiftRmf, Rmf, Site)
     keys = {field.alias or name for model in models for name, field in model.model_fields.items()}
     rows = [line.split("|") for line in README.splitlines() if line.startswith("| `")]
     listed = {key for row in rows for key in re.findall(r"`([a-z_]+)`", row[1])}

@@ -88,6 +88,8 @@ class ScriptedDriver:
     left_on: frozenset[str] = frozenset()
     """What was on when the process began: kept on where it is adopted."""
     adopted: set[str] = field(default_factory=set)
+    begun: set[str] = field(default_factory=set)
+    """What somebody has asked for in this process, beyond keeping what is on."""
     _flying: dict[str, asyncio.Future[Outcome]] = field(default_factory=dict)
 
     async def read(self) -> LiftReading:
@@ -115,9 +117,13 @@ class ScriptedDriver:
         loop.call_later(self.delay_s, self._write, command, permit, future)
         return future
 
-    def hold(self, command: Command, permit: Permit) -> None:
+    def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
         if command.name not in self.capabilities.commands:
             return
+        if not begin and command.name not in self.on:
+            return
+        if begin:
+            self.begun.add(command.name)
         if command.name not in self.on and permit() is None:
             self.log.append(f"hold {command}")
             self.on.add(command.name)
@@ -130,6 +136,9 @@ class ScriptedDriver:
         self.permits[command.name] = permit
         if command.name in self.left_on:
             self.on.add(command.name)
+
+    def keep(self, command: Command) -> None:
+        self.begun.discard(command.name)
 
     def let_go(self, command: Command) -> None:
         if command.name in self.on:
@@ -186,6 +195,7 @@ class Bench(SessionCalls):
     driver: ScriptedDriver
     task: LiftTask
     heard: Subscription[Event]
+    bus: Bus[Event]
     granted: dict[str, bool] = field(default_factory=dict)
     """Flags that the lift gives whatever car and door do."""
 
@@ -285,6 +295,7 @@ def on_bench(
     fire_release_delay_s: float = 0.0,
     max_session_s: float = 3600.0,
     takeover_after_s: float | None = None,
+    poll_s: float = 0.1,
     memory: Memory | None = None,
     clock: Clock | None = None,
     found: LiftValues = AT_L2,
@@ -306,7 +317,7 @@ def on_bench(
             floors=floors,
             doors_at=doors_at or dict.fromkeys(floors, (FRONT,)),
             control=control,
-            poll_s=0.1,
+            poll_s=poll_s,
             lease_s=lease_s,
             max_session_hold_s=max_session_hold_s,
             infer_occupancy=infer,
@@ -318,7 +329,7 @@ def on_bench(
         task = LiftTask(driver, options, bus, memory=memory, clock=clock)
         with bus.listen(10_000) as heard:
             running = [asyncio.ensure_future(work) for work in (task.drive(), task.run())]
-            made = Bench(driver, task, heard)
+            made = Bench(driver, task, heard, bus)
             if at_once is not None:
                 at_once(made)
             await elapse(0.5)

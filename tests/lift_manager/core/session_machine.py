@@ -37,6 +37,7 @@ ARRIVES_S = 120.0
 """How long a robot under way may keep a session that is over otherwise: `arrive_within_s` of the map."""
 LATE_S = 1.0
 """A poll, and its answer."""
+RMF = CALLERS[2]
 callers, floors = st.sampled_from(CALLERS), st.sampled_from(FLOORS)
 
 
@@ -50,6 +51,7 @@ class Book:
     wanted_by: Holder | None = None
     given: dict[str, int] = field(default_factory=dict)
     presses: int = 0
+    calls: int = 0
     ended: int = 0
     wrong: list[str] = field(default_factory=list)
 
@@ -59,6 +61,7 @@ class Book:
     def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether the holder can have asked for it; a call is for a floor that it asked for."""
         self.presses += 1
+        self.calls += "go_to" in commands
         if not self.wanted:
             self.wrong.append(f"{at:.2f} s: {sorted(commands)} pressed, and no holder asked")
         if "go_to" in commands and (floor := FLOORS[self.given["go_to"]]) not in self.wanted:
@@ -201,6 +204,36 @@ class SessionMachine(RuleBasedStateMachine):
             for _ in range(times):
                 self.world.ask(Ask(LIFT, holder, floor, hold_door=True))
                 await elapse(2)
+
+        self.run(main())
+
+    @rule(floor=floors, hold=st.booleans())
+    def rmf_asks(self, floor: str, hold: bool) -> None:
+        self.ask(Ask(LIFT, RMF, floor, hold, stays=True))
+
+    @rule(grace_s=st.sampled_from([0.0, 3.0]), then=st.sampled_from(["waits", "kills", "goes on"]))
+    def rmf_ends(self, grace_s: float, then: str) -> None:
+        async def main() -> None:
+            before, calls = self.state.holder, self.book.calls
+            answer = self.world.manager.end_session(LIFT, RMF, grace_s)
+            assert isinstance(answer, Accepted) == (before in (None, RMF))
+            if before != RMF:
+                assert self.state.holder == before
+                return
+            assert grace_s or self.state.holder is None
+            if then == "kills":
+                await self.world.restart()
+                assert self.state.holder is None
+            await elapse(grace_s * 0.9)
+            assert self.book.calls == calls, "END has called the car"
+            floor = self.state.destination
+            if then == "goes on" and self.state.holder == RMF and floor is not None:
+                again = self.world.ask(Ask(LIFT, RMF, floor, hold_door=True, stays=True))
+                await elapse(2)
+                assert isinstance(again, Refused) or self.state.holder == RMF
+                return
+            await elapse(grace_s * 0.1 + 0.2)
+            assert self.state.holder is None
 
         self.run(main())
 

@@ -238,7 +238,7 @@ def test_the_same_key_gives_the_same_session_and_the_same_request_as_long_as_the
         await elapse(SESSIONS_FOR_S + 1)
         assert made.opened(key="one").id != session.id
 
-    on_spine(check)
+    on_spine(check, poll_s=0.5)  # an hour goes by
 
 
 def test_a_key_that_was_used_for_another_wish_is_refused_and_nothing_is_done() -> None:

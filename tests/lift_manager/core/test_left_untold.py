@@ -8,7 +8,7 @@ import pytest
 
 from drivers.model import Result
 from lift_manager.core.memory import ShortMemory
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.service import Acknowledged, Cause
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import Door, Mode
@@ -183,18 +183,40 @@ def test_a_lift_without_that_word_is_owed_none() -> None:
     on_bench(check, able, memory=memory)
 
 
-def test_a_person_who_ends_the_word_on_its_way_ends_the_call_that_was_on_until_then() -> None:
+async def ridden(lift: Spine) -> str:
+    """A robot stands in the open car at its floor, which is returned."""
+    first, last = lift.task.options.floors[0], lift.task.options.floors[-1]
+    lift.accept(first)
+    await lift.until(lambda state: state.robot_door is RobotDoor.OPEN)
+    assert lift.task.request(Ask("lift", WORKSHOP, last, hold_door=True, robot=RobotWord.IN_PLACE)) == Accepted()
+    await lift.until(lambda state: state.robot_door is RobotDoor.OPEN and state.floor == last)
+    assert "go" in lift.face.asked
+    return last
+
+
+def test_a_person_who_ends_the_word_ends_the_call_that_was_on_until_then() -> None:
     async def check(lift: Spine) -> None:
-        first, last = lift.task.options.floors[0], lift.task.options.floors[-1]
-        lift.accept(first)
-        await lift.until(lambda state: state.robot_door is RobotDoor.OPEN)
-        assert lift.task.request(Ask("lift", WORKSHOP, last, hold_door=True, robot=RobotWord.IN_PLACE)) == Accepted()
-        await lift.until(lambda state: state.robot_door is RobotDoor.OPEN and state.floor == last)
-        assert "go" in lift.face.asked
-        assert lift.task.request(Ask("lift", WORKSHOP, last, hold_door=False, robot=RobotWord.LEFT)) == Accepted()
-        await elapse(0.05)
+        floor = await ridden(lift)
+        lift.device.refuses = True
+        assert lift.task.request(Ask("lift", WORKSHOP, floor, hold_door=False, robot=RobotWord.LEFT)) == Accepted()
+        await elapse(1)
+        lift.device.refuses = False
         assert isinstance(lift.task.acknowledge("A. Novak"), Acknowledged)
         await elapse(8)
         assert "go" not in lift.face.asked
+
+    on_spine(check, "seer-siemens-chengdu")
+
+
+def test_a_word_on_its_way_for_the_first_time_is_nothing_to_acknowledge_and_the_lift_hears_it() -> None:
+    async def check(lift: Spine) -> None:
+        floor = await ridden(lift)
+        assert lift.task.request(Ask("lift", WORKSHOP, floor, hold_door=False, robot=RobotWord.LEFT)) == Accepted()
+        answer = lift.task.acknowledge("A. Novak")
+        assert isinstance(answer, Refused)
+        assert answer.code is Refusal.NOTHING_TO_ACKNOWLEDGE
+        await elapse(12)
+        lift.accept(lift.task.options.floors[0])
+        await lift.until(lambda state: state.robot_door is RobotDoor.OPEN)
 
     on_spine(check, "seer-siemens-chengdu")

@@ -11,8 +11,10 @@ import pytest
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.journal import Row
+from lift_manager.domain.state import Quality
 from register_maps.words import Motion
 from simulator.controller import Inputs
+from simulator.faults import PowerLoss
 from tests.lift_manager.core.scripted import AT_L2, PLAIN, Bench, on_bench
 from tests.support.spine import Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
@@ -45,6 +47,33 @@ def test_a_robot_that_lets_go_under_way_leaves_robot_mode_on_until_the_car_stand
         assert "robot_mode" not in made.face.asked
 
     on_spine(check, name)
+
+
+@pytest.mark.parametrize("outputs_held", [False, True])
+def test_robot_mode_that_fell_while_the_lift_was_unreadable_is_not_pressed_once_its_session_is_over(
+    *, outputs_held: bool
+) -> None:
+    lost = PowerLoss(outputs_held=outputs_held)
+
+    async def check(made: Spine) -> None:
+        made.accept(made.task.options.floors[-1])
+        await made.until(lambda _: made.face.picture.motion is not Motion.STOPPED)
+        await elapse(1)
+        made.face.begin(lost, asyncio.get_running_loop().time())
+        made.device.silent = True
+        await made.until(lambda state: state.holder is None)
+        made.face.end(lost, asyncio.get_running_loop().time())
+        made.device.silent = False
+        seen = 0
+        while made.face.picture.motion is not Motion.STOPPED:
+            assert ("robot_mode" in made.face.asked) is outputs_held
+            seen += made.state.quality is Quality.LIVE
+            await elapse(0.1)
+        assert seen > 10, "the car was read under way"
+        await elapse(4)
+        assert "robot_mode" not in made.face.asked
+
+    on_spine(check, "robotnik-il-eth", lease_s=3.0)
 
 
 class SlowJournal(ShortJournal):

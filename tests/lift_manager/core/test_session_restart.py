@@ -84,6 +84,7 @@ def test_the_holder_keeps_the_lift_and_its_door_stays_held_without_a_press() -> 
         assert made.robot_door() is RobotDoor.OPEN
         assert made.driver.log == []
         assert made.driver.renewed[HOLD] > 9
+        assert made.driver.begun == set()
         (restored,) = only(await heard(made.heard), SessionRestored)
         assert (restored.holder, restored.floor) == (ROBOT, "L1")
         assert made.refuse("L3", hold=False, holder=OTHER).code is Refusal.HELD
@@ -113,9 +114,10 @@ def test_robot_mode_is_kept_if_it_is_found_on_and_asked_for_again_only_by_the_ho
         await elapse(20)
         assert made.driver.log == []
         assert ("robot_mode" in made.driver.renewed) == bool(left_on)
+        assert made.driver.begun == set()
         made.accept("L3")
         await elapse(0.5)
-        assert "robot_mode" in made.driver.on
+        assert "robot_mode" in made.driver.on & made.driver.begun
 
     restarted(asked, after, WITH_MODE, left_on=left_on, found=UNDER_WAY)
 
@@ -177,6 +179,16 @@ def test_a_call_that_is_a_level_stays_on_until_it_has_arrived() -> None:
     restarted(asked, after, LEVEL_CALL, found=UNDER_WAY, left_on=frozenset({"go_to"}))
 
 
+def test_a_call_that_keeps_the_door_open_is_kept_on_and_not_begun() -> None:
+    async def after(made: Bench) -> None:
+        await elapse(5)
+        assert made.driver.renewed["call"] > 4
+        assert made.driver.begun == set()
+        assert made.driver.log == []
+
+    restarted(open_at_l1, after, PERMITTING, left_on=frozenset({"call"}))
+
+
 def test_a_level_call_that_the_controller_has_dropped_is_pressed_again_only_by_a_request() -> None:
     async def after(made: Bench) -> None:
         await elapse(10)
@@ -214,6 +226,7 @@ def test_the_word_that_a_robot_is_in_place_stays_on_where_it_is_a_level() -> Non
         await elapse(5)
         assert made.driver.log == []
         assert made.driver.renewed["robot_in_place"] > 4
+        assert made.driver.begun == set()
 
     restarted(before, after, TWO_STOP, found=UNDER_WAY, left_on=frozenset({"robot_in_place"}))
 

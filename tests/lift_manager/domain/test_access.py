@@ -20,7 +20,7 @@ def test_viewer_operator_and_commissioner_each_may_all_that_the_one_before_may()
         {need for need, roles in ROLES.items() if role in roles}
         for role in (Role.VIEWER, Role.OPERATOR, Role.COMMISSIONER)
     ]
-    assert allowed == [{Need.READ}, {Need.READ, Need.COMMAND, Need.OPERATE}, set(Need) - {Need.NOTHING}]
+    assert allowed == [{Need.READ}, {Need.READ, Need.COMMAND, Need.OPERATE}, set(Need) - {Need.NOTHING, Need.RMF}]
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,17 @@ def test_viewer_operator_and_commissioner_each_may_all_that_the_one_before_may()
 def test_a_robot_commands_its_own_lifts_and_nothing_that_names_none(asked: list[str], may: bool) -> None:
     assert (not refusal(Role.ROBOT, ["east"], Need.COMMAND, asked)) is may
     assert refusal(Role.ROBOT, ["east"], Need.READ, asked) == ""
+
+
+@pytest.mark.parametrize(("asked", "may"), [(["east"], True), (["west"], False), ([], False)])
+def test_only_a_key_of_rmf_speaks_for_rmf_of_its_own_lifts_and_it_may_read_and_nothing_else(
+    asked: list[str], may: bool
+) -> None:
+    assert (not refusal(Role.RMF, ["east"], Need.RMF, asked)) is may
+    assert [need for need, roles in ROLES.items() if Role.RMF in roles] == [Need.READ, Need.RMF]
+    assert refusal(Role.RMF, ["east"], Need.READ, asked) == ""
+    for role in set(Role) - {Role.RMF}:
+        assert "needs a key with the role rmf; this key's is" in refusal(role, ["east"], Need.RMF, ["east"])
 
 
 def test_a_refusal_names_the_roles_that_may_or_the_lifts_of_the_key() -> None:
@@ -42,7 +53,7 @@ def test_a_refusal_names_the_roles_that_may_or_the_lifts_of_the_key() -> None:
 
 
 def test_every_route_that_a_robot_may_command_says_where_its_lift_is() -> None:
-    assert all(route.lift_in is not None for route in ROUTES if route.need is Need.COMMAND)
+    assert all(route.lift_in is not None for route in ROUTES if route.need in (Need.COMMAND, Need.RMF))
     assert all(("{lift:path}" in route.path) is (route.lift_in is LiftIn.PATH) for route in ROUTES)
 
 

@@ -139,3 +139,34 @@ def test_each_command_of_the_handshake_makes_it_matter_who_is_aboard(command: st
     assert boardings.matters(replace(ABLE, commands=frozenset({"go_to", command})))
     assert boardings.matters(replace(ABLE, needs_occupancy=True))
     assert not boardings.matters(ABLE)
+
+
+SENT_ON = Boarding(sent_on=True)
+
+
+@pytest.mark.parametrize(
+    ("boarding", "let_out", "doubt"),
+    [
+        (Boarding(), False, False),
+        (MAY_BOARD, False, False),
+        (SENT_ON, False, True),
+        (SENT_ON, True, False),
+        (replace(MAY_BOARD, sent_on=True), False, True),
+        (replace(MAY_BOARD, sent_on=True), True, False),
+        (ABOARD, True, True),
+        (Boarding(Who.LEFT), False, False),
+    ],
+)
+def test_the_end_of_a_holder_without_words_leaves_a_doubt_until_the_door_stood_open_for_a_robot_that_was_sent_on(
+    boarding: Boarding, *, let_out: bool, doubt: bool
+) -> None:
+    release = ask("L1", hold=False)
+    leaves = boardings.leaves_doubt(boarding, release, arrived=False, has_words=False, let_out=let_out)
+    assert leaves is doubt
+
+
+@pytest.mark.parametrize("let_out", [False, True])
+def test_the_word_left_of_a_holder_with_words_leaves_no_doubt_and_its_silence_does(*, let_out: bool) -> None:
+    for word, doubt in ((None, True), (RobotWord.LEFT, False)):
+        release = ask("L1", word, hold=False)
+        assert boardings.leaves_doubt(MAY_BOARD, release, arrived=False, has_words=True, let_out=let_out) is doubt

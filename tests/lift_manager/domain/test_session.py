@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused
 from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.session import (
@@ -125,3 +126,36 @@ def test_a_manager_that_is_off_while_the_clocks_change_counts_the_seconds_that_p
     written = replace(written, kept_at=before.astimezone(berlin))
     again = restored(written, number=1, at=(before + timedelta(seconds=120)).astimezone(berlin), now=1000.0)
     assert again.opened_at == 880.0
+
+
+def test_a_session_of_rmf_stays_and_has_no_words_and_one_of_the_api_has() -> None:
+    of_rmf = sessions.admit(None, Ask("lift", Holder("rmf", "x"), "L1", hold_door=False, stays=True), number=1, now=0.0)
+    assert isinstance(of_rmf, Session)
+    assert (of_rmf.stays, of_rmf.has_words) == (True, False)
+    of_api = sessions.opened(Holder("api", "x"), number=1, lease_s=None, key="", now=0.0)
+    assert (of_api.stays, of_api.has_words) == (True, True)
+
+
+def test_a_session_that_is_to_end_begins_nothing_and_goes_on_by_its_holders_word() -> None:
+    ask = Ask("lift", Holder("rmf", "x"), "L1", hold_door=True, stays=True)
+    session = sessions.admit(None, ask, number=1, now=0.0)
+    assert isinstance(session, Session)
+    ending = sessions.ending(session, 3.0, 10.0)
+    assert (ending.over_at, ending.heard_at, ending.may_begin, session.may_begin) == (13.0, 10.0, False, True)
+    assert sessions.ending(ending, 30.0, 11.0).over_at == 13.0
+    assert sessions.ending(ending, 0.0, 11.0).over_at == 11.0
+    assert sessions.stood_open(ending, 11.0) is ending
+    again = sessions.admit(ending, ask, number=2, now=12.0)
+    assert isinstance(again, Session)
+    assert (again.number, again.over_at, again.may_begin) == (1, None, True)
+    assert sessions.handed_over(ending, Holder("api", "y"), 12.0).over_at is None
+
+
+def test_a_session_that_was_given_to_rmf_stays_from_its_first_request_on() -> None:
+    ask = Ask("lift", Holder("workshop", "x"), "L1", hold_door=True)
+    session = sessions.admit(None, ask, number=1, now=0.0)
+    assert isinstance(session, Session)
+    handed = sessions.handed_over(session, Holder("rmf", "x"), 1.0)
+    asked = sessions.admit(handed, replace(ask, holder=Holder("rmf", "x"), stays=True), number=2, now=2.0)
+    assert isinstance(asked, Session)
+    assert asked.stays

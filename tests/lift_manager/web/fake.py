@@ -16,6 +16,7 @@ from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
 from lift_manager.domain.events import Event, Occurrence
 from lift_manager.domain.keys import Keys
+from lift_manager.domain.rmf import RmfRules
 from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded, Remembered
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.web.accepting import HANDSHAKE_WITHIN_S
@@ -43,6 +44,7 @@ class FakeManager(FakeSessions, FakeRides):
 
     answer: Accepted | Refused = field(default_factory=Accepted)
     asked: list[Ask] = field(default_factory=list)
+    ended: list[tuple[str, Holder, float]] = field(default_factory=list)
     unwritten: frozenset[str] = frozenset()
     refused: Refused | None = None
     """What people are told."""
@@ -54,16 +56,21 @@ class FakeManager(FakeSessions, FakeRides):
     """How long a lift's words take to the disk."""
     boot: str = "b0"
     newest: int = 0
+    rmf: RmfRules = field(default_factory=RmfRules)
     _ears: list[Callable[[Occurrence], None]] = field(default_factory=list)
 
     @property
     def changes(self) -> list[object]:
         """Everything that was asked to change something, by any face."""
-        return [*self.asked, *self.said, *self.done, *self.wishes, *self.said_of_rides]
+        return [*self.asked, *self.ended, *self.said, *self.done, *self.wishes, *self.said_of_rides]
 
     def request(self, ask: Ask) -> Accepted | Refused:
         self.asked.append(ask)
         return self.answer
+
+    def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted | Refused:
+        self.ended.append((lift, holder, grace_s))
+        return self._unknown(lift) or self.answer
 
     def turned_away(self, who: TurnedAway) -> None:
         self.away.append(who)
@@ -145,7 +152,7 @@ def app_of(facade: Facade, keys: Keys | None, make: Callable[[Facade, Keys | Non
     """An application for these two: one that was made for the same keys and the same names of lifts, if there is one in `made`."""
     of = (id(keys), facade.lift_names())
     if of not in made:
-        while len(made) > 3:
+        while len(made) > 7:
             del made[next(iter(made))]
         stand_in = StandIn(facade)
         made[of] = stand_in, keys, make(cast("Facade", stand_in), keys)

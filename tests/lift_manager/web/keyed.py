@@ -1,8 +1,9 @@
 """Keys for the tests of the web face."""
 
 from collections.abc import Mapping
+from functools import cache
 
-from lift_manager.domain.access import Role
+from lift_manager.domain.access import OF_SOME_LIFTS, Role
 from lift_manager.domain.keys import Key, KeyRing, digest_of, token
 
 NAMED, OTHER = "lift", "Güter"
@@ -12,10 +13,11 @@ _NUMBERS = {role: f"{number:08x}" for number, role in enumerate(Role)}
 _SECRETS = {role: digest_of(f"a secret of {role}") for role in Role}
 
 
+@cache  # nothing changes a ring, and `fake.app_of` makes an application for each
 def ring(*roles: Role, open_without: bool = True) -> KeyRing:
     """A live key for each of these roles, named after it."""
     entries = [
-        (Key(_NUMBERS[role], f"the {role}", role, (NAMED,) if role is Role.ROBOT else ()), digest_of(_SECRETS[role]))
+        (Key(_NUMBERS[role], f"the {role}", role, (NAMED,) if role in OF_SOME_LIFTS else ()), digest_of(_SECRETS[role]))
         for role in roles
     ]
     return KeyRing(entries, open_without=open_without)

@@ -9,8 +9,9 @@ import pytest
 
 from lift_manager.domain.access import Role
 from lift_manager.domain.state import Holder
+from lift_manager.web.app import make_app
 from lift_manager.web.attempts import LINES, WINDOW_S, Attempts
-from tests.lift_manager.web.fake import BASE, CALL, REQUEST, STATE, FakeManager, ask
+from tests.lift_manager.web.fake import BASE, CALL, REQUEST, STATE, FakeManager, ask, ask_app
 from tests.lift_manager.web.keyed import bearing, key, ring
 
 LOCKOUT = "/api/v1/lifts/lift/lockout"
@@ -255,8 +256,9 @@ def test_refusals_are_logged_once_a_minute_for_each_address_and_ten_lines_at_the
 def test_a_refusal_is_logged_with_its_address_and_without_what_was_sent(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG)
     headers = {"Authorization": f"Bearer {RIGHT}"}
-    ask(FakeManager(), "GET", f"{BASE}/lift_names", keys=ring(Role.VIEWER), headers=headers)
-    ask(FakeManager(), "POST", REQUEST, keys=ring(Role.VIEWER), headers=bearing(Role.VIEWER))
+    app = make_app(FakeManager(), ring(Role.VIEWER))  # one that has refused nobody, for it logs the same only once
+    ask_app(app, "GET", f"{BASE}/lift_names", headers=headers)
+    ask_app(app, "POST", REQUEST, headers=bearing(Role.VIEWER))
     assert "a request from 127.0.0.1 was refused: its key does not count" in caplog.messages
     assert "a request from 127.0.0.1 was refused: the key the viewer may not do this" in caplog.messages
     assert RIGHT[12:40] not in caplog.text

@@ -31,6 +31,8 @@ ASKERS: dict[str, tuple[Role | None, tuple[str, ...]]] = {
     "viewer": (Role.VIEWER, (NAMED, OTHER)),
     "robot, its lift": (Role.ROBOT, (NAMED,)),
     "robot, another lift": (Role.ROBOT, (OTHER,)),
+    "rmf, its lift": (Role.RMF, (NAMED,)),
+    "rmf, another lift": (Role.RMF, (OTHER,)),
     "operator": (Role.OPERATOR, (NAMED, OTHER)),
     "commissioner": (Role.COMMISSIONER, (NAMED, OTHER)),
 }
@@ -42,6 +44,9 @@ BODY = {
     "to": "L2",
     "from": "L1",
     "do": "go_to",
+    "session_id": "fleet/amr-7",
+    "hold_door": True,
+    "grace_s": 3,
 }
 KEYS_OF = {
     "lift_request": ("floor", "door_state"),
@@ -52,6 +57,8 @@ KEYS_OF = {
     "hand-over": ("to",),
     "commands": ("do", "floor"),
     "rides": ("from", "to"),
+    "wanted": ("session_id", "floor", "hold_door"),
+    "ended": ("session_id", "grace_s"),
 }
 
 

@@ -29,6 +29,8 @@ WORDS = [
     (f"{SESSION}/s1/close", None),
     (f"{SESSION}/s1/hand-over", {"to": "amr-8"}),
     (f"{SESSION}/s1/commands", {"do": "go_to", "floor": "L2"}),
+    ("/api/v1/lifts/lift/rmf/wanted", {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}),
+    ("/api/v1/lifts/lift/rmf/ended", {"session_id": "fleet/amr-7", "grace_s": 3}),
 ]
 every_word = pytest.mark.parametrize(("path", "body"), WORDS)
 

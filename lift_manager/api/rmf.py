@@ -1,0 +1,154 @@
+"""Open-RMF: the site as an adapter is told of it, and what RMF's sessions want."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, StringConstraints
+from pydantic_core import PydanticCustomError
+
+from lift_manager.api.lifts import Age
+from lift_manager.api.parts import Answer, Part, ShortName
+from lift_manager.domain.rmf import LONGEST_GRACE_S, RmfLift, RmfRules, RmfSite
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import Mode, Motion
+
+
+def _printable(text: str) -> str:
+    # an id is compared and never changed: what cannot be shown as it is, is refused
+    if not text.isprintable():
+        raise PydanticCustomError("printable", "must be text on one line, without control characters")
+    return text
+
+
+SessionId = Annotated[
+    str,
+    StringConstraints(min_length=1, max_length=256),
+    AfterValidator(_printable),
+    Field(description="RMF's session id; the lift is then held by `rmf:<session_id>`.", examples=["fleet/amr-7"]),
+]
+
+
+class RmfHolder(Answer):
+    """Who holds a lift."""
+
+    face: str = Field(description="`rmf` for a session of RMF.", examples=["rmf"])
+    name: str = Field(description="With the face `rmf`: RMF's session id.", examples=["fleet/amr-7"])
+
+
+class RmfLiftAnswer(Answer):
+    """One lift at one moment."""
+
+    lift: str = Field(description="Its name in the site file.")
+    name: str = Field(description="Its name in RMF's building map.")
+    floors: Mapping[str, str] = Field(description="The site's floor name to RMF's, lowest first.")
+    live: bool = Field(description="False while its state may not be acted on.")
+    reason: str = Field(description="Why it is not live.")
+    age_s: Age
+    max_age_s: float
+    floor: str | None = Field(description="In the site's words; null when nobody reports it.")
+    standing: bool = Field(description="By the map's evidence the car stands at `floor`.")
+    destination: str | None
+    door: RobotDoor = Field(description="`open` is the invitation to drive, to whoever holds the lift.")
+    motion: Motion
+    mode: Mode
+    robot_mode_on: bool | None = Field(description="null where the lift has no such signal.")
+    holder: RmfHolder | None = Field(description="null while it is free.")
+    fire_latched: bool = Field(description="There was a fire, and no person has acknowledged it.")
+    waiting_for: str = Field(description="What the session waits for before anything is pressed.")
+    keeps_off: str = Field(description="Why robots are kept off, in words; empty where they are not.")
+
+    @classmethod
+    def of(cls, lift: RmfLift) -> RmfLiftAnswer:
+        """Return it as it is."""
+        holder = lift.holder
+        return cls(
+            lift=lift.lift,
+            name=lift.name,
+            floors=lift.floors,
+            live=lift.live,
+            reason=lift.reason,
+            age_s=lift.age_s,
+            max_age_s=lift.max_age_s,
+            floor=lift.floor,
+            standing=lift.standing,
+            destination=lift.destination,
+            door=lift.door,
+            motion=lift.motion,
+            mode=lift.mode,
+            robot_mode_on=lift.robot_mode_on,
+            holder=None if holder is None else RmfHolder(face=holder.face, name=holder.name),
+            fire_latched=lift.fire_latched,
+            waiting_for=lift.waiting_for,
+            keeps_off=lift.keeps_off,
+        )
+
+
+class RmfAlarms(Answer):
+    """What of a fire is told to RMF."""
+
+    fire_alarm: bool = Field(description="On `fire_alarm_trigger`.")
+    emergency_signal: bool = Field(description="And on `emergency_signal`.")
+    emergency_fleets: tuple[str, ...] = Field(description="Whom that names.")
+    clear_on_acknowledge: bool = Field(description="Once that it is over, when a person has acknowledged.")
+
+    @classmethod
+    def of(cls, rules: RmfRules) -> RmfAlarms:
+        """Return what the site says."""
+        return cls(
+            fire_alarm=rules.fire_alarm,
+            emergency_signal=rules.emergency_signal,
+            emergency_fleets=rules.emergency_fleets,
+            clear_on_acknowledge=rules.clear_on_acknowledge,
+        )
+
+
+class RmfSiteAnswer(Answer):
+    """Every lift, and what the site says about RMF."""
+
+    boot: str = Field(description="Another one after each start of the manager.")
+    event: int = Field(description="All events up to this number are in it; numbers compare within one boot.")
+    lifts: tuple[RmfLiftAnswer, ...]
+    end_grace_s: float = Field(description="How long door hold and robot mode stay after END_SESSION.")
+    alarms: RmfAlarms
+
+    @classmethod
+    def of(cls, site: RmfSite) -> RmfSiteAnswer:
+        """Return it as it is."""
+        return cls(
+            boot=site.boot,
+            event=site.event,
+            lifts=tuple(RmfLiftAnswer.of(lift) for lift in site.lifts),
+            end_grace_s=site.rules.end_grace_s,
+            alarms=RmfAlarms.of(site.rules),
+        )
+
+
+class RmfWantedRequest(Part):
+    """A session of RMF wants the lift at a floor: the first one opens it, each further one changes or repeats what is wanted."""
+
+    session_id: SessionId
+    floor: ShortName = Field(description="In the site's words.", examples=["L2"])
+    hold_door: bool = Field(description="Hold the door open there until another floor is wanted or the session ends.")
+
+
+class RmfEndedRequest(Part):
+    """A session of RMF is over."""
+
+    session_id: SessionId
+    grace_s: float = Field(
+        ge=0.0,
+        le=LONGEST_GRACE_S,
+        description="So long door hold and robot mode stay as they are, unless the same session wants the lift again.",
+        examples=[3.0],
+    )
+
+
+class RmfTaken(Answer):
+    """It is decided so; what was decided shows from this event on."""
+
+    boot: str
+    event: int = Field(
+        description="An answer of `GET /api/v1/rmf` of this boot with a lower number does not show it yet."
+    )

@@ -1,0 +1,37 @@
+"""What is still done for a session that its holder has ended, until its grace is over. Nothing here waits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from drivers.driver import Permit
+from drivers.model import CommandKind
+from lift_manager.core.options import LiftOptions
+from lift_manager.domain.asking import Ask
+from lift_manager.domain.session import Session
+
+
+def last_word(session: Session | None, options: LiftOptions) -> Ask | None:
+    """Return the release that its holder has given already; None for a session that goes on."""
+    if session is None or not session.ending:
+        return None
+    return Ask(options.name, session.holder, session.floor or options.floors[0], hold_door=False)
+
+
+def before_the_end(kind: CommandKind, permit: Permit, session: Callable[[], Session | None]) -> Permit:
+    """Return a permit that lets nothing begin for a session that is about to end; what is on already stays.
+
+    That a robot left is told in any case: it is what ends a session.
+    """
+    begun = kind is CommandKind.ROBOT_LEFT
+
+    def allowed() -> str | None:
+        nonlocal begun
+        now = session()
+        refusal = permit()
+        if refusal is None and not begun and now is not None and now.ending:
+            return f"{now.holder} has ended its session"
+        begun = begun or refusal is None
+        return refusal
+
+    return allowed

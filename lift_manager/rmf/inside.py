@@ -1,0 +1,153 @@
+"""The way to a manager in the same process: its facade is asked directly, in the loop of both."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from asyncio import TimerHandle
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from lift_manager.core.facade import Facade
+from lift_manager.core.rmf_site import described, rmf_site
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Occurrence
+from lift_manager.domain.rmf import FACE, RmfLift, RmfSite
+from lift_manager.domain.state import Holder
+from lift_manager.rmf.port import Answer, Asked, Ended, Hears
+from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
+
+Deliver = Callable[[Callable[[], None]], None]
+"""Runs what it is given in the loop's thread, soon and in order, and never before it returns."""
+
+ASKED_WITHIN = 3
+"""So often the lifts are looked at within the shortest `max_age_s`, changed or not."""
+BETWEEN_S = 0.02
+"""Chosen: no more than fifty answers a second, however many lifts change; each tells of all of them."""
+AT_MOST_S = 1.0
+"""Chosen: as `beside` does, whatever `max_age_s` is."""
+
+
+class Inside:
+    """Implements `port.Manager`. What changed within one turn of the loop is told once."""
+
+    def __init__(self, facade: Facade) -> None:
+        self._facade = facade
+        self._hears: Hears | None = None
+        self._deliver: Deliver | None = None
+        self._taps = ExitStack()
+        self._timer: TimerHandle | None = None
+        self._due = False
+        self._told_at = -math.inf
+        self._later: TimerHandle | None = None
+        self._abouts = described(facade)
+        ages = [about.able.max_age_s / ASKED_WITHIN for about in self._abouts.values()]
+        self._every_s = min([AT_MOST_S, *ages])
+
+    def start(self, hears: Hears, deliver: Deliver) -> None:
+        """Tell `hears` how the lifts are, and of every change from then on."""
+        self._hears, self._deliver = hears, deliver
+        self._taps.enter_context(self._facade.tap(self._changed))
+        self._look()
+
+    def close(self) -> None:
+        """Tell nothing any more, answers that are due included."""
+        self._hears = self._deliver = None
+        self._taps.close()
+        for timer in filter(None, (self._timer, self._later)):
+            timer.cancel()
+        self._due = False
+
+    def ask(self, asked: Asked) -> None:
+        """Decide at once; the answer comes after this has returned."""
+        answer = self._answer(asked)
+        self._soon(lambda hears: hears.answered(answer, _now()))
+
+    def _answer(self, asked: Asked) -> Answer:
+        said = self._decide(asked)
+        if isinstance(said, Refused):
+            return Answer(asked, yes=False, code=said.code, reason=said.message)
+        self._facade.freshen()
+        return Answer(asked, yes=True, boot=self._facade.boot, event=self._facade.newest)
+
+    def _decide(self, asked: Asked) -> Accepted | Refused:
+        holder = Holder(FACE, asked.session)
+        if isinstance(asked, Ended):
+            return self._facade.end_session(asked.lift, holder, asked.grace_s)
+        return self._facade.request(Ask(asked.lift, holder, asked.floor, asked.hold_door, stays=True))
+
+    def _changed(self, _: Occurrence) -> None:
+        if self._due:
+            return
+        self._due = True
+        wait_s = self._told_at + BETWEEN_S - _now()
+        if wait_s <= 0:
+            self._soon(self._tell)
+        else:
+            self._later = asyncio.get_running_loop().call_later(wait_s, self._soon, self._tell)
+
+    def _look(self) -> None:
+        """Tell how the lifts are, changed or not, and do so again in time."""
+        self._timer = asyncio.get_running_loop().call_later(self._every_s, self._look)
+        self._soon(self._tell)
+
+    def _tell(self, hears: Hears) -> None:
+        now = _now()
+        site = site_view(rmf_site(self._facade, self._abouts))
+        self._due, self._told_at = False, now
+        hears.heard(site, now, now)
+
+    def _soon(self, tell: Callable[[Hears], None]) -> None:
+        if self._deliver is None:
+            return
+
+        def told() -> None:
+            if self._hears is not None:
+                tell(self._hears)
+
+        self._deliver(told)
+
+
+def site_view(site: RmfSite) -> Site:
+    """Return the site as it is read from an answer of the manager, too."""
+    rules = site.rules
+    return Site(
+        boot=site.boot,
+        event=site.event,
+        lifts=tuple(_lift_view(lift) for lift in site.lifts),
+        end_grace_s=rules.end_grace_s,
+        alarms=Alarms(
+            fire_alarm=rules.fire_alarm,
+            emergency_signal=rules.emergency_signal,
+            emergency_fleets=rules.emergency_fleets,
+            clear_on_acknowledge=rules.clear_on_acknowledge,
+        ),
+    )
+
+
+def _lift_view(lift: RmfLift) -> LiftView:
+    holder = lift.holder
+    return LiftView(
+        lift=lift.lift,
+        name=lift.name,
+        floors=lift.floors,
+        live=lift.live,
+        reason=lift.reason,
+        age_s=lift.age_s,
+        max_age_s=lift.max_age_s,
+        floor=lift.floor,
+        standing=lift.standing,
+        destination=lift.destination,
+        door=lift.door.value,
+        motion=lift.motion.value,
+        mode=lift.mode.value,
+        robot_mode_on=lift.robot_mode_on,
+        holder=None if holder is None else HeldBy(holder.face, holder.name),
+        fire_latched=lift.fire_latched,
+        waiting_for=lift.waiting_for,
+        keeps_off=lift.keeps_off,
+    )
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,265 @@
+"""What an adapter of Open-RMF is told over HTTP, and what it may say."""
+
+import json
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import httpx
+import pytest
+
+from lift_manager.core.rmf_site import rmf_site
+from lift_manager.domain.access import Role
+from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused
+from lift_manager.domain.description import LiftDescription
+from lift_manager.domain.events import Alarm
+from lift_manager.domain.rmf import RmfRules
+from lift_manager.domain.state import Holder, Quality, Restrictions, RobotDoor
+from lift_manager.rmf.inside import site_view
+from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site, site_of
+from register_maps.words import Mode, Motion
+from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.keyed import bearing, ring
+from tests.lift_manager.web.test_people import refused
+
+LIFT = "/api/v1/lifts/lift/rmf"
+WANTED = {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}
+ENDED = {"session_id": "fleet/amr-7", "grace_s": 3}
+AMR = Holder("rmf", "fleet/amr-7")
+every_word = pytest.mark.parametrize(("what", "body"), [("wanted", WANTED), ("ended", ENDED)])
+RIDING = replace(
+    IDLE,
+    lift="Güter",
+    floors=("B1", "L1"),
+    age_s=0.123,
+    floor=None,
+    standing=False,
+    destination="L1",
+    robot_door=RobotDoor.MOVING,
+    motion=Motion.UP,
+    mode=Mode.ROBOT,
+    holder=AMR,
+    held_since_s=3.0,
+    permissions={"robot_mode_on": True, "ready": True},
+    restrictions=Restrictions(
+        fire_latched=True, lockout="by M. Weber", maybe_aboard=Holder("workshop", "r2"), waiting_for="people"
+    ),
+)
+LOST = replace(IDLE, quality=Quality.OFFLINE, reason="no answer", age_s=None, robot_door=RobotDoor.MOVING)
+RULES = RmfRules(
+    end_grace_s=5,
+    fire_alarm=True,
+    emergency_signal=True,
+    emergency_fleets=("tinyRobot",),
+    clear_on_acknowledge=True,
+)
+
+
+@dataclass
+class Named(FakeManager):
+    """A manager whose site has names for RMF."""
+
+    def describe(self, lift: str) -> LiftDescription | None:
+        about = super().describe(lift)
+        return None if about is None else replace(about, rmf_name=f"{lift}_1", rmf_floors={"B1": "basement"})
+
+
+def post(facade: FakeManager, what: str, **more: Any) -> httpx.Response:
+    return ask(facade, "POST", f"{LIFT}/{what}", **more)
+
+
+def told(facade: FakeManager) -> Site:
+    answer = ask(facade, "GET", "/api/v1/rmf")
+    assert answer.status_code == 200
+    assert answer.headers["cache-control"] == "no-store"
+    return site_of(answer.json())
+
+
+def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
+    facade = Named({"Güter": RIDING, "lift": LOST}, newest=7, rmf=RULES)
+    site = told(facade)
+    assert site == Site(
+        boot="b0",
+        event=7,
+        lifts=site.lifts,
+        end_grace_s=5,
+        alarms=Alarms(
+            fire_alarm=True, emergency_signal=True, emergency_fleets=("tinyRobot",), clear_on_acknowledge=True
+        ),
+    )
+    riding, lost = site.lifts
+    assert riding == LiftView(
+        lift="Güter",
+        name="Güter_1",
+        floors={"B1": "basement", "L1": "L1"},
+        live=True,
+        reason="",
+        age_s=0.123,
+        max_age_s=2.0,
+        floor=None,
+        standing=False,
+        destination="L1",
+        door="moving",
+        motion="up",
+        mode="robot",
+        robot_mode_on=True,
+        holder=HeldBy("rmf", "fleet/amr-7"),
+        fire_latched=True,
+        waiting_for="people",
+        keeps_off="locked out by M. Weber; a robot of workshop:r2 may be in the car",
+    )
+    assert (lost.live, lost.reason, lost.age_s, lost.robot_mode_on) == (False, "no answer", None, None)
+    assert (lost.holder, lost.keeps_off) == (None, "")
+    assert list(riding.floors) == ["B1", "L1"], "lowest first"
+
+
+def test_the_keys_are_the_fields_that_an_adapter_knows() -> None:
+    said = ask(FakeManager({"Güter": RIDING}), "GET", "/api/v1/rmf").json()
+    assert list(said) == [field.name for field in fields(Site)]
+    assert list(said["lifts"][0]) == [field.name for field in fields(LiftView)]
+    assert list(said["lifts"][0]["holder"]) == [field.name for field in fields(HeldBy)]
+    assert list(said["alarms"]) == [field.name for field in fields(Alarms)]
+
+
+def test_an_adapter_inside_the_manager_is_told_the_same() -> None:
+    facade = Named({"Güter": RIDING, "lift": LOST}, newest=7, rmf=RULES)
+    assert told(facade) == site_view(rmf_site(facade))
+
+
+def test_a_lift_without_names_of_its_own_has_those_of_the_site() -> None:
+    (lift, _) = told(FakeManager()).lifts
+    assert (lift.name, lift.floors) == ("lift", {"L1": "L1", "L2": "L2"})
+
+
+def test_what_rmf_wants_is_a_request_of_a_session_that_stays() -> None:
+    facade = FakeManager(newest=4)
+    answer = post(facade, "wanted", json=WANTED)
+    assert (answer.status_code, answer.json()) == (200, {"boot": "b0", "event": 4})
+    post(facade, "wanted", json={**WANTED, "floor": "L1", "hold_door": False})
+    assert facade.asked == [
+        Ask("lift", AMR, "L2", hold_door=True, stays=True),
+        Ask("lift", AMR, "L1", hold_door=False, stays=True),
+    ]
+
+
+def test_an_end_is_passed_on_with_its_grace() -> None:
+    facade = FakeManager(newest=4)
+    answer = post(facade, "ended", json=ENDED)
+    assert (answer.status_code, answer.json()) == (200, {"boot": "b0", "event": 4})
+    post(facade, "ended", json={"session_id": "x", "grace_s": 0})
+    assert facade.ended == [("lift", AMR, 3.0), ("lift", Holder("rmf", "x"), 0.0)]
+
+
+class Deciding(FakeManager):
+    """What is decided is published, partly only when somebody asks for it."""
+
+    def end_session(self, lift: str, holder: Holder, grace_s: float) -> Any:
+        self.happens(Alarm("lift", "something"))
+        return super().end_session(lift, holder, grace_s)
+
+    def freshen(self) -> None:
+        self.happens(Alarm("lift", "more"))
+
+
+def test_the_event_of_an_answer_is_the_newest_after_the_decision() -> None:
+    facade = Deciding()
+    assert post(facade, "ended", json=ENDED).json()["event"] == 2
+    assert told(facade).event == 2
+
+
+@every_word
+def test_a_no_is_a_problem_with_its_code(what: str, body: dict[str, object]) -> None:
+    facade = FakeManager(answer=Refused(Refusal.HELD, "held by api:x", Blocking(holder=Holder("api", "x"), since_s=3)))
+    answer = post(facade, what, json=body)
+    assert "held by api:x" in refused(answer, 409, "held")
+    assert answer.json()["holder"] == "api:x"
+
+
+def test_an_unknown_floor_names_the_key_that_is_to_blame() -> None:
+    facade = FakeManager(answer=Refused(Refusal.UNKNOWN_FLOOR, "no floor L9"))
+    answer = post(facade, "wanted", json={**WANTED, "floor": "L9"})
+    refused(answer, 422, "unknown_floor")
+    assert answer.json()["field"] == "floor"
+
+
+@every_word
+def test_an_unknown_lift_is_a_404(what: str, body: dict[str, object]) -> None:
+    facade = FakeManager(answer=Refused(Refusal.UNKNOWN_LIFT, "no such lift"))
+    refused(ask(facade, "POST", f"/api/v1/lifts/nowhere/rmf/{what}", json=body), 404, "unknown_lift")
+
+
+@pytest.mark.parametrize(
+    "session", ["", "x" * 257, "a\nb", "a\x7fb", "\ud800", "a\u00a0b", "a\u202eb", 7, None, ["x"], True]
+)
+@every_word
+def test_a_session_id_is_printable_text_of_1_to_256_characters(
+    what: str, body: dict[str, object], session: object
+) -> None:
+    facade = FakeManager()
+    answer = post(facade, what, content=json.dumps({**body, "session_id": session}).encode())
+    refused(answer, 422, "malformed")
+    assert facade.changes == []
+
+
+@pytest.mark.parametrize("session", ["x", "x" * 256, " fleet / Röbotér ", "lift_request#0e6b", "日本/1"])
+def test_a_session_id_is_passed_on_as_it_is(session: str) -> None:
+    facade = FakeManager()
+    assert post(facade, "ended", json={**ENDED, "session_id": session}).status_code == 200
+    assert facade.ended == [("lift", Holder("rmf", session), 3.0)]
+
+
+@pytest.mark.parametrize(
+    ("what", "body", "field"),
+    [
+        ("wanted", {**WANTED, "hold_door": 1}, "hold_door"),
+        ("wanted", {**WANTED, "floor": ""}, "floor"),
+        ("wanted", {"session_id": "x", "floor": "L1"}, "hold_door"),
+        ("wanted", {**WANTED, "grace_s": 1}, "grace_s"),
+        ("ended", {**ENDED, "grace_s": -0.1}, "grace_s"),
+        ("ended", {**ENDED, "grace_s": 30.1}, "grace_s"),
+        ("ended", {**ENDED, "grace_s": "3"}, "grace_s"),
+        ("ended", {"session_id": "x"}, "grace_s"),
+    ],
+)
+def test_a_body_that_is_not_what_is_expected_names_the_key(what: str, body: dict[str, object], field: str) -> None:
+    facade = FakeManager()
+    answer = post(facade, what, json=body)
+    refused(answer, 422, "malformed")
+    assert answer.json()["field"] == field
+    assert facade.changes == []
+
+
+@pytest.mark.parametrize("grace", ["NaN", "Infinity", "-Infinity"])
+def test_a_grace_is_a_number(grace: str) -> None:
+    facade = FakeManager()
+    refused(post(facade, "ended", content=f'{{"session_id": "x", "grace_s": {grace}}}'.encode()), 422, "malformed")
+    assert facade.changes == []
+
+
+@pytest.mark.parametrize("role", [role for role in Role if role is not Role.RMF])
+@every_word
+def test_no_other_key_speaks_for_rmf(what: str, body: dict[str, object], role: Role) -> None:
+    facade = FakeManager()
+    refused(post(facade, what, json=body, keys=ring(*Role), headers=bearing(role)), 403, "not_allowed")
+    assert facade.changes == []
+
+
+@every_word
+def test_a_key_of_rmf_speaks_for_the_lifts_that_it_names_and_reads_all(what: str, body: dict[str, object]) -> None:
+    facade = FakeManager()
+    key: dict[str, Any] = {"keys": ring(*Role), "headers": bearing(Role.RMF)}
+    assert post(facade, what, json=body, **key).status_code == 200
+    other = ask(facade, "POST", f"/api/v1/lifts/G%C3%BCter/rmf/{what}", json=body, **key)
+    assert "another lift needs a key that names it" in refused(other, 403, "not_allowed")
+    assert ask(facade, "GET", "/api/v1/rmf", **key).status_code == 200
+    for path in ("sessions", "lockout", "acknowledge"):
+        refused(ask(facade, "POST", f"/api/v1/lifts/lift/{path}", json={}, **key), 403, "not_allowed")
+    assert len(facade.changes) == 1
+
+
+@every_word
+def test_a_web_page_of_another_site_is_refused(what: str, body: dict[str, object]) -> None:
+    facade = FakeManager()
+    headers = {"Origin": "http://evil.example", "Sec-Fetch-Site": "cross-site"}
+    refused(post(facade, what, json=body, headers=headers), 403, "another_site")
+    assert facade.changes == []
