@@ -10,19 +10,22 @@ LONGEST_S = 15.0
 
 
 class Backoff:
-    """1 s doubling to 15 s; each a little shorter by chance, so that clients cut off together do not come back together."""
+    """Doubles from the first pause to the longest; each a little shorter by chance, so that clients cut off together do not come back together."""
 
-    def __init__(self, chance: random.Random | None = None) -> None:
+    def __init__(
+        self, chance: random.Random | None = None, *, first_s: float = FIRST_S, longest_s: float = LONGEST_S
+    ) -> None:
         """`chance` is seeded by tests."""
         # nothing here is a secret
         self._chance = chance or random.Random()  # noqa: S311  spreads clients, guards nothing
-        self._next_s = FIRST_S
+        self._first_s, self._longest_s = first_s, longest_s
+        self._next_s = first_s
 
     def worked(self) -> None:
         """Begin anew: something was heard."""
-        self._next_s = FIRST_S
+        self._next_s = self._first_s
 
     def next_s(self) -> float:
         """Return the pause before the next try, and double the one after it."""
-        pause, self._next_s = self._next_s, min(2 * self._next_s, LONGEST_S)
+        pause, self._next_s = self._next_s, min(2 * self._next_s, self._longest_s)
         return pause * self._chance.uniform(0.5, 1.0)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from urllib.parse import quote
 
 API = "/api/v1"
+EVENTS = f"{API}/events"
+RMF = f"{API}/rmf"
+"""All that an adapter to Open-RMF needs to know."""
 
 
 def part(name: str) -> str:
@@ -30,3 +33,8 @@ def ride_path(ride: str, *more: str) -> str:
 def frames_path(link: str) -> str:
     """Return the path of what goes over a link."""
     return "/".join([API, "links", part(link), "frames"])
+
+
+def rmf_path(lift: str, word: str) -> str:
+    """Return the path at which an adapter to Open-RMF says something of a session: `wanted` or `ended`."""
+    return lift_path(lift, "rmf", word)

@@ -14,6 +14,8 @@ from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Wanted
 from lift_manager.rmf.views import HeldBy, LiftView
 
 FACE = "rmf"
+_OFFLINE = "offline"
+"""The manager's word for a lift that cannot be read."""
 
 REPLAY_S = 5.0
 """So long after a writer of requests appeared, what comes may be a replay of old ones: up to 100 per fleet adapter, in a burst."""
@@ -288,7 +290,9 @@ class LiftContract:
             return
         self._paused_until = now + REFUSED_S
         self._told = None
-        if answer.code != UNREACHABLE and not self._is_held_by(asked.session):
+        # one that was told to RMF stays while the lift is offline, as every session does
+        waits = answer.code == UNREACHABLE or (self.granted and answer.code == _OFFLINE)
+        if not waits and not self._is_held_by(asked.session):
             self._drop()
 
     def _reconcile(self, now: float) -> None:

@@ -216,15 +216,19 @@ def _seconds(value: object, at: str) -> float:
 
 
 def _count(value: object, at: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < _COUNTS:
         raise BadAnswer(f"{at} is {_shown(value)} and no whole number")
     return value
 
 
+_COUNTS = 2**63
 _LONGEST_S = 1e12
 """Chosen: no time that means anything is longer."""
 
 
+_KINDS: tuple[tuple[type, str], ...] = ((str, "text"), (list, "a list"), (dict, "an object"), (type(None), "null"))
+
+
 def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:40]}..."
+    """What stands there instead; its text may be anything, a key that was sent back included."""
+    return next((word for kind, word in _KINDS if isinstance(value, kind)), f"{value!r:.40}")

@@ -12,6 +12,7 @@ from lift_manager.rmf.messages import (
     DOOR_OPEN,
     END_SESSION,
     HUMAN_MODE,
+    MODE_OFFLINE,
     LiftRequest,
     Time,
 )
@@ -151,6 +152,20 @@ def test_the_door_is_not_open_for_a_floor_that_is_not_told_yet() -> None:
     lift.slow = True
     lift.say(wants(A, "Level 3"))
     assert (lift.state.current_floor, lift.state.door_state) == ("Level 2", DOOR_MOVING)
+
+
+def test_a_session_that_was_told_stays_when_the_lift_goes_offline_before_it_could_be_opened() -> None:
+    lift = riding()
+    lift.say(ends(A), wants(B, "Level 3"))
+    lift.refuses = "offline"
+    lift.change(holder=None, live=False)
+    lift.say(wants(B, "Level 3"))
+    assert (lift.state.session_id, lift.state.current_mode) == (B, MODE_OFFLINE)
+    lift.refuses = ""
+    lift.change(live=True)
+    lift.say(wants(B, "Level 3"))
+    lift.step()
+    assert (lift.state.session_id, lift.views["lift"].holder) == (B, HeldBy("rmf", B))
 
 
 def test_a_session_that_comes_back_within_its_grace_goes_on() -> None:

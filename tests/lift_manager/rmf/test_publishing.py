@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import pytest
 
 from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, LiftState, Time
-from lift_manager.rmf.publishing import PERIOD_S, stale_at
+from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
 from lift_manager.rmf.views import Alarms, HeldBy
 from tests.lift_manager.rmf.bench import EPOCH, A, Bench, bench, ends, lift, riding, wants
 
@@ -121,6 +123,17 @@ def test_the_adapter_wakes_when_a_state_becomes_too_old() -> None:
     assert states
     told = states[0].lift_time
     assert told == ride.sent[-1].lift_time, "the time of the last good data"
+
+
+@pytest.mark.parametrize("field", [field.name for field in fields(LiftState)])
+def test_a_change_of_any_field_but_the_time_is_a_change(field: str) -> None:
+    told = bench().state
+    other = {
+        "lift_time": Time(5, 5), "available_floors": ("Level 1",), "available_modes": (1,), "door_state": 2,
+        "motion_state": 2, "current_mode": 5,
+    }  # fmt: skip
+    changed = replace(told, **{field: other.get(field, "another")})  # type: ignore[arg-type]
+    assert same_but_for_time(told, changed) is (field == "lift_time")
 
 
 def test_a_floor_that_nobody_reports_is_an_empty_text() -> None:

@@ -1,0 +1,16 @@
+"""How a program that runs for long is asked to end."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from contextlib import suppress
+
+
+def stop_on_signals(stop: asyncio.Event) -> None:
+    """Let SIGTERM and Ctrl-C ask for an orderly end."""
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # not every event loop has signal handlers; there Ctrl-C still raises KeyboardInterrupt
+        with suppress(NotImplementedError):
+            loop.add_signal_handler(number, stop.set)

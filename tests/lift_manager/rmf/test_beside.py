@@ -1,0 +1,382 @@
+"""The way to a manager in another process: how the lifts are, whatever answers there, and that threads and keys stay where they belong."""
+
+import logging
+import queue
+import ssl
+import threading
+import time
+from dataclasses import asdict, replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from lift_manager.plain.http import Address, Server
+from lift_manager.rmf.beside import CARRIERS, CLOSED_WITHIN_S, REASONS, Beside, Pace
+from lift_manager.rmf.port import Ended, Wanted
+from tests.lift_manager.rmf.beside_rig import (
+    BRISK,
+    CALM,
+    KEY,
+    LIFT,
+    PATIENT,
+    RARELY,
+    SITE,
+    STREAM,
+    Ears,
+    Heard,
+    Lost,
+    Manager,
+    beside,
+    event,
+    met,
+    spoiled,
+)
+from tests.support.certificates import Authority
+from tests.support.scripted_http import (
+    WITHIN_S,
+    Asked,
+    Script,
+    Scripted,
+    Wire,
+    answers,
+    problem,
+    said,
+    says_and_hangs_up,
+)
+
+RMF = "/api/v1/rmf"
+HTML = b"<html><body>Bad gateway</body></html>"
+WANTED = Wanted("east", "fleet/amr-7", "L2", hold_door=True)
+
+
+def nothing(_: Asked, __: Wire) -> None:
+    """The connection stays, and nothing comes."""
+
+
+def own_threads() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name in {"rmf_watcher", "rmf_listener", "rmf_carrier"}]
+
+
+def questions(server: Scripted) -> int:
+    return sum(asked.path == RMF for asked in server.asked)
+
+
+# how the lifts are
+
+
+def test_the_site_is_heard_with_the_time_at_which_its_question_left() -> None:
+    began = time.monotonic()
+    with met(Manager()) as (server, _, ears):
+        heard = ears.next_heard()
+        server.next()
+    assert heard.site == SITE
+    assert began <= heard.asked_at <= heard.now <= time.monotonic()
+    assert server.asked[0].headers["authorization"] == f"Bearer {KEY}"
+
+
+def test_it_is_asked_often_enough_to_stay_fresh_on_one_connection() -> None:
+    with met(Manager()) as (server, _, ears):
+        asked_at = [ears.next_heard().asked_at for _ in range(6)]
+    gaps = [after - before for before, after in pairwise(asked_at)]
+    assert min(gaps) > LIFT.max_age_s / 3 - 0.01
+    assert sorted(gaps)[2] < LIFT.max_age_s
+    assert len({asked.connection for asked in server.asked if asked.path == RMF}) == 1
+
+
+def test_a_site_without_lifts_is_an_answer() -> None:
+    with met(Manager(replace(SITE, lifts=()))) as (_, _, ears):
+        assert ears.next_heard().site.lifts == ()
+
+
+WRONG = [
+    (nothing, "no manager answers at http://127.0.0.1:PORT (no whole answer came in time)"),
+    (lambda _, wire: wire.hang_up(), "(the connection was closed without an answer)"),
+    (says_and_hangs_up(said(200, asdict(SITE))[:-9]), "(half an answer came, and the connection was closed)"),
+    (says_and_hangs_up(b"\0\1\2\3 no HTTP\r\n\r\n"), "(what answers there does not speak HTTP)"),
+    (answers(502, HTML, "text/html"), "at http://127.0.0.1:PORT is no lift manager (HTTP 502, text/html)"),
+    (answers(200, HTML, "text/html"), "is no lift manager (HTTP 200, text/html), or one of another version"),
+    (answers(200, b"\xff\xfe"), "(HTTP 200, application/json), or one of another version than this adapter: it is no"),
+    (answers(200, b"[" * 200_000), "it is no JSON"),
+    (answers(200, [1]), "the answer is a list and no object"),
+    (answers(200, {"data": {}, "success": True}), "the answer lacks `alarms`"),
+    (answers(200, spoiled(lifts=[{"lift": "east"}])), "lifts[0] lacks `name`"),
+    (answers(200, spoiled(event="7")), "the answer.event is text and no whole number"),
+    (
+        lambda _, wire: wire.send(problem(401, "bad_key", "it counts not")),
+        "refuses (bad_key): it counts not; the adapter",
+    ),
+    (
+        lambda _, wire: wire.send(problem(403, "not_allowed")),
+        "(not_allowed): no; the adapter needs a key of the role rmf",
+    ),
+    (lambda _, wire: wire.send(problem(404, "no_such_path")), "is of a version that does not know what is asked"),
+    (lambda _, wire: wire.send(problem(503, "stopping", "wait\na bit")), "refuses (stopping): wait a bit"),
+    (answers(302, b"", also="location: http://elsewhere/\r\n"), "points elsewhere (HTTP 302); give the address of"),
+]
+
+
+@pytest.mark.parametrize(("script", "why"), WRONG)
+def test_whatever_answers_in_its_place_is_told_once_and_the_manager_is_found_again(script: Script, why: str) -> None:
+    manager = Manager()
+    with met(manager, BRISK if script is nothing else CALM) as (server, _, ears):
+        ears.next_heard()
+        manager.scripts[RMF] = script
+        reason = ears.next_lost()
+        assert why.replace("PORT", str(server.port)) in reason
+        tries = questions(server) + 1
+        while questions(server) < tries:
+            server.next()
+        del manager.scripts[RMF]
+        # nothing else was told in between
+        assert isinstance(ears.next(), Heard)
+
+
+def test_a_manager_that_is_not_there_at_the_start_is_told_once_and_found() -> None:
+    server = Scripted(Manager())
+    server.listen()
+    server.stop()
+    with beside(server.port) as (_, ears):
+        assert "nothing listens there: is the manager running?" in ears.next_lost()
+        assert ears.all_until(time.monotonic() + 0.1) == []
+        with server:
+            assert isinstance(ears.next(), Heard)
+
+
+def test_a_manager_that_is_killed_is_missed_at_once_and_found_on_the_same_port() -> None:
+    events = Events()
+    server = Scripted(Manager(RARELY, {"events": events}))
+    server.listen()
+    with beside(server.port, PATIENT) as (_, ears):
+        ears.next_heard()
+        events.until_open()
+        server.stop()
+        # its stream ended: the next question by itself would come much later
+        assert "nothing listens there" in ears.next_lost()
+        with server:
+            assert isinstance(ears.next(), Heard)
+
+
+def test_each_reason_is_told_once_in_one_loss_and_again_in_the_next() -> None:
+    manager = Manager()
+    told = [f"reason {number}" for number in range(REASONS + 2)]
+
+    def script(_: Asked, wire: Wire) -> None:
+        wire.send(problem(503, "stopping", told[questions(server) % len(told)]))
+
+    with met(manager) as (server, _, ears):
+        ears.next_heard()
+        for _ in range(2):
+            manager.scripts[RMF] = script
+            reasons = {ears.next_lost() for _ in range(REASONS)}
+            assert len(reasons) == REASONS
+            tries = questions(server) + len(told)
+            while questions(server) < tries:
+                server.next()
+            del manager.scripts[RMF]
+            assert isinstance(ears.next(), Heard)
+
+
+def test_a_server_that_closes_after_each_answer_is_as_good() -> None:
+    manager = Manager(scripts={RMF: says_and_hangs_up(said(200, asdict(SITE)))})
+    with met(manager) as (_, _, ears):
+        for _ in range(3):
+            ears.next_heard()
+
+
+def test_an_answer_may_take_as_long_as_it_is_good_for() -> None:
+    late = threading.Event()
+
+    def script(_: Asked, wire: Wire) -> None:
+        late.wait(0.2)
+        wire.send(said(200, asdict(site)))
+
+    site = replace(SITE, lifts=(replace(LIFT, max_age_s=0.4), LIFT))
+    manager = Manager(site)
+    with met(manager, replace(BRISK, question_s=0.1, silent_s=1.0)) as (_, _, ears):
+        ears.next_heard()
+        manager.scripts[RMF] = script
+        for _ in range(2):
+            ears.next_heard()
+
+
+# events
+
+
+def stream(*pieces: bytes) -> Script:
+    return lambda _, wire: wire.send(STREAM, *pieces)
+
+
+class Events:
+    """A stream on which a test says what happens."""
+
+    def __init__(self) -> None:
+        self._wires: queue.Queue[Wire] = queue.Queue()
+        self._wire: Wire | None = None
+
+    def __call__(self, _: Asked, wire: Wire) -> None:
+        wire.send(STREAM)
+        self._wires.put(wire)
+
+    def until_open(self) -> None:
+        self._wire = self._wires.get(timeout=WITHIN_S)
+
+    def tell(self, event_id: str) -> None:
+        assert self._wire is not None
+        self._wire.send(event(event_id))
+
+
+def test_what_an_event_tells_is_asked_at_once_unless_it_was_shown_already() -> None:
+    events = Events()
+    manager = Manager(RARELY, {"events": events})
+    with met(manager, PATIENT) as (server, _, ears):
+        assert ears.next_heard().site.event == 7
+        events.until_open()
+        manager.site = replace(RARELY, event=9)
+        # 7 is shown already; 8 and 9 are one question, 5 is none, and another boot is one
+        events.tell("boot-7")
+        for event_id, is_asked in (("boot-8", True), ("boot-9", False), ("boot-5", False), ("other-1", True)):
+            events.tell(event_id)
+            if is_asked:
+                assert ears.next_heard().site == manager.site
+        assert ears.all_until(time.monotonic() + 0.1) == []
+        assert questions(server) == 3
+
+
+def test_an_event_that_comes_while_an_answer_is_under_way_is_asked_for_again() -> None:
+    events = Events()
+    numbers = iter((7, 8, 9))
+    time_to_arrive = threading.Event()
+
+    def script(_: Asked, wire: Wire) -> None:
+        shown = next(numbers)
+        if shown == 8:
+            events.tell("boot-9")
+            time_to_arrive.wait(0.1)
+        wire.send(said(200, asdict(replace(RARELY, event=shown))))
+
+    manager = Manager(replace(RARELY, event=8), {"events": events, RMF: script})
+    with met(manager, PATIENT) as (_, way, ears):
+        assert ears.next_heard().site.event == 7
+        events.until_open()
+        way.ask(WANTED)  # decided as event 8, and so it is asked again
+        assert [ears.next_heard().site.event for _ in range(2)] == [8, 9]
+
+
+@pytest.mark.parametrize("events", [answers(404), lambda _, wire: wire.send(problem(503, "too_many_streams")), nothing])
+def test_without_a_stream_it_is_asked_all_the_same(events: Script) -> None:
+    with met(Manager(scripts={"events": events})) as (_, _, ears):
+        for _ in range(3):
+            ears.next_heard()
+
+
+@pytest.mark.parametrize(
+    "script",
+    [stream(), stream(b": half a heart"), says_and_hangs_up(STREAM), says_and_hangs_up(STREAM + event("boot-7"))],
+)
+def test_a_stream_that_falls_silent_or_ends_is_taken_up_again(script: Script) -> None:
+    taken = threading.Semaphore(0)
+
+    def events(asked: Asked, wire: Wire) -> None:
+        taken.release()
+        script(asked, wire)
+
+    with met(Manager(scripts={"events": events}), BRISK) as (_, _, ears):
+        for _ in range(2):
+            assert taken.acquire(timeout=WITHIN_S)
+        ears.next_heard()
+
+
+def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
+    def events(_: Asked, wire: Wire) -> None:
+        pause = threading.Event()
+        wire.send(STREAM)
+        for number in range(400):
+            wire.send(event(f"x-{number}"))
+            pause.wait(0.001)
+
+    with met(Manager(RARELY, {"events": events}), PATIENT) as (_, _, ears):
+        heard = [each for each in ears.all_until(time.monotonic() + 0.3) if isinstance(each, Heard)]
+    assert len(heard) > 5
+    assert all(after.asked_at - before.asked_at > Pace.between_s - 0.001 for before, after in pairwise(heard))
+
+
+# the end, and what stays inside
+
+
+@pytest.mark.parametrize(
+    "manager", [Manager(), nothing, Manager(scripts={"events": stream()}), Manager(scripts={RMF: answers(500)})]
+)
+def test_the_end_ends_every_thread_whatever_it_waits_for(manager: Script) -> None:
+    with Scripted(manager) as server, beside(server.port, Pace()) as (way, ears):
+        way.ask(WANTED)
+        way.ask(Ended("west", "s", 3.0))
+        server.next()
+        mine = own_threads()
+        assert len(mine) == 2 + CARRIERS
+        began = time.monotonic()
+        way.close()
+        assert time.monotonic() - began < CLOSED_WITHIN_S
+        assert not any(thread.is_alive() for thread in mine)
+        assert ears.all_until(time.monotonic() + 0.05) == []
+
+
+def test_what_waits_in_the_adapters_thread_at_the_end_is_not_said_any_more() -> None:
+    with met(Manager()) as (server, way, ears):
+        server.next()
+        waiting = ears.inbox.get(timeout=WITHIN_S)
+        way.close()
+        waiting()
+        assert ears.all_until(time.monotonic()) == []
+
+
+def test_a_bug_of_a_thread_is_raised_in_the_adapters_own() -> None:
+    ears = Ears()
+    first = iter((True,))
+
+    def deliver(what: object) -> None:
+        if next(first, False):
+            raise RuntimeError("a bug")
+        ears.inbox.put(what)  # type: ignore[arg-type]
+
+    with Scripted(Manager()) as server:
+        way = Beside(Server(Address("127.0.0.1", server.port)), BRISK)
+        way.start(ears, deliver)
+        with pytest.raises(RuntimeError, match="a bug"):
+            ears.inbox.get(timeout=WITHIN_S)()
+        way.close()
+
+
+def test_the_key_is_in_no_reason_no_log_and_no_picture_of_anything(caplog: pytest.LogCaptureFixture) -> None:
+    def echo(asked: Asked, wire: Wire) -> None:
+        wire.send(problem(401, f"bad {asked.headers['authorization']}", f"not {asked.headers['authorization']}\nhere"))
+
+    caplog.set_level(logging.DEBUG)
+    kind = f"text/{KEY}"
+    scripts: list[Script] = [echo, answers(200, [KEY], kind), answers(500, b"", kind), nothing]
+    manager = Manager()
+    with met(manager, BRISK) as (server, way, ears):
+        said_ = [repr(way), repr(vars(way)), ears.next_heard()]
+        for script in scripts:
+            manager.scripts = {RMF: script, "wanted": script, "events": script}
+            way.ask(WANTED)
+            said_ += [ears.next_answer(), ears.next_lost()]
+            manager.scripts = {}
+            ears.next_heard()
+    assert all(KEY in asked.headers["authorization"] for asked in server.asked)
+    assert KEY not in caplog.text + repr(said_)
+
+
+def test_a_manager_that_speaks_https_is_heard_with_its_ca(tmp_path: Path) -> None:
+    authority = Authority(tmp_path)
+    shown = authority.issue("server", "127.0.0.1")
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(shown.certificate, shown.key)
+    with Scripted(Manager(), context) as server:
+        ears = Ears()
+        way = Beside(Server(Address("127.0.0.1", server.port, tls=True), KEY, authority.file))
+        way.start(ears, ears.inbox.put)
+        way.ask(WANTED)
+        assert ears.next_answer().yes
+        assert isinstance(ears.next(), Heard | Lost)
+        way.close()

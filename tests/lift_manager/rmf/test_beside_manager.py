@@ -1,0 +1,126 @@
+"""The way to a manager that runs: what is asked, answered and heard, in its order, and over a kill and a start of the manager."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from lift_manager.lab.bench import LiftSite
+from lift_manager.rmf.beside import Beside, Pace
+from lift_manager.rmf.port import Answer, Ended, Wanted
+from lift_manager.rmf.views import HeldBy, LiftView, Site
+from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
+from tests.support.programs import Program, Started, free_port
+
+LIFT = "goods/1"
+SESSION = "fleet/amr-7"
+WANTED = Wanted(LIFT, SESSION, "L2", hold_door=True)
+PORT = r"127\.0\.0\.1:(\d+)"
+
+
+def until(ears: Ears, wanted: Callable[[LiftView], bool]) -> Site:
+    """Hear on until the lift is so; the test's time limit ends it."""
+    while not wanted((site := ears.next_heard().site).lifts[0]):
+        pass
+    return site
+
+
+def ride(way: Beside, ears: Ears) -> None:
+    """Want the floor again, as RMF does, until the door is open there: a press that was lost is made anew."""
+    is_there = False
+    while not is_there:
+        way.ask(WANTED)
+        assert holder_once_shown(ears, ears.next_answer()) == HeldBy("rmf", SESSION)
+        for _ in range(3):
+            lift = ears.next_heard().site.lifts[0]
+            is_there = (lift.door, lift.floor) == ("open", WANTED.floor)
+
+
+def holder_once_shown(ears: Ears, answer: Answer) -> HeldBy | None:
+    """Return who holds the lift by the first answer that shows what was decided."""
+    assert answer.yes, answer
+    while (site := ears.next_heard().site).event < answer.event:
+        assert site.boot == answer.boot
+    return site.lifts[0].holder
+
+
+@pytest.mark.lift(LIFT, speed=10)
+class TestALiftThatRuns:
+    @pytest.fixture
+    def port(self, lift_site: LiftSite) -> int:
+        port = urlsplit(lift_site.address).port
+        assert port is not None
+        return port
+
+    def test_the_lift_is_as_its_site_says(self, port: int) -> None:
+        with beside(port, Pace()) as (_, ears):
+            lift = until(ears, lambda lift: lift.live).lifts[0]
+        assert (lift.lift, lift.name, lift.floor, lift.holder) == (LIFT, LIFT, "L1", None)
+        assert list(lift.floors.items()) == [(floor, floor) for floor in ("L1", "L2", "L3", "L4")]
+
+    def test_a_ride_and_its_end_are_shown_by_the_event_of_their_answer(self, port: int) -> None:
+        with beside(port, Pace()) as (way, ears):
+            until(ears, lambda lift: lift.live)
+            ride(way, ears)
+            way.ask(Ended(LIFT, SESSION, 0.0))
+            assert holder_once_shown(ears, ears.next_answer()) is None
+            until(ears, lambda lift: lift.door == "closed")
+
+    def test_what_it_does_not_do_it_refuses_with_a_code(self, port: int) -> None:
+        with beside(port, Pace()) as (way, ears):
+            until(ears, lambda lift: lift.live)
+            for asked, code in (
+                (Wanted("attic", SESSION, "L1", hold_door=True), "unknown_lift"),
+                (Wanted(LIFT, SESSION, "L9", hold_door=True), "unknown_floor"),
+                (Wanted(LIFT, "", "L1", hold_door=True), "malformed"),
+                (WANTED, ""),
+                (Wanted(LIFT, "fleet/amr-8", "L1", hold_door=True), "held"),
+            ):
+                way.ask(asked)
+                answer = ears.next_answer()
+                assert (answer.asked, answer.yes, answer.code) == (asked, not code, code), answer
+
+
+class Building:
+    """A simulated lift, and its manager on a port that stays the same."""
+
+    def __init__(self, start: Started, folder: Path) -> None:
+        simulator = start("simulate", "generic-registers", "--port", "0", "--floors", "L1=1,L2=2", "--speed", "10")
+        controller = {"host": "127.0.0.1", "port": int(simulator.says(PORT)[1]), "map": "generic-registers"}
+        lift = {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}, "poll_s": 0.1}
+        content = {"schema": 1, "name": "A", "state": "kept", "controllers": {"plc": controller}, "lifts": {LIFT: lift}}
+        (folder / "site.yaml").write_text(json.dumps(content), "utf-8")  # JSON is YAML
+        self._start, self._file, self.port = start, folder / "site.yaml", free_port()
+        self.manager = self.serve()
+
+    def serve(self) -> Program:
+        self.manager = self._start("serve", self._file, "--port", str(self.port))
+        return self.manager
+
+    def kill(self) -> None:
+        self.manager.tell(signal.SIGKILL)
+        self.manager.ended()
+
+
+def test_a_session_goes_on_over_a_kill_and_a_start_of_the_manager(tmp_path: Path) -> None:
+    with Started() as start:
+        building = Building(start, tmp_path)
+        with beside(building.port, Pace()) as (way, ears):
+            while isinstance(ears.next(), Lost):
+                pass  # it is not there yet
+            site = until(ears, lambda lift: lift.live)
+            ride(way, ears)
+            building.kill()
+            assert "no manager answers" in ears.next_lost()
+            way.ask(Ended(LIFT, "fleet/amr-8", 3.0))
+            assert ears.next_answer().code == "unreachable"
+            building.serve()
+            while isinstance(again := ears.next(), Lost):
+                pass  # a connection that ends is another reason than one that is refused
+            assert isinstance(again, Heard)
+            assert again.site.boot != site.boot
+            assert until(ears, lambda lift: lift.live).lifts[0].holder == HeldBy("rmf", SESSION)
+            ride(way, ears)
