@@ -31,14 +31,14 @@ class RosSettings:
     states_topic: str = "lift_states"
     requests_topic: str = "lift_requests"
     adapter_requests_topic: str = "adapter_lift_requests"
-    """What the lift supervisor listens to. The adapter does not: the supervisor decides whose turn it is (open-rmf 1.2)."""
+    """What the lift supervisor hears, and the adapter does not: the supervisor decides whose turn it is (open-rmf 1.2)."""
     fire_topic: str = "fire_alarm_trigger"
     emergency_topic: str = "emergency_signal"
     discovery_range: str = "SUBNET"
     peers: tuple[str, ...] = ()
-    """Addresses to look for RMF at where there is no multicast. Not used with the ranges OFF and SYSTEM_DEFAULT, as in ROS."""
+    """Where to look for RMF without multicast. Not used with the ranges OFF and SYSTEM_DEFAULT, as in ROS."""
     cyclonedds_uri: str = ""
-    """CYCLONEDDS_URI: configuration of one's own (XML or the path of a file). It has the last word, as in rmw_cyclonedds. Not for rclpy."""
+    """CYCLONEDDS_URI: XML, or the path of a file. It has the last word, as in rmw_cyclonedds. Not for rclpy."""
     use_sim_time: bool = False
 
     def __post_init__(self) -> None:
@@ -53,6 +53,9 @@ class RosSettings:
             _check_name("the namespace", self.namespace.rstrip("/"))
         for topic in self._topics():
             _check_name("the topic", topic)
+        found = [self.resolved(topic) for topic in self._topics()]
+        if twice := next((topic for topic in found if found.count(topic) > 1), None):
+            raise BadSettings(f"two of the topics are {twice!r}; each message has a topic of its own")
 
     def _topics(self) -> tuple[str, ...]:
         adapter = (self.states_topic, self.requests_topic, self.adapter_requests_topic)
@@ -60,9 +63,9 @@ class RosSettings:
 
     @classmethod
     def of(cls, environment: Mapping[str, str]) -> RosSettings:
-        """Return what ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and CYCLONEDDS_URI say.
+        """Return what the variables say that ROS 2 reads too, and CYCLONEDDS_URI. Raises BadSettings.
 
-        ROS_LOCALHOST_ONLY=1 counts before the two that follow it, which are then not read, as in ROS. Raises BadSettings.
+        With ROS_LOCALHOST_ONLY=1, ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS are not read, as in ROS.
         """
         localhost_only = environment.get("ROS_LOCALHOST_ONLY", "") == "1"
         peers = "" if localhost_only else environment.get("ROS_STATIC_PEERS", "")
@@ -74,7 +77,7 @@ class RosSettings:
         )
 
     def resolved(self, topic: str) -> str:
-        """Return a topic as it is found on the network, without its leading slash: the namespace before a relative one."""
+        """Return a topic with the namespace before it if it is relative, and without a leading slash."""
         if topic.startswith("/"):
             return topic.strip("/")
         return "/".join(part for part in (self.namespace.strip("/"), topic.strip("/")) if part)
