@@ -1,0 +1,377 @@
+"""The lift adapter as a node of ROS 2, for those who have it; the only module that imports rclpy.
+
+Everything of the adapter runs in the executor's one thread: what other threads find out waits in a queue until a guard condition
+has woken it. `deploy/ros/README.md` says what differs between the distributions.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rmf_lift_msgs.msg import LiftRequest as RosLiftRequest
+from rmf_lift_msgs.msg import LiftState as RosLiftState
+
+from lift_manager.plain.http import Address, BadAddress, Server
+from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.beside import Beside
+from lift_manager.rmf.messages import LiftState
+from lift_manager.rmf.port import Answer, Manager
+from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
+from lift_manager.rmf.ros_messages import message_of, request_of, state_of
+from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.rmf.views import Site
+
+_log = logging.getLogger(__name__)
+
+
+def _module(name: str) -> Any:
+    """Return a module that not every distribution has, or None."""
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError:
+        return None
+
+
+_EVENTS = _module("rclpy.event_handler")
+"""None on humble, which has no event that tells of a matched writer."""
+_UNSUPPORTED = () if _EVENTS is None else _EVENTS.UnsupportedEventTypeError
+
+NODE = "lift_adapter"
+KEY_VARIABLE = "LIFT_MANAGER_KEY"
+"""Holds the manager's key, as for the command line: a parameter could be read by everybody in the domain."""
+
+LATE_S = 0.25
+"""Chosen: the longest pause of the timer, and so how soon a signal is noticed, which wakes no executor."""
+SOON_S = 0.001
+"""The shortest one."""
+LOOK_S = 1.0
+"""Between two looks at who else is there."""
+NO_CLOCK_S = 5.0
+"""So long without /clock, and a person is told once."""
+QUEUE = 10_000
+"""Chosen: the manager is heard fifty times a second at most, so this is three minutes in which nobody took anything out."""
+KEPT = 64
+"""Chosen: of so many states of each lift is known that they are our own; 3 s of them at the fastest."""
+
+STATES_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""The one offer that every reader takes, and for requests the one wish that every writer meets without a replay (open-rmf 1.3)."""
+REQUESTS_QOS = STATES_QOS
+ALARMS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+
+class Overrun(RuntimeError):
+    """The executor's thread stood still for so long that what it was told could not be kept."""
+
+
+class _Inbox:
+    """What other threads hand over. Nothing of it may be lost, so more than fits is an error of the thread that takes it out."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._calls: deque[Callable[[], None]] = deque()
+        self._overrun = False
+
+    def put(self, call: Callable[[], None]) -> None:
+        """Take it without waiting. From any thread."""
+        if len(self._calls) < QUEUE:
+            self._calls.append(call)
+        else:
+            self._overrun = True
+        self._wake()
+
+    def drain(self) -> None:
+        """Do everything, in the order in which it came. Raises Overrun."""
+        if self._overrun:
+            raise Overrun(f"more than {QUEUE} answers of the manager waited; the node begins anew")
+        while self._calls:
+            self._calls.popleft()()
+
+
+class _Rivals:
+    """Whether another program publishes states of our lifts.
+
+    Which writer sent a message rclpy does not say before 2025's rolling, and its own writer's identity never. So while there is
+    more than one writer of the topic, every state on it is read, and one of our lifts that is not among those just sent is foreign.
+    """
+
+    def __init__(self, node: Node, topic: str, found: Callable[[str], None]) -> None:
+        """`topic` is the whole name, namespace and remapping done."""
+        self._node = node
+        self._topic = topic
+        self._found = found
+        self._sent: dict[str, deque[LiftState]] = {}
+        self._subscription: Any = None
+
+    def sent(self, state: LiftState) -> None:
+        self._sent.setdefault(state.lift_name, deque(maxlen=KEPT)).append(state)
+
+    def look(self) -> None:
+        several = len(self._node.get_publishers_info_by_topic(self._topic)) > 1
+        if several and self._subscription is None:
+            self._subscription = self._node.create_subscription(RosLiftState, self._topic, self._heard, STATES_QOS)
+        elif not several and self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _heard(self, message: RosLiftState) -> None:
+        ours = self._sent.get(message.lift_name)
+        if ours is not None and state_of(message) not in ours:
+            self._found(message.lift_name)
+
+
+class _Writers:
+    """Notices writers of requests that were not there before, where no event tells of them."""
+
+    def __init__(self, node: Node, topic: str, found: Callable[[], None]) -> None:
+        self._node = node
+        self._topic = topic
+        self._found = found
+        self._known: set[tuple[int, ...]] = set()
+
+    def look(self) -> None:
+        there = {tuple(info.endpoint_gid) for info in self._node.get_publishers_info_by_topic(self._topic)}
+        if there - self._known:
+            self._found()
+        self._known = there
+
+
+class AdapterNode:
+    """The adapter on a node. Implements `port.Hears`; a way to the manager calls it through `deliver`."""
+
+    def __init__(self, node: Node, manager: Manager, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._node = node
+        # not the steady clock of ROS, which is another one (CLOCK_MONOTONIC_RAW): the manager's answers are dated with this one
+        self._monotonic = monotonic
+        names = RosSettings()
+        topics = {
+            name: str(node.declare_parameter(name, getattr(names, name)).value)
+            for name in ("states_topic", "requests_topic", "fire_topic", "emergency_topic")
+        }
+        self._states = node.create_publisher(RosLiftState, topics["states_topic"], STATES_QOS)
+        self._rivals = _Rivals(node, self._states.topic_name, self._rival)
+        self._alarms = RosAlarms(
+            Publishers(lambda kind, topic: node.create_publisher(kind, topic, ALARMS_QOS), node.destroy_publisher),
+            topics["fire_topic"],
+            topics["emergency_topic"],
+        )
+        self._adapter = Adapter(manager, Out(self._publish, self._alarm), self._ros_time)
+        self._writers: _Writers | None = None
+        self._subscribe(topics["requests_topic"])
+        self._guard = node.create_guard_condition(self._drain)
+        self._inbox = _Inbox(self._guard.trigger)
+        self._began = self._monotonic()
+        self._look_at = self._began
+        self._told_no_clock = False
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(SOON_S, self._on_time, clock=steady)
+
+    def deliver(self, call: Callable[[], None]) -> None:
+        """Do this in the executor's thread. From any thread, without waiting."""
+        self._inbox.put(call)
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        """Take a whole answer of the manager."""
+        self._alarms.heard(site)
+        self._adapter.heard(site, asked_at, now)
+
+    def answered(self, answer: Answer, now: float) -> None:
+        """Take what became of something asked."""
+        self._adapter.answered(answer, now)
+
+    def lost(self, reason: str, now: float) -> None:
+        """Take that the manager cannot be heard."""
+        self._adapter.lost(reason, now)
+
+    def stop(self) -> None:
+        """Publish every lift as offline. In the executor's thread, or when it has ended."""
+        self._adapter.stop(self._monotonic())
+
+    def _subscribe(self, topic: str) -> None:
+        events = None if _EVENTS is None else _EVENTS.SubscriptionEventCallbacks(matched=self._matched)
+        try:
+            requests = self._node.create_subscription(
+                RosLiftRequest, topic, self._request, REQUESTS_QOS, event_callbacks=events
+            )
+        except _UNSUPPORTED:
+            # this middleware has no such event
+            events = None
+            requests = self._node.create_subscription(RosLiftRequest, topic, self._request, REQUESTS_QOS)
+        if events is None:
+            self._writers = _Writers(self._node, requests.topic_name, self._writer_matched)
+
+    def _request(self, message: RosLiftRequest) -> None:
+        if self._writers is not None:
+            # what a new writer sends first is a replay, and the next look would come too late to know it
+            self._writers.look()
+        self._adapter.requested(request_of(message), self._monotonic())
+        self._tick()
+
+    def _matched(self, event: Any) -> None:
+        if event.total_count_change > 0:
+            self._writer_matched()
+
+    def _writer_matched(self) -> None:
+        self._adapter.request_writer_matched(self._monotonic())
+
+    def _rival(self, lift_name: str) -> None:
+        self._adapter.rival(lift_name, self._monotonic())
+
+    def _drain(self) -> None:
+        self._inbox.drain()
+        self._tick()
+
+    def _on_time(self) -> None:
+        now = self._monotonic()
+        if now >= self._look_at:
+            self._look_at = now + LOOK_S
+            self._look(now)
+        self._tick()
+
+    def _tick(self) -> None:
+        now = self._monotonic()
+        pause_s = min(max(self._adapter.tick(now) - now, SOON_S), LATE_S)
+        self._timer.timer_period_ns = int(pause_s * 1e9)
+        self._timer.reset()
+
+    def _look(self, now: float) -> None:
+        if self._writers is not None:
+            self._writers.look()
+        self._rivals.look()
+        self._alarms.look()
+        self._look_at_clock(now)
+
+    def _look_at_clock(self, now: float) -> None:
+        if self._told_no_clock or now < self._began + NO_CLOCK_S:
+            return
+        if self._ros_time() == 0.0:
+            self._told_no_clock = True
+            _log.warning(
+                "use_sim_time is set, and nothing has come on /clock for %.0f s: the lifts are published all the same, with"
+                " lift_time 0 until it does; start the simulation, or set use_sim_time to false",
+                NO_CLOCK_S,
+            )
+
+    def _ros_time(self) -> float:
+        """Return 0 while use_sim_time is set and nothing has come on /clock."""
+        return float(self._node.get_clock().now().nanoseconds) * 1e-9
+
+    def _publish(self, state: LiftState) -> None:
+        self._rivals.sent(state)
+        self._states.publish(message_of(state))
+
+    def _alarm(self, on: bool, site: Site) -> None:  # noqa: FBT001  `Out.alarm`
+        self._alarms.say(site.alarms, on=on)
+
+
+class RosLog(logging.Handler):
+    """Hands log records to the node's logger, and so to /rosout."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self._logger = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = self.format(record)
+        # each level on a line of its own: rclpy refuses another level from the same line
+        if record.levelno >= logging.CRITICAL:
+            self._logger.fatal(text)
+        elif record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)
+
+
+def server_of(node: Node) -> Server:
+    """Declare and read the parameters that say where the manager is. Raises BadAddress."""
+    address = str(node.declare_parameter("manager_address", "localhost").value)
+    port = node.declare_parameter("manager_port", 5003).value
+    key_file = str(node.declare_parameter("manager_key_file", "").value)
+    ca_file = str(node.declare_parameter("manager_ca_file", "").value)
+    return Server(Address.of(address, port), _key(key_file), Path(ca_file) if ca_file else None)
+
+
+def _key(file: str) -> str:
+    if not file:
+        return os.environ.get(KEY_VARIABLE, "").strip()
+    try:
+        return Path(file).read_text(encoding="ascii").strip()
+    except (OSError, UnicodeError) as error:
+        raise BadAddress(f"manager_key_file: {file} cannot be read ({error})") from error
+
+
+def run(node: Node, stopping: threading.Event) -> None:
+    """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress."""
+    way = Beside(server_of(node))
+    shell = AdapterNode(node, way)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    way.start(shell, shell.deliver)
+    try:
+        while not stopping.is_set():
+            executor.spin_once()  # the timer ends it after LATE_S
+    except ExternalShutdownException:
+        pass  # ROS has ended, and nothing can be published any more
+    finally:
+        way.close()
+        if rclpy.ok():
+            shell.stop()
+        executor.shutdown()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit code."""
+    stopping = threading.Event()
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        stopping.set()
+
+    # rclpy's own handlers end the context first, and then nothing can be published: the last word must be "offline"
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    node = Node(NODE)
+    handler = RosLog(node)
+    root = logging.getLogger("lift_manager")
+    root.addHandler(handler)
+    root.setLevel(logging.DEBUG)  # the node's own level decides
+    try:
+        run(node, stopping)
+    except BadAddress as error:
+        _log.critical("%s", error)
+        return 2
+    finally:
+        root.removeHandler(handler)
+        node.destroy_node()
+        if rclpy.ok():
+            rclpy.shutdown()
+    return 0
