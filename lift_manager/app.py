@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import signal
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache
@@ -45,6 +44,9 @@ from lift_manager.domain.journal import Row
 from lift_manager.domain.journal_rows import manager_ended, manager_started
 from lift_manager.domain.state import Quality
 from lift_manager.metrics.metrics import Metrics
+from lift_manager.rmf.join import joined
+from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.rmf.run import Running
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
@@ -76,6 +78,16 @@ LOOK_WITHIN_S = 10.0
 
 REMEMBER_WITHIN_S = 0.5
 """How long the end may wait beyond that for the disk, while the web server closes: writing began with the release."""
+
+
+@dataclass(frozen=True, slots=True)
+class Faces:
+    """What is particular to how others reach a manager."""
+
+    keys: KeyFile | None = None
+    """Of the API; none are asked for without."""
+    rmf: RosSettings | None = None
+    """Where its lifts are those of Open-RMF; nowhere without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +142,8 @@ def build(
         options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
         commands[name] = driver.capabilities.commands
         lifts.append(LiftTask(driver, options, bus, ticker, memory=memory, log=log, clock=clock))
-    manager, sources = LiftManager(lifts, bus, memory, journal, clock), SiteLinks(links)
+    manager = LiftManager(lifts, bus, memory, journal, clock, rmf=loaded.site.rmf.rules)
+    sources = SiteLinks(links)
     metrics = Metrics(manager, sources, commands, version=running_version())
     return Building(manager, tuple(links.values()), sources, metrics, bus)
 
@@ -154,6 +167,8 @@ def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_p
         robot_hours=None if spec.robot_hours is None else RobotHours(spec.robot_hours),
         between_sessions_s=spec.between_sessions_s,
         fire_release_delay_s=spec.fire_release_delay_s,
+        rmf_name=spec.rmf.name or "",
+        rmf_floors=spec.rmf.floors,
     )
 
 
@@ -165,18 +180,20 @@ async def run(
     ready: Callable[[], None],
     memory: Memory | None = None,
     journal: Journal | None = None,
-    keys: KeyFile | None = None,
+    faces: Faces | None = None,
 ) -> bool:
     """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go.
 
-    Raises ControllerTaken, or ListenError for certificates that cannot be used, before anything is begun.
+    Raises ControllerTaken, ListenError for certificates that cannot be used, or DdsError, before anything is begun.
     """
+    faces = faces or Faces()
     tls = _https(loaded)
-    with ExitStack() as locks:
+    with ExitStack() as ends:
         for controller in loaded.controllers.values():
-            locks.enter_context(controller_lock(canonical_host(controller.host), controller.port))
+            ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
         building = build(loaded, memory=memory, journal=journal)
         systemd, manager = notifier(), building.manager
+        adapter = _adapter(building, faces.rmf, ends)
         crashes: list[Exception] = []
 
         async def guarded(work: Coroutine[None, None, None]) -> None:
@@ -189,23 +206,21 @@ async def run(
 
         async with asyncio.TaskGroup() as tasks:
             manager.note(_started(loaded))
-            parts = [*(link.run() for link in building.links), *manager.drives(), manager.run()]
-            parts += [manager.remember(), manager.record(), building.metrics.run(), remind(loaded)]
-            if keys is not None:
-                parts.append(keys.run(manager.note))
-            if tls is not None:
-                parts.append(renew(tls))
+            parts = list(_parts(building, loaded, faces.keys, tls, adapter))
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            serving = tasks.create_task(guarded(serve(_web(building, keys), sock, tls=tls)))
+            serving = tasks.create_task(guarded(serve(_web(building, faces.keys), sock, tls=tls)))
             limits = patience(loaded, building.links) if systemd.is_heard else {}
             alive = watch(systemd, limits, manager.polls, lambda: _status(manager))
             running.append(tasks.create_task(guarded(alive)))
             ready()
             await stop.wait()
             systemd.send("STOPPING=1", "STATUS=letting go of everything")
+            if adapter is not None:
+                # before a door is let go: no robot may begin to drive in
+                adapter.hush()
             released = await _let_go(building.manager)
             manager.note(manager_ended(released=released))
             serving.cancel()
@@ -215,6 +230,36 @@ async def run(
     if crashes:
         raise ExceptionGroup("the manager ended because of a bug", crashes)
     return released
+
+
+def _parts(
+    building: Building,
+    loaded: LoadedSite,
+    keys: KeyFile | None,
+    tls: ServerCertificates | None,
+    adapter: Running | None,
+) -> Iterator[Coroutine[None, None, None]]:
+    """Yield what runs all the time, except for the web server."""
+    manager = building.manager
+    yield from (link.run() for link in building.links)
+    yield from manager.drives()
+    yield from (manager.run(), manager.remember(), manager.record(), building.metrics.run(), remind(loaded))
+    if keys is not None:
+        yield keys.run(manager.note)
+    if tls is not None:
+        yield renew(tls)
+    if adapter is not None:
+        yield adapter.run()
+
+
+def _adapter(building: Building, settings: RosSettings | None, ends: ExitStack) -> Running | None:
+    """Join Open-RMF where that is wanted. Raises DdsError."""
+    if settings is None:
+        return None
+    adapter = joined(building.manager, settings)
+    ends.callback(adapter.close)
+    building.metrics.count_rmf(adapter.counts)
+    return adapter
 
 
 def patience(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
@@ -285,15 +330,6 @@ def _status(manager: LiftManager) -> str:
     states = [manager.state(name) for name in manager.lift_names()]
     live = sum(state is not None and state.quality is Quality.LIVE for state in states)
     return f"{len(states)} lift(s), {live} live, {sum(manager.polls().values())} polls"
-
-
-def stop_on_signals(stop: asyncio.Event) -> None:
-    """Let SIGTERM and Ctrl-C ask for an orderly end."""
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        # not every event loop has signal handlers; there Ctrl-C still raises KeyboardInterrupt
-        with suppress(NotImplementedError):
-            loop.add_signal_handler(number, stop.set)
 
 
 def _web(building: Building, keys: KeyFile | None) -> FastAPI:

@@ -26,6 +26,7 @@ COMMANDS = {
     "maps": "maps:app",
     "network": "network:show",
     "scenario": "scenario:app",
+    "rmf": "rmf:app",
 }
 """Module of this package, and the function or the group in it, by the word; in the order of the help."""
 

@@ -13,10 +13,14 @@ import typer
 
 from drivers.errors import ControllerTaken
 from lift_manager import app as running
-from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, state_path_of
+from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, say, state_path_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
+from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
 from lift_manager.config.load import LoadedSite
+from lift_manager.plain.signals import stop_on_signals
+from lift_manager.rmf.dds import DdsError
+from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.errors import StoreError
 from lift_manager.store.journal.writer import SqliteJournal, opened_journal
 from lift_manager.store.keys import KeyFile, keys_path
@@ -48,6 +52,11 @@ def serve(
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="Listen here instead of the site file's port.")
     ] = None,
+    *,
+    rmf: Annotated[
+        bool,
+        typer.Option("--rmf", help="Be the Open-RMF lift adapter of these lifts, too, as `rmf` of the site file says."),
+    ] = False,
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
     """Run the lift manager for a site."""
@@ -58,6 +67,7 @@ def serve(
         raise refused(MapFileError(loaded.unusable))
     for line in loaded.cautions():
         _log.warning("%s", line)
+    settings = settings_of_site(loaded.site.rmf) if rmf else None
     api = loaded.site.api
     place = state_path_of(loaded)
     try:
@@ -68,7 +78,9 @@ def serve(
     with sock:
         stores = Stores(memory, _journal(loaded, place), _keys(loaded, place, sock))
         try:
-            released = run(_serve(loaded, sock, stores))
+            released = run(_serve(loaded, sock, stores, settings))
+        except* DdsError as group:
+            raise not_joined(group.exceptions[0]) from group
         except* (ControllerTaken, ListenError) as group:
             raise fail(str(group.exceptions[0])) from group
     if not released:
@@ -105,15 +117,17 @@ def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
     return keys
 
 
-async def _serve(loaded: LoadedSite, sock: socket, stores: Stores) -> bool:
+async def _serve(loaded: LoadedSite, sock: socket, stores: Stores, rmf: RosSettings | None) -> bool:
     stop = asyncio.Event()
-    running.stop_on_signals(stop)
+    stop_on_signals(stop)
     host, port = sock.getsockname()[:2]
     scheme = "http" if loaded.site.api.tls is None else "https"
 
     def ready() -> None:
         where = f"{scheme}://{host}:{port}/docs"
         out.print(f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on {where}", highlight=False)
+        if rmf is not None:
+            say([f"Open-RMF lift adapter: {where_in_rmf(rmf)}"])
 
-    memory, journal, keys = stores.memory, stores.journal, stores.keys
-    return await running.run(loaded, sock, stop=stop, ready=ready, memory=memory, journal=journal, keys=keys)
+    memory, journal, faces = stores.memory, stores.journal, running.Faces(stores.keys, rmf)
+    return await running.run(loaded, sock, stop=stop, ready=ready, memory=memory, journal=journal, faces=faces)

@@ -19,6 +19,7 @@ from lift_manager.cli.common import (
 )
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
+from lift_manager.cli.rmf_names import check_names
 from lift_manager.config.load import check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
@@ -48,10 +49,36 @@ def demo(
         raise typer.Exit(1)
 
 
-def check(file: Annotated[Path, typer.Argument(metavar="FILE", help="A site file or a register map.")]) -> None:
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A site file or a register map.")],
+    building_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--building-map",
+            metavar="FILE",
+            help="Open-RMF's .building.yaml: are its lifts and levels called as the site says?",
+            show_default=False,
+        ),
+    ] = None,
+    nav_graph: Annotated[
+        list[Path],
+        typer.Option(
+            "--nav-graph",
+            metavar="FILE",
+            help="With --building-map: a navigation graph made of it; can be repeated.",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006 - typer makes a new list of it
+) -> None:
     """Find every mistake in a site file or a register map; exits 2 if there is one."""
+    if nav_graph and building_map is None:
+        raise typer.BadParameter(
+            "give the building map that it was made of, too, with --building-map", param_hint="--nav-graph"
+        )
     try:
         say(check_file(file))
+        if building_map is not None:
+            check_names(file, building_map, nav_graph)
     except MapFileError as error:
         raise refused(error) from error
 

@@ -19,6 +19,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.plant import controllers, simulated_lift
 from lift_manager.plain.paths import API
+from lift_manager.plain.signals import stop_on_signals
 from register_maps.codec import compile_map
 from register_maps.load import load
 
@@ -45,7 +46,7 @@ LIFTS = (
 async def run_demo(sock: socket, *, speed: float, console: Console) -> bool:
     """Run the demo on a listening socket until SIGTERM or Ctrl-C; returns whether every output was seen to be let go."""
     stop = asyncio.Event()
-    app.stop_on_signals(stop)
+    stop_on_signals(stop)
     async with AsyncExitStack() as stack:
         ports = {lift.name: await _start(lift, speed, stack) for lift in LIFTS}
         loaded = LoadedSite(_site(ports), {lift.name: load(lift.map) for lift in LIFTS}, Path("demo"))

@@ -9,9 +9,9 @@ from contextlib import AsyncExitStack
 from rich.console import Console
 from rich.table import Table as Grid
 
-from lift_manager.app import stop_on_signals
 from lift_manager.lab import tryout
 from lift_manager.lab.plant import blind_spots, controllers, default_floors, simulated_lift
+from lift_manager.plain.signals import stop_on_signals
 from register_maps.codec import Codec, Point, compile_map
 from register_maps.schema import RegisterMap
 

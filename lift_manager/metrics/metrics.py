@@ -18,6 +18,7 @@ from lift_manager.metrics.exposition import OPEN_TYPE, PLAIN_TYPE, Family, Kind,
 from lift_manager.metrics.lag import Lags
 from lift_manager.metrics.lifts import LiftFamilies
 from lift_manager.metrics.links import link_families
+from lift_manager.metrics.rmf import Counted, rmf_families
 
 _LIFTS_AT_ONCE = 10
 """Lifts that are looked at in one turn of the loop. Chosen: that takes less than a millisecond."""
@@ -57,6 +58,11 @@ class Metrics:
         self._version = version
         self._counts = EventCounts(commands)
         self._lags = Lags()
+        self._rmf: Counted | None = None
+
+    def count_rmf(self, counts: Counted) -> None:
+        """Show what an adapter to Open-RMF in this process counts, too."""
+        self._rmf = counts
 
     async def run(self) -> None:
         """Count and measure until cancelled."""
@@ -93,6 +99,8 @@ class Metrics:
         for family in (*lifts.families(), self._polls(), self._refused(), *self._counts.families()):
             yield family
         for family in link_families(self._links.link_figures()):
+            yield family
+        for family in () if self._rmf is None else rmf_families(self._rmf):
             yield family
 
     def _build(self) -> Family:

@@ -214,6 +214,7 @@ lifts:
     robot_hours: ["Mon-Fri 20:00-06:00"]
     between_sessions_s: 12
     fire_release_delay_s: 1.5
+    rmf: {name: goods_lift, floors: {L2: level 2}}
 """
 TWO_MODULES = """\
 schema: 1
@@ -259,6 +260,8 @@ def test_what_a_site_says_about_a_lift_reaches_the_manager(tmp_path: Path) -> No
         robot_hours=RobotHours((read_hours("Mon-Fri 20:00-06:00"),)),
         between_sessions_s=12,
         fire_release_delay_s=1.5,
+        rmf_name="goods_lift",
+        rmf_floors={"L2": "level 2"},
     )
 
 

@@ -1,0 +1,294 @@
+"""How long Open-RMF waits for us: from a lift request to the write at the controller, and from a change at the controller to lift_states.
+
+    python benchmarks/rmf.py [--lifts 8] [--times 25] [--poll 0.1] [--way inside beside]
+
+Over real DDS on the loopback interface, with the manager in a process of its own (`serve --rmf`), or with manager and adapter in one
+each (`serve` and `rmf`). This process plays the controllers and RMF, so that both ends of each time are read from one clock. The journal
+is on the disk of --folder. It ends by itself after about 80 s, and with 1 where a median is above the poll period plus 5 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import os
+import random
+import re
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
+
+from lift_manager.rmf.contract import REPLAY_S
+from lift_manager.rmf.dds import Onlooker
+from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
+from lift_manager.rmf.ros_settings import RosSettings
+
+ROOT = Path(__file__).resolve().parents[1]
+MAP = "generic-registers"
+FLOORS = ("L1", "L2", "L3")
+ALIVE, FLOOR, MOTION, DOOR, MODE, BITS, DESTINATION, ACCEPTED = range(8)
+GO_TO, HOLD_DOOR, ROBOT_MODE = 16, 17, 18
+REGISTERS = 24
+IDLE = {FLOOR: 1, MOTION: 1, DOOR: 1, MODE: 1, BITS: 0b101}
+GRANTED = 0b10
+STOPPED, UP = 1, 2
+OVERHEAD_S = 0.005
+WITHIN_S = 10.0
+"""What takes longer is an error, and no measurement."""
+PAUSE_S = (0.7, 1.1)
+"""Between two requests of one lift: a press lasts 0.5 s."""
+READY_WITHIN_S = 30.0
+
+
+class Controller(asyncio.Protocol):
+    """A lift that stands still, believes what is written, and knows when that was."""
+
+    def __init__(self) -> None:
+        self.registers = [0] * REGISTERS
+        for address, value in IDLE.items():
+            self.registers[address] = value
+        self._asked = 0
+        self._awaited: tuple[int, asyncio.Future[float]] | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Answer one request; a link has no second one in flight."""
+        head, function = data[:4], data[7]
+        if function == 3:
+            start, count = struct.unpack(">HH", data[8:12])
+            self._asked += 1
+            self.registers[ALIVE] = self._asked // 2 & 0xFFFF
+            values = struct.pack(f">{count}H", *self.registers[start : start + count])
+            self._answer(head, data[6:8] + bytes([2 * count]) + values)
+        elif function == 6:
+            self._write(*struct.unpack(">HH", data[8:12]))
+            self._answer(head, data[6:12])
+        else:
+            start, count = struct.unpack(">HH", data[8:12])
+            for offset, value in enumerate(struct.unpack(f">{count}H", data[13 : 13 + 2 * count])):
+                self._write(start + offset, value)
+            self._answer(head, data[6:12])
+
+    def called(self, code: int) -> asyncio.Future[float]:
+        """When the car is called to that floor."""
+        future: asyncio.Future[float] = asyncio.get_running_loop().create_future()
+        self._awaited = code, future
+        return future
+
+    def _write(self, address: int, value: int) -> None:
+        self.registers[address] = value
+        if address == ROBOT_MODE:
+            self.registers[BITS] = IDLE[BITS] | (GRANTED if value else 0)
+            self.registers[MODE] = 2 if value else 1
+        if address == GO_TO and value:
+            self.registers[DESTINATION] = self.registers[ACCEPTED] = value
+            if self._awaited is not None and self._awaited[0] == value and not self._awaited[1].done():
+                self._awaited[1].set_result(time.monotonic())
+
+    def _answer(self, head: bytes, rest: bytes) -> None:
+        self._transport.write(head + struct.pack(">H", len(rest)) + rest)  # type: ignore[attr-defined]  # a transport for writing
+
+
+class Rmf:
+    """RMF's side: notes when a lift says that it moves. Implements `dds.OnlookerHears`, in a thread of Cyclone DDS."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._awaited: dict[str, tuple[int, asyncio.Future[float]]] = {}
+        self.heard: set[str] = set()
+
+    def stated(self, state: LiftState) -> None:
+        """Wake whoever waits for this."""
+        now = time.monotonic()
+        self.heard.add(state.lift_name)
+        awaited = self._awaited.get(state.lift_name)
+        if awaited is not None and state.motion_state == awaited[0]:
+            self._loop.call_soon_threadsafe(_set, awaited[1], now)
+
+    def asked(self, topic: str, request: LiftRequest) -> None:
+        """Nobody else is here."""
+
+    def broken(self, text: str) -> None:
+        """Stop measuring."""
+        raise SystemExit(f"a message that cannot be read: {text}")
+
+    def moving(self, lift: str, motion: int) -> asyncio.Future[float]:
+        """When a lift says that motion."""
+        future: asyncio.Future[float] = self._loop.create_future()
+        self._awaited[lift] = motion, future
+        return future
+
+
+@dataclass
+class Times:
+    """What was measured, in seconds."""
+
+    requests: list[float] = field(default_factory=list)
+    changes: list[float] = field(default_factory=list)
+
+
+def _set(future: asyncio.Future[float], now: float) -> None:
+    if not future.done():
+        future.set_result(now)
+
+
+def _only(controller: Controller) -> Controller:
+    """One connection at a time is all that a controller gets."""
+    return controller
+
+
+def _site(folder: Path, ports: Mapping[str, int], poll_s: float) -> Path:
+    lift = {"access": "control", "floors": {name: code for code, name in enumerate(FLOORS, 1)}, "poll_s": poll_s}
+    site = {
+        "schema": 1,
+        "name": "benchmark",
+        "state": "state",
+        "controllers": {lift: {"host": "127.0.0.1", "port": port, "map": MAP} for lift, port in ports.items()},
+        "lifts": {name: {"controller": name, **lift} for name in ports},
+    }
+    file = folder / "site.yaml"
+    file.write_text(json.dumps(site), "utf-8")  # JSON is YAML
+    return file
+
+
+@contextlib.contextmanager
+def _running(*words: str, says: str) -> Iterator[re.Match[str]]:
+    """Run `lift-manager` in a process of its own until the block ends; gives what it says when it is ready."""
+    with tempfile.TemporaryFile("w+") as log:
+        process = subprocess.Popen(  # noqa: S603  our own program, with words of our own
+            [sys.executable, "-m", "lift_manager", *words], cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True
+        )
+        try:
+            yield _said(process, says)
+        except BaseException:
+            log.seek(0)
+            print(log.read(), file=sys.stderr)
+            raise
+        finally:
+            process.terminate()
+            process.wait(READY_WITHIN_S)
+
+
+def _said(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
+    for line in process.stdout or ():
+        if (found := re.search(pattern, line)) is not None:
+            return found
+    raise SystemExit(f"the program ended with {process.wait()} before it was ready")
+
+
+@contextlib.contextmanager
+def _manager(way: str, site: Path) -> Iterator[None]:
+    inside = ["--rmf"] if way == "inside" else []
+    with _running("serve", str(site), "--port", "0", *inside, says=r"http://[\d.]+:(\d+)/docs") as said:
+        if way == "inside":
+            yield
+        else:
+            with _running("rmf", "--manager-port", said[1], says="lift adapter"):
+                yield
+
+
+async def _requests(lift: str, controller: Controller, onlooker: Onlooker, times: Times, count: int) -> None:
+    """Ask for one floor after the other."""
+    dice, session = random.Random(lift), f"fleet/{lift}"
+    for number in range(count + 1):
+        code = 2 + number % 2
+        called, asked_at = controller.called(code), time.monotonic()
+        onlooker.request(
+            LiftRequest(lift, Time.of(time.time()), session, AGV_MODE, FLOORS[code - 1], DOOR_OPEN), direct=True
+        )
+        async with asyncio.timeout(WITHIN_S):
+            took = await called - asked_at
+        if number:  # the first one waits until the controller has granted robot mode
+            times.requests.append(took)
+        await asyncio.sleep(dice.uniform(*PAUSE_S))
+    onlooker.request(LiftRequest(lift, Time(), session, END_SESSION, "", 0), direct=True)
+
+
+async def _changes(lift: str, controller: Controller, rmf: Rmf, times: Times, count: int, poll_s: float) -> None:
+    """Let the car begin to move, and stop, at moments that have nothing to do with the polls."""
+    dice = random.Random(lift)
+    for number in range(2 * count):
+        moves = not number % 2
+        seen = rmf.moving(lift, 1 if moves else 0)
+        await asyncio.sleep(dice.uniform(1, 3) * poll_s)
+        changed_at, controller.registers[MOTION] = time.monotonic(), UP if moves else STOPPED
+        async with asyncio.timeout(WITHIN_S):
+            times.changes.append(await seen - changed_at)
+
+
+async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times:
+    loop, times = asyncio.get_running_loop(), Times()
+    controllers = {f"lift{number}": Controller() for number in range(1, chosen.lifts + 1)}
+    servers = {name: await loop.create_server(partial(_only, one), "127.0.0.1", 0) for name, one in controllers.items()}
+    site = _site(folder, {name: server.sockets[0].getsockname()[1] for name, server in servers.items()}, chosen.poll)
+    rmf = Rmf(loop)
+    onlooker = Onlooker(RosSettings.of(os.environ), rmf, lambda call: call())
+    starting = contextlib.ExitStack()
+    try:
+        await asyncio.to_thread(starting.enter_context, _manager(way, site))
+        async with asyncio.timeout(READY_WITHIN_S):
+            while len(rmf.heard) < len(controllers):  # noqa: ASYNC110  filled by a thread of Cyclone DDS
+                await asyncio.sleep(0.05)
+        await asyncio.sleep(REPLAY_S + 0.5)
+        async with asyncio.TaskGroup() as tasks:
+            for name, controller in controllers.items():
+                tasks.create_task(_changes(name, controller, rmf, times, chosen.times, chosen.poll))
+        async with asyncio.TaskGroup() as tasks:
+            for name, controller in controllers.items():
+                tasks.create_task(_requests(name, controller, onlooker, times, chosen.times))
+    finally:
+        await asyncio.to_thread(starting.close)
+        onlooker.close()
+        for server in servers.values():
+            server.close()
+    return times
+
+
+def _show(way: str, what: str, found: list[float], poll_s: float) -> bool:
+    parts = statistics.quantiles(found, n=100)
+    median, most = parts[49], parts[98]
+    print(
+        f"{way:<9}{what:<28}{len(found):>6}{median * 1e3:>9.1f} ms{most * 1e3:>8.1f} ms{median / poll_s:>10.2f}{most / poll_s:>8.2f}"
+        f"{os.getloadavg()[0]:>7.1f}",
+        flush=True,
+    )
+    return median < poll_s + OVERHEAD_S
+
+
+def main() -> None:
+    """Measure each way, print, end."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--lifts", type=int, default=8)
+    parser.add_argument("--times", type=int, default=25, help="requests of each lift; twice as many changes")
+    parser.add_argument("--poll", type=float, default=0.1, help="seconds from one poll of a lift to its next")
+    parser.add_argument("--way", choices=("inside", "beside"), nargs="+", default=["inside", "beside"])
+    parser.add_argument("--folder", type=Path, help="where the site and its journal are; a temporary folder without it")
+    chosen = parser.parse_args()
+    # a domain of its own: no lift of a building that is near may be asked for
+    os.environ.update(ROS_DOMAIN_ID=str(1 + os.getpid() % 100), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    print(f"{'':<9}{'':<28}{'':>6}{'median':>12}{'p99':>11}{'/ poll':>10}{'':>8}{'load':>7}", flush=True)
+    good = []
+    for way in chosen.way:
+        with tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
+            times = asyncio.run(_measured(way, Path(folder), chosen))
+        good.append(_show(way, "change -> lift_states", times.changes, chosen.poll))
+        good.append(_show(way, "request -> controller write", times.requests, chosen.poll))
+    if not all(good):
+        raise SystemExit(f"a median is above the poll period plus {OVERHEAD_S * 1e3:g} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""`lift-manager rmf watch` and `rmf request`: see what RMF and the lifts say to each other, and ask for a lift as a robot does."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from typing import Annotated
+
+import typer
+
+from lift_manager.cli.common import say, say_aside
+from lift_manager.cli.loop import run
+from lift_manager.cli.rmf_options import (
+    AdapterRequestsTopic,
+    Domain,
+    Namespace,
+    Peers,
+    RequestsTopic,
+    StatesTopic,
+    joined,
+    ros_settings,
+    where_in_rmf,
+)
+from lift_manager.plain.signals import stop_on_signals
+from lift_manager.rmf.dds import Onlooker
+from lift_manager.rmf.messages import LiftRequest, LiftState
+from lift_manager.rmf.request import Attempt, End, Errand
+from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.rmf.watch import Topics, Watch, short
+
+LOOK_S = 0.25
+"""Chosen: between two looks at what only the passing of time shows."""
+NOBODY_S = 5.0
+"""So long nothing is heard at all before a person is told where to look."""
+
+
+def watch(
+    lift: Annotated[
+        str | None, typer.Argument(metavar="LIFT", help="One lift by RMF's name; all of them without it.")
+    ] = None,
+    *,
+    domain: Domain = None,
+    namespace: Namespace = "",
+    lift_states: StatesTopic = RosSettings.states_topic,
+    lift_requests: RequestsTopic = RosSettings.requests_topic,
+    adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
+    peer: Peers = [],  # noqa: B006 - typer makes a new list of it
+) -> None:
+    """Print who holds what, and every request and change as it happens, until Ctrl-C. Says nothing to anybody."""
+    settings = ros_settings(
+        domain=domain,
+        namespace=namespace,
+        lift_states=lift_states,
+        lift_requests=lift_requests,
+        adapter_lift_requests=adapter_lift_requests,
+        peers=peer,
+    )
+    run(_watch(settings, lift))
+
+
+def request(  # noqa: PLR0913  each is an option of the command line
+    lift: Annotated[str, typer.Argument(metavar="LIFT", help="The lift by RMF's name.")],
+    floor: Annotated[str | None, typer.Argument(metavar="FLOOR", help="The floor by RMF's name.")] = None,
+    *,
+    session: Annotated[
+        str, typer.Option("--session", metavar="NAME", help="As whom; a robot is called fleet/robot.")
+    ] = "lift-manager",
+    closed: Annotated[
+        bool, typer.Option("--closed", help="With --human: do not hold the door open there; in AGV mode it is held.")
+    ] = False,
+    human: Annotated[bool, typer.Option("--human", help="Ask for HUMAN mode; robots ask for AGV mode.")] = False,
+    direct: Annotated[
+        bool, typer.Option("--direct", help="Ask the lift adapter itself: a lift supervisor would end the session.")
+    ] = False,
+    end: Annotated[bool, typer.Option("--end", help="End the session instead; takes no floor.")] = False,
+    within: Annotated[float, typer.Option("--within", min=1, max=3600, help="Seconds to wait for the lift.")] = 120.0,
+    domain: Domain = None,
+    namespace: Namespace = "",
+    lift_states: StatesTopic = RosSettings.states_topic,
+    lift_requests: RequestsTopic = RosSettings.requests_topic,
+    adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
+    peer: Peers = [],  # noqa: B006 - typer makes a new list of it
+) -> None:
+    """Ask for a lift as a robot of RMF does: of the lift supervisor, or of the lift adapter where there is none. Exit code 1 where it does not come."""
+    if end != (floor is None):
+        raise typer.BadParameter("say a floor, or --end without one", param_hint="FLOOR")
+    if closed and not human:
+        raise typer.BadParameter(
+            "in AGV mode the door is open whenever the lift has stopped; add --human", param_hint="--closed"
+        )
+    if not session:
+        raise typer.BadParameter("a session without a name ends nothing and holds nothing", param_hint="--session")
+    settings = ros_settings(
+        domain=domain,
+        namespace=namespace,
+        lift_states=lift_states,
+        lift_requests=lift_requests,
+        adapter_lift_requests=adapter_lift_requests,
+        peers=peer,
+    )
+    errand = Errand(lift, floor, session, open_door=not closed, human=human, direct=direct)
+    if run(_request(settings, errand, within)) is not End.FULFILLED:
+        raise typer.Exit(1)
+
+
+class _Looking:
+    """Prints what is heard. Implements `dds.OnlookerHears`."""
+
+    def __init__(self, watched: Watch) -> None:
+        self._watch = watched
+        self.heard = False
+
+    def stated(self, state: LiftState) -> None:
+        self.heard = True
+        self.show(self._watch.stated(state, _now()))
+
+    def asked(self, topic: str, request: LiftRequest) -> None:
+        self.heard = True
+        self.show(self._watch.asked(topic, request, _now()))
+
+    def broken(self, text: str) -> None:
+        self.show([f"what cannot be read: {short(text)}"])
+
+    def show(self, lines: Iterable[str]) -> None:
+        clock = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:12]
+        say(f"{clock} {line}" for line in lines)
+
+
+async def _watch(settings: RosSettings, lift: str | None) -> None:
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+    topics = Topics(settings.adapter_requests_topic, settings.requests_topic)
+    watched = Watch(topics, lift)
+    looking = _Looking(watched)
+    deliver = asyncio.get_running_loop().call_soon_threadsafe
+    onlooker = joined(lambda: Onlooker(settings, looking, deliver))
+    say_aside(f"watching {where_in_rmf(settings)}; Ctrl-C ends it")
+    nobody_at = _now() + NOBODY_S
+    try:
+        while not await _stopped(stop, LOOK_S):
+            looking.show(watched.passed(_now()))
+            if not looking.heard and _now() >= nobody_at:
+                nobody_at = float("inf")
+                say_aside(
+                    "nothing is heard: does the adapter run, in the same domain, under the same namespace and topics, and may this"
+                    " computer reach it (multicast, or --peer ADDRESS)?"
+                )
+    finally:
+        onlooker.close()
+    looking.show(watched.rest(_now()))
+
+
+class _Asking:
+    """Tells an attempt what is heard. Implements `dds.OnlookerHears`."""
+
+    def __init__(self, to_lift: str) -> None:
+        """`to_lift` is the topic on which lift adapters are asked."""
+        self._to_lift = to_lift
+        self.attempt: Attempt | None = None
+
+    def stated(self, state: LiftState) -> None:
+        if self.attempt is not None:
+            say(self.attempt.stated(state, _now()))
+
+    def asked(self, topic: str, request: LiftRequest) -> None:
+        if self.attempt is not None and topic == self._to_lift:
+            say(self.attempt.passed_on(request))
+
+    def broken(self, text: str) -> None:
+        say_aside(f"what cannot be read: {short(text)}")
+
+
+async def _request(settings: RosSettings, errand: Errand, within_s: float) -> End | None:
+    stop = asyncio.Event()
+    stop_on_signals(stop)
+    asking = _Asking(settings.requests_topic)
+    deliver = asyncio.get_running_loop().call_soon_threadsafe
+    onlooker = joined(lambda: Onlooker(settings, asking, deliver))
+    asking.attempt = attempt = Attempt(
+        errand,
+        lambda: onlooker.listeners(direct=True),
+        lambda what, direct: onlooker.request(what, direct=direct),
+        within_s=within_s,
+        now=_now(),
+    )
+    try:
+        while attempt.end is None and not await _stopped(stop, LOOK_S):
+            say(attempt.look(time.time(), _now()))
+    finally:
+        onlooker.close()
+    return attempt.end
+
+
+async def _stopped(stop: asyncio.Event, within_s: float) -> bool:
+    try:
+        async with asyncio.timeout(within_s):
+            await stop.wait()
+    except TimeoutError:
+        return False
+    return True
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

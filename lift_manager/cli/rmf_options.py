@@ -1,0 +1,113 @@
+"""Where RMF is, as it is said at the command line: what is not said comes from the environment, as for the nodes of ROS 2."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+
+from lift_manager.cli.common import fail, say_aside
+from lift_manager.rmf.dds import DdsError, DdsMissing
+from lift_manager.rmf.ros_settings import HIGHEST_DOMAIN, BadSettings, RosSettings
+
+if TYPE_CHECKING:
+    from lift_manager.config.site import Rmf
+
+Made = TypeVar("Made")
+
+Domain = Annotated[
+    int | None,
+    typer.Option(
+        "--domain",
+        min=0,
+        max=HIGHEST_DOMAIN,
+        help="The ROS domain, instead of that in ROS_DOMAIN_ID.",
+        show_default=False,
+    ),
+]
+Namespace = Annotated[
+    str, typer.Option("--namespace", metavar="NAME", help="Before the topics, such as /building1.", show_default=False)
+]
+StatesTopic = Annotated[str, typer.Option("--lift-states", metavar="TOPIC", help="Where lifts say how they are.")]
+RequestsTopic = Annotated[
+    str, typer.Option("--lift-requests", metavar="TOPIC", help="Where the lift supervisor asks lift adapters.")
+]
+AdapterRequestsTopic = Annotated[
+    str, typer.Option("--adapter-lift-requests", metavar="TOPIC", help="Where robots ask the lift supervisor.")
+]
+Peers = Annotated[
+    list[str],
+    typer.Option(
+        "--peer",
+        metavar="ADDRESS",
+        help="An address to look for RMF at where there is no multicast; can be repeated.",
+        show_default=False,
+    ),
+]
+SimTime = Annotated[bool, typer.Option("--use-sim-time", help="Take the time from /clock, as a simulation does.")]
+
+
+def ros_settings(
+    *,
+    domain: int | None = None,
+    namespace: str = "",
+    lift_states: str = RosSettings.states_topic,
+    lift_requests: str = RosSettings.requests_topic,
+    adapter_lift_requests: str = RosSettings.adapter_requests_topic,
+    peers: list[str] | tuple[str, ...] = (),
+    use_sim_time: bool = False,
+) -> RosSettings:
+    """Put options over the environment; a usage error where one cannot be used."""
+    try:
+        settings = RosSettings.of(os.environ)
+        return replace(
+            settings,
+            domain=settings.domain if domain is None else domain,
+            namespace=namespace,
+            states_topic=lift_states,
+            requests_topic=lift_requests,
+            adapter_requests_topic=adapter_lift_requests,
+            peers=(*peers, *settings.peers),
+            use_sim_time=use_sim_time,
+        )
+    except BadSettings as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def settings_of_site(rmf: Rmf) -> RosSettings:
+    """Put what a site file says over the environment."""
+    return ros_settings(
+        domain=rmf.domain,
+        namespace=rmf.namespace or "",
+        lift_states=rmf.lift_states,
+        lift_requests=rmf.lift_requests,
+        peers=rmf.peers,
+        use_sim_time=rmf.use_sim_time,
+    )
+
+
+def joined(make: Callable[[], Made]) -> Made:
+    """Join RMF, or say why that cannot be and exit."""
+    try:
+        return make()
+    except DdsError as error:
+        raise not_joined(error) from error
+
+
+def not_joined(error: Exception) -> typer.Exit:
+    """Say why RMF cannot be joined; raise what this returns. Exit code 2 where something has to be installed first, else 1."""
+    if not isinstance(error, DdsMissing):
+        return fail(str(error))
+    say_aside(str(error))
+    return typer.Exit(2)
+
+
+def where_in_rmf(settings: RosSettings) -> str:
+    """Say where in RMF that is."""
+    topics = f"/{settings.resolved(settings.states_topic)} and /{settings.resolved(settings.requests_topic)}"
+    reach = "" if settings.discovery_range == "SUBNET" else f", discovery {settings.discovery_range}"
+    peers = f", peers {', '.join(settings.peers)}" if settings.peers else ""
+    return f"ROS domain {settings.domain}, {topics}{reach}{peers}"

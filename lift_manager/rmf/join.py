@@ -1,0 +1,20 @@
+"""The adapter in the manager's own process, over DDS."""
+
+from __future__ import annotations
+
+from lift_manager.core.facade import Facade
+from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.inside import Inside
+from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.rmf.run import Running
+
+
+def joined(facade: Facade, settings: RosSettings) -> Running:
+    """Join Open-RMF with the lifts of a manager, on the running loop. Raises DdsError."""
+    adapter = Running(
+        lambda hears, deliver: Dds(settings, hears, deliver),
+        lambda: Inside(facade),
+        use_sim_time=settings.use_sim_time,
+    )
+    adapter.open()
+    return adapter

@@ -1,0 +1,194 @@
+"""Ask for a lift as a robot's fleet adapter does, and see what becomes of it. Pure: seconds of any clock go in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum, unique
+
+from lift_manager.rmf.messages import (
+    AGV_MODE,
+    DOOR_CLOSED,
+    DOOR_OPEN,
+    END_SESSION,
+    HUMAN_MODE,
+    LiftRequest,
+    LiftState,
+    Time,
+)
+from lift_manager.rmf.watch import heard_words, short, state_words
+
+AGAIN_S = 1.0
+"""From one request to its repetition, until it is fulfilled; fleet adapters repeat theirs with every LiftState."""
+FOUND_WITHIN_S = 5.0
+"""For the first word of the lift. With Fast DDS on the other side it can take 3 s until everybody has found each other."""
+PASSED_ON_WITHIN_S = 3.0
+"""A supervisor passes a request on at once or with the next LiftState (open-rmf 1.4), which comes once a second at least."""
+
+
+@unique
+class End(Enum):
+    """How an attempt ended."""
+
+    FULFILLED = "fulfilled"
+    REFUSED = "refused"
+    """Nothing was asked: there is no such lift or floor."""
+    TOO_LATE = "too late"
+
+
+@dataclass(frozen=True)
+class Errand:
+    """What somebody wants."""
+
+    lift: str
+    floor: str | None
+    """None to end the session."""
+    session: str
+    open_door: bool = True
+    human: bool = False
+    direct: bool = False
+    """Ask the lift adapter itself, whether there is a supervisor or not."""
+
+
+class Attempt:
+    """One errand from its first request to its end.
+
+    `listeners` says how many lift adapters may be there; `send` publishes a request, to the supervisor or directly.
+    """
+
+    def __init__(
+        self,
+        errand: Errand,
+        listeners: Callable[[], int],
+        send: Callable[[LiftRequest, bool], None],
+        *,
+        within_s: float,
+        now: float,
+    ) -> None:
+        self._errand = errand
+        self._listeners = listeners
+        self._send = send
+        self._began = now
+        self._until = now + within_s
+        self._within_s = within_s
+        self._found_at: float | None = None
+        self._direct = errand.direct
+        self._is_passed_on = False
+        self._sent_at = -math.inf
+        self._is_sent = False
+        self._others: dict[str, None] = {}
+        self._state: LiftState | None = None
+        self._said = ""
+        self.end: End | None = None
+
+    def stated(self, state: LiftState, now: float) -> Iterator[str]:
+        """Take what a lift says of itself; yield lines for people."""
+        if self._is_over():
+            return
+        if state.lift_name != self._errand.lift:
+            self._others[state.lift_name] = None
+            return
+        self._state = state
+        if self._found_at is None:
+            self._found_at = now
+            floor = self._errand.floor
+            if floor is not None and floor not in state.available_floors:
+                yield f"{short(state.lift_name)} has no floor {short(floor)!r}; it has {heard_words(state.available_floors)}"
+                self.end = End.REFUSED
+                return
+        if (said := state_words(state)) != self._said:
+            self._said = said
+            yield said
+        if self._is_sent and self._is_fulfilled(state):
+            yield from self._fulfilled()
+
+    def passed_on(self, request: LiftRequest) -> Iterator[str]:
+        """Take a request that is sent to lift adapters; yield lines for people."""
+        ours = request.lift_name == self._errand.lift and request.session_id == self._errand.session
+        if ours and not self._direct and not self._is_passed_on and self._is_sent:
+            self._is_passed_on = True
+            yield "a lift supervisor passes it on"
+
+    def look(self, wall_s: float, now: float) -> Iterator[str]:
+        """Send what is due; yield lines for people. `wall_s` stands in the request."""
+        if self._is_over():
+            return
+        if self._found_at is None:
+            if now >= self._began + FOUND_WITHIN_S:
+                yield self._not_found()
+                self.end = End.REFUSED
+            return
+        if not self._direct and not self._is_passed_on:
+            yield from self._choose_way(now, self._found_at)
+        if self._is_over():
+            return
+        if now >= self._until:
+            yield f"not within {self._within_s:g} s: {self._why()}"
+            self.end = End.TOO_LATE
+        elif now >= self._sent_at + AGAIN_S:
+            self._sent_at, self._is_sent = now, True
+            self._send(self._request(wall_s), self._direct)
+
+    def _choose_way(self, now: float, found_at: float) -> Iterator[str]:
+        """A supervisor decides whose turn it is; where there is none, nobody passes anything on (open-rmf 1.2)."""
+        if now < found_at + PASSED_ON_WITHIN_S or self._is_anothers():
+            return
+        if not self._listeners():
+            yield "nobody hears it: neither a lift supervisor nor a lift adapter reads requests here; are domain, namespace and topics right?"
+            self.end = End.REFUSED
+            return
+        self._direct, self._sent_at = True, -math.inf
+        yield "no lift supervisor passes it on: the lift adapter is asked directly"
+
+    def _is_over(self) -> bool:
+        return self.end is not None
+
+    def _is_anothers(self) -> bool:
+        """A supervisor passes nothing on for a second session while it has a first one."""
+        return self._state is not None and self._state.session_id not in ("", self._errand.session)
+
+    def _request(self, wall_s: float) -> LiftRequest:
+        errand = self._errand
+        ends = errand.floor is None
+        return LiftRequest(
+            lift_name=errand.lift,
+            request_time=Time.of(wall_s),
+            session_id=errand.session,
+            request_type=END_SESSION if ends else HUMAN_MODE if errand.human else AGV_MODE,
+            destination_floor=errand.floor or "",
+            door_state=DOOR_OPEN if errand.open_door and not ends else DOOR_CLOSED,
+        )
+
+    def _is_fulfilled(self, state: LiftState) -> bool:
+        errand = self._errand
+        if errand.floor is None:
+            return state.session_id != errand.session
+        door = DOOR_OPEN if errand.open_door else DOOR_CLOSED
+        return state.session_id == errand.session and state.current_floor == errand.floor and state.door_state == door
+
+    def _fulfilled(self) -> Iterator[str]:
+        self.end = End.FULFILLED
+        errand = self._errand
+        if errand.floor is None:
+            yield f"{short(errand.lift)} is not held by {short(errand.session)} any more"
+            return
+        yield (
+            f"{short(errand.lift)} is there, and {short(errand.session)} holds it until `lift-manager rmf request {short(errand.lift)}"
+            f" --end --session {short(errand.session)}`"
+        )
+
+    def _not_found(self) -> str:
+        heard = heard_words(tuple(self._others))
+        return f"nobody publishes the state of a lift {short(self._errand.lift)!r}; lifts that are heard: {heard}"
+
+    def _why(self) -> str:
+        """Say what stands in the way, as far as the lift's state shows it."""
+        state, errand = self._state, self._errand
+        if state is None:
+            return "the lift is not heard"
+        if errand.floor is not None and self._is_anothers():
+            return f"{short(state.session_id)} holds the lift; it is another's turn once that session has ended"
+        if errand.floor is not None and not state.session_id:
+            return "the lift did not take the session; the log of its adapter says why"
+        return state_words(state)

@@ -1,0 +1,299 @@
+"""Run an adapter on an asyncio loop: RMF on one side, a way to the manager on the other, everything of the adapter in the loop's thread."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.counts import Counts
+from lift_manager.rmf.messages import LiftRequest, LiftState
+from lift_manager.rmf.port import Answer, Hears, Manager
+from lift_manager.rmf.views import Alarms, Site
+
+_log = logging.getLogger(__name__)
+
+Deliver = Callable[[Callable[[], None]], None]
+"""Runs what it is given in the loop's thread, in order. May be called from any thread; does not wait."""
+
+NO_CLOCK_S = 5.0
+"""So long without /clock, and a person is told once."""
+AGAIN_S = 5.0
+"""Chosen: so long after a bug everything begins anew; until then nothing is published, and robots wait."""
+ALARM_AGAIN_S = 2.0
+"""How often a fire is told again while it lasts. Chosen: fleet adapters up to jazzy get no history (open-rmf 1.3), and one that is found
+after the first word, as after a restart of this adapter, has to hear of it."""
+LEAST_S = 0.001
+"""From one look at the adapter to the next where nothing happened; the clock of uvloop counts milliseconds."""
+
+
+class FromRmf(Protocol):
+    """What RMF's side calls, in the loop's thread, as `dds.DdsHears`."""
+
+    def requested(self, request: LiftRequest) -> None:
+        """Take a request."""
+        ...
+
+    def broken(self, text: str) -> None:
+        """Take a request that could not be read."""
+        ...
+
+    def request_writer_matched(self) -> None:
+        """Take that a writer of requests appeared."""
+        ...
+
+    def rival(self, lift_name: str) -> None:
+        """Take that somebody else publishes the state of a lift."""
+        ...
+
+    def clock(self, seconds: float) -> None:
+        """Take RMF's time from /clock."""
+        ...
+
+
+class Rmf(Protocol):
+    """RMF's side, as `dds.Dds`."""
+
+    def publish(self, state: LiftState) -> None:
+        """Publish the state of one lift."""
+        ...
+
+    def alarm(self, alarms: Alarms, *, on: bool) -> None:
+        """Publish what is enabled of the alarms."""
+        ...
+
+    def close(self) -> None:
+        """End it; nothing is delivered afterwards."""
+        ...
+
+
+class Way(Manager, Protocol):
+    """A way to the manager, as `beside.Beside`."""
+
+    def start(self, hears: Hears, deliver: Deliver) -> None:
+        """Begin to hear the manager."""
+        ...
+
+    def close(self) -> None:
+        """End it, whether the manager answers or not."""
+        ...
+
+
+@dataclass
+class RosClock:
+    """RMF's clock in seconds: the wall clock, or what /clock said last, and 0 before it said anything."""
+
+    use_sim_time: bool
+    simulated: float | None = None
+
+    def __call__(self) -> float:
+        """Return what it shows."""
+        return (self.simulated or 0.0) if self.use_sim_time else time.time()
+
+
+class Running:
+    """An adapter and both its neighbours. A bug in any of them is logged, and all three begin anew: to the others that is a restart."""
+
+    def __init__(
+        self,
+        make_rmf: Callable[[FromRmf, Deliver], Rmf],
+        make_way: Callable[[], Way],
+        *,
+        use_sim_time: bool = False,
+        counts: Counts | None = None,
+    ) -> None:
+        self.counts = counts or Counts()
+        self._make_rmf = make_rmf
+        self._make_way = make_way
+        self._use_sim_time = use_sim_time
+        self._shell: _Shell | None = None
+
+    def open(self) -> None:
+        """Join RMF, on a running loop; raises what the making of its side raises. Then nothing is heard or said before `run`."""
+        shell = _Shell(RosClock(self._use_sim_time), self.counts)
+        shell.open(self._make_rmf, self._make_way)
+        self._shell = shell
+
+    async def run(self) -> None:
+        """Run until cancelled, then tell RMF that the lifts are offline, and leave it."""
+        try:
+            while True:
+                try:
+                    if self._shell is None:
+                        self.open()
+                    await self._once()
+                except Exception:  # noqa: BLE001  whatever it is, the lifts go on being driven, and RMF gets an adapter that is whole
+                    _log.exception("the Open-RMF adapter ended because of a bug; it begins anew in %g s", AGAIN_S)
+                await asyncio.sleep(AGAIN_S)
+        finally:
+            self.close()
+
+    def hush(self) -> None:
+        """Tell RMF at once that the lifts are offline, and nothing more; leaving it, which waits for the network, is left to the end of `run`."""
+        if self._shell is not None:
+            _ended(self._shell.hush)
+
+    def close(self) -> None:
+        """Leave RMF where `run` was never called; idempotent."""
+        shell, self._shell = self._shell, None
+        if shell is not None:
+            shell.close()
+
+    async def _once(self) -> None:
+        shell = self._shell
+        if shell is not None:
+            try:
+                await shell.run()
+            finally:
+                self.close()
+
+
+class _Shell:
+    """One adapter from its begin to its end. Implements `FromRmf` and `port.Hears`."""
+
+    def __init__(self, clock: RosClock, counts: Counts) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._clock = clock
+        self._counts = counts
+        self._failure: asyncio.Future[None] = self._loop.create_future()
+        self._timers: list[asyncio.Handle] = []
+        self._site: Site | None = None
+        self._alarm_timer: asyncio.Handle | None = None
+        self._next: asyncio.Handle | None = None
+        self._is_soon = False
+        self._is_over = False
+        self._names: tuple[str, ...] = ()
+
+    def open(self, make_rmf: Callable[[FromRmf, Deliver], Rmf], make_way: Callable[[], Way]) -> None:
+        """Join RMF. What it says waits until the loop has its turn."""
+        self._rmf = make_rmf(self, self._deliver)
+        self._way = make_way()
+        out = Out(self._rmf.publish, lambda on, site: self._alarm(site, on=on))
+        self._adapter = Adapter(self._way, out, self._clock, self._counts)
+
+    async def run(self) -> None:
+        """Listen to the manager, too; raises what went wrong in any part."""
+        if self._clock.use_sim_time:
+            self._timers.append(self._loop.call_later(NO_CLOCK_S, self._look_at_clock))
+        self._way.start(self, self._deliver)
+        self._soon()
+        await self._failure
+
+    def close(self) -> None:
+        """End everything; the last word to RMF is that the lifts are offline."""
+        self._failure.cancel()
+        _ended(self.hush)
+        _ended(self._way.close)
+        _ended(self._rmf.close)
+
+    def requested(self, request: LiftRequest) -> None:
+        self._adapter.requested(request, self._loop.time())
+        self._soon()
+
+    def broken(self, text: str) -> None:
+        self._adapter.broken(text, self._loop.time())
+
+    def request_writer_matched(self) -> None:
+        self._adapter.request_writer_matched(self._loop.time())
+        self._soon()
+
+    def rival(self, lift_name: str) -> None:
+        self._adapter.rival(lift_name, self._loop.time())
+
+    def clock(self, seconds: float) -> None:
+        self._clock.simulated = seconds
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        self._site = site
+        self._adapter.heard(site, asked_at, now)
+        self._soon()
+        names = tuple(_names(site))
+        if names != self._names:
+            self._names = names
+            for line in names:
+                _log.info("%s", line)
+
+    def answered(self, answer: Answer, now: float) -> None:
+        self._adapter.answered(answer, now)
+        self._soon()
+
+    def lost(self, reason: str, now: float) -> None:
+        self._adapter.lost(reason, now)
+        self._soon()
+
+    def hush(self) -> None:
+        """Publish the lifts as offline; nothing is heard afterwards."""
+        if self._is_over:
+            return
+        self._is_over = True
+        for timer in filter(None, (*self._timers, self._next, self._alarm_timer)):
+            timer.cancel()
+        self._adapter.stop(self._loop.time())
+
+    def _alarm(self, site: Site, *, on: bool) -> None:
+        if self._alarm_timer is not None:
+            self._alarm_timer.cancel()
+        self._rmf.alarm(site.alarms, on=on)
+        if on:
+            self._alarm_timer = self._loop.call_later(ALARM_AGAIN_S, self._guarded, self._alarm_again)
+
+    def _alarm_again(self) -> None:
+        site = self._site
+        if site is not None and any(lift.fire_latched or lift.mode == "fire" for lift in site.lifts):
+            self._alarm(site, on=True)
+
+    def _deliver(self, what: Callable[[], None]) -> None:
+        self._loop.call_soon_threadsafe(self._guarded, what)
+
+    def _guarded(self, what: Callable[[], None]) -> None:
+        if self._is_over or self._failure.done():
+            return
+        try:
+            what()
+        except Exception as error:  # noqa: BLE001  raised again in `run`
+            self._failure.set_exception(error)
+
+    def _soon(self) -> None:
+        """Look at the adapter once what waits already has been taken: a burst of requests is one look."""
+        if not self._is_soon:
+            self._is_soon = True
+            self._look_at(self._loop.call_soon(self._guarded, self._look))
+
+    def _look(self) -> None:
+        self._is_soon = False
+        now = self._loop.time()
+        due = max(self._adapter.tick(now), now + LEAST_S)
+        if not self._is_soon:
+            self._look_at(self._loop.call_at(due, self._guarded, self._look))
+
+    def _look_at(self, handle: asyncio.Handle) -> None:
+        if self._next is not None:
+            self._next.cancel()
+        self._next = handle
+
+    def _look_at_clock(self) -> None:
+        if self._clock.simulated is None:
+            _log.warning(
+                "use_sim_time is on, and nobody publishes /clock: lift_time is 0 until somebody does; start the simulation, or leave use_sim_time out"
+            )
+
+
+def _ended(end: Callable[[], None]) -> None:
+    try:
+        end()
+    except Exception:  # noqa: BLE001  the rest has to end all the same, and so does whoever wants it to end
+        _log.exception("a part of the Open-RMF adapter did not end as it should")
+
+
+def _names(site: Site) -> list[str]:
+    """Say which lift is which for RMF, a line each."""
+    lines = []
+    for lift in site.lifts:
+        floors = ", ".join(own if own == rmf else f"{rmf} (here {own})" for own, rmf in lift.floors.items())
+        called = lift.name if lift.name == lift.lift else f"{lift.name} (here {lift.lift})"
+        lines.append(f"for RMF: lift {called} with the floors {floors}")
+    return lines

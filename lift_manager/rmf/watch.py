@@ -1,0 +1,182 @@
+"""What is said about lifts in RMF, in words, for the person who asks why the robot waits. Pure: seconds of any clock go in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from lift_manager.rmf.messages import (
+    AGV_MODE,
+    DOOR_CLOSED,
+    DOOR_MOVING,
+    DOOR_OPEN,
+    END_SESSION,
+    HUMAN_MODE,
+    MODE_AGV,
+    MODE_EMERGENCY,
+    MODE_FIRE,
+    MODE_HUMAN,
+    MODE_OFFLINE,
+    MODE_UNKNOWN,
+    MOTION_DOWN,
+    MOTION_STOPPED,
+    MOTION_UNKNOWN,
+    MOTION_UP,
+    LiftRequest,
+    LiftState,
+    Time,
+)
+
+AGAIN_S = 10.0
+"""Chosen: what repeats is counted, and the count is said so often while it goes on."""
+SILENT_S = 3.0
+"""A lift that publishes twice a second, as this adapter does, or once, as others do, and is not heard for so long is told of."""
+TEXT_LIMIT = 80
+"""Characters of what somebody sent."""
+
+_DOORS = {DOOR_CLOSED: "door closed", DOOR_MOVING: "door not open", DOOR_OPEN: "door open"}
+_MOTIONS = {
+    MOTION_STOPPED: "stopped",
+    MOTION_UP: "going up",
+    MOTION_DOWN: "going down",
+    MOTION_UNKNOWN: "motion unknown",
+}
+_MODES = {
+    MODE_UNKNOWN: "mode unknown",
+    MODE_HUMAN: "HUMAN",
+    MODE_AGV: "AGV",
+    MODE_FIRE: "FIRE",
+    MODE_OFFLINE: "OFFLINE",
+    MODE_EMERGENCY: "EMERGENCY",
+}
+_TYPES = {AGV_MODE: "AGV", HUMAN_MODE: "HUMAN"}
+
+
+@dataclass(frozen=True)
+class Topics:
+    """What the topics of requests are called here."""
+
+    to_supervisor: str
+    to_lift: str
+
+
+@dataclass
+class _Heard:
+    """What came last of one kind, and how often it came again."""
+
+    line: str
+    told_at: float
+    again: int = 0
+
+
+class Watch:
+    """Turns what comes into lines; what only repeats is counted."""
+
+    def __init__(self, topics: Topics, lift: str | None = None) -> None:
+        """Without `lift` every lift is watched."""
+        self._topics = topics
+        self._lift = lift
+        self._heard: dict[tuple[str, str, str], _Heard] = {}
+        """By topic, lift and session."""
+        self._states: dict[str, tuple[LiftState, float]] = {}
+        self._silent: set[str] = set()
+
+    @property
+    def lifts(self) -> tuple[str, ...]:
+        """The lifts whose state was heard."""
+        return tuple(self._states)
+
+    def stated(self, state: LiftState, now: float) -> Iterator[str]:
+        """Yield a line where a lift is not as it was."""
+        name = state.lift_name
+        if not self._is_watched(name):
+            return
+        before = self._states.get(name)
+        self._states[name] = (state, now)
+        if before is None:
+            yield f"{short(name)}: has the floors {', '.join(map(short, state.available_floors)) or 'none'}"
+        if name in self._silent:
+            self._silent.discard(name)
+            yield f"{short(name)}: is heard again"
+        if before is None or replace(before[0], lift_time=Time()) != replace(state, lift_time=Time()):
+            yield state_words(state)
+
+    def asked(self, topic: str, request: LiftRequest, now: float) -> Iterator[str]:
+        """Yield a line for a request, unless it is the one before once more."""
+        if not self._is_watched(request.lift_name):
+            return
+        key = (topic, request.lift_name, request.session_id)
+        line = f"{request_words(request)}, {self._whereto(topic)}"
+        before = self._heard.get(key)
+        if before is not None and before.line == line:
+            before.again += 1
+            yield from _repeated(before, now, AGAIN_S)
+            return
+        if before is not None:
+            yield from _repeated(before, now, 0.0)
+        self._heard[key] = _Heard(line, now)
+        yield line
+
+    def passed(self, now: float) -> Iterator[str]:
+        """Yield what only the passing of time shows: lifts that fell silent, and requests that are over."""
+        for heard in self._heard.values():
+            yield from _repeated(heard, now, AGAIN_S)
+        for name, (_, at) in self._states.items():
+            if now - at >= SILENT_S and name not in self._silent:
+                self._silent.add(name)
+                yield f"{short(name)}: nobody publishes its state any more, for {SILENT_S:g} s"
+
+    def rest(self, now: float) -> Iterator[str]:
+        """Yield the counts that were not told yet."""
+        for heard in self._heard.values():
+            yield from _repeated(heard, now, 0.0)
+
+    def _is_watched(self, lift: str) -> bool:
+        return self._lift is None or lift == self._lift
+
+    def _whereto(self, topic: str) -> str:
+        return "to the supervisor" if topic == self._topics.to_supervisor else "to the lift"
+
+
+def _repeated(heard: _Heard, now: float, every_s: float) -> Iterator[str]:
+    if heard.again and now - heard.told_at >= every_s:
+        yield f"{heard.line}: {heard.again} times more"
+        heard.again, heard.told_at = 0, now
+
+
+def state_words(state: LiftState) -> str:
+    """Return one line about a lift: `lift1: at L2, door open, stopped, AGV, held by fleet/robot1`."""
+    parts = [f"at {short(state.current_floor)}" if state.current_floor else "at no known floor"]
+    if state.destination_floor not in ("", state.current_floor):
+        parts.append(f"called to {short(state.destination_floor)}")
+    parts.append(_DOORS.get(state.door_state, f"door_state {state.door_state}"))
+    parts.append(_MOTIONS.get(state.motion_state, f"motion_state {state.motion_state}"))
+    parts.append(_MODES.get(state.current_mode, f"mode {state.current_mode}"))
+    parts.append(f"held by {short(state.session_id)}" if state.session_id else "free")
+    return f"{short(state.lift_name)}: {', '.join(parts)}"
+
+
+def request_words(request: LiftRequest) -> str:
+    """Return what a request says: `lift1: fleet/robot1 wants L2, door open (AGV)`."""
+    who = short(request.session_id) if request.session_id else "somebody without a session id"
+    lift = short(request.lift_name)
+    if request.request_type == END_SESSION:
+        asks = request.door_state == DOOR_OPEN and request.session_id
+        # what request_lift.py of rmf_demos sends by mistake (open-rmf 1.6.13)
+        hint = f" (END_SESSION, although it names {short(request.destination_floor)}, door open)" if asks else ""
+        return f"{lift}: {who} ends its session{hint}"
+    door = {DOOR_CLOSED: "door closed", DOOR_OPEN: "door open"}.get(request.door_state)
+    kind = _TYPES.get(request.request_type, f"request_type {request.request_type}")
+    wants = f"{short(request.destination_floor) or 'no floor'}, {door or f'door_state {request.door_state}'}"
+    return f"{lift}: {who} wants {wants} ({kind})"
+
+
+def short(text: str) -> str:
+    """Return what somebody sent as it may stand in a line."""
+    cut = text if len(text) <= TEXT_LIMIT else f"{text[:TEXT_LIMIT]}..."
+    return cut if cut.isprintable() else repr(cut)[1:-1]
+
+
+def heard_words(lifts: Sequence[str]) -> str:
+    """Return which lifts are heard."""
+    return ", ".join(map(short, lifts)) if lifts else "none"

@@ -1,0 +1,198 @@
+"""`lift-manager rmf`, `serve --rmf` and `check --building-map` at the command line."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from register_maps.load import MAPS
+from tests.support.dds_rig import config, settings_of_test
+from tests.support.programs import Started, call, free_port, running
+
+SITE = """\
+schema: 1
+name: A building
+rmf: {namespace: building1}
+controllers:
+  plc: {host: 127.0.0.1, port: PORT, map: generic-registers}
+lifts:
+  main:
+    controller: plc
+    access: control
+    floors: {G: 1, First: 2}
+    rmf: {name: Lift1, floors: {G: L1, First: L2}}
+"""
+NAMESPACE = ("--namespace", "building1")
+BUILDING = """\
+levels:
+  L1: {elevation: 0}
+  L2: {elevation: 8}
+lifts:
+  Lift1: {doors: {door: {}}, level_doors: {L1: [door], L2: [door]}}
+name: hospital
+"""
+GRAPH = """\
+levels:
+  L1: {vertices: [[0, 0, {lift: Lift1}]]}
+  L2: {vertices: [[0, 0.5, {lift: Lift1}]]}
+lifts: {Lift1: {}}
+"""
+NO_CYCLONE = """\
+import json, sys
+sys.modules["cyclonedds"] = None  # as Python marks a package that is not to be found
+from typer.testing import CliRunner
+from lift_manager.cli.main import app
+said = [CliRunner().invoke(app, call.split()) for call in sys.argv[1:]]
+print(json.dumps([[one.exit_code, one.stderr] for one in said]))
+"""
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    (tmp_path / "site.yaml").write_text(SITE.replace("PORT", "5020"), "utf-8")
+    (tmp_path / "map.yaml").write_text(BUILDING, "utf-8")
+    (tmp_path / "0.yaml").write_text(GRAPH, "utf-8")
+    (tmp_path / "register-map.yaml").write_bytes((MAPS / "two-stop-agv.yaml").read_bytes())
+    return tmp_path
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A domain of RMF that nobody else is in, for every program that is started."""
+    settings = settings_of_test()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(settings.domain))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("CYCLONEDDS_URI", settings.cyclonedds_uri)
+    assert config(settings)
+
+
+def words(text: str) -> str:
+    return " ".join(text.replace("│", " ").split())
+
+
+def test_a_site_with_the_names_of_the_map_is_said_to_match(files: Path) -> None:
+    done = call("check", files / "site.yaml", "--building-map", files / "map.yaml")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == f"{files / 'map.yaml'}: the names match: main is Lift1"
+
+
+def test_names_that_do_not_match_are_mistakes_and_the_part_to_write_is_printed_ready(files: Path) -> None:
+    site = files / "site.yaml"
+    content = site.read_text("utf-8")
+    rmf = "    rmf: {name: Lift1, floors: {G: L1, First: L2}}\n"
+    site.write_text(content.replace(rmf, ""), "utf-8")
+    done = call("check", site, "--building-map", files / "map.yaml")
+    assert done.returncode == 2
+    assert "write `rmf: {name: Lift1}` for lift main" in done.stderr
+    assert done.stderr.splitlines()[-1] == "3 mistakes"
+    block = done.stdout[done.stdout.index("lifts:\n") :]
+    assert "      name: Lift1\n" in block
+    assert "      floors: {G: L1, First: L2}\n" in block
+    part = "".join(f"{line}\n" for line in block.splitlines()[2:] if line)
+    site.write_text(content.replace(rmf, part), "utf-8")
+    assert call("check", site, "--building-map", files / "map.yaml").returncode == 0
+
+
+def test_a_navigation_graph_is_compared_too(files: Path) -> None:
+    done = call("check", files / "site.yaml", "--building-map", files / "map.yaml", "--nav-graph", files / "0.yaml")
+    assert done.returncode == 2
+    assert "the vertices of lift Lift1 lie 0.50 m apart" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "said"),
+    [
+        ("check site.yaml --nav-graph 0.yaml", 2, "with --building-map"),
+        ("check site.yaml --building-map none.yaml", 2, "none.yaml: there is no such file"),
+        ("check map.yaml --building-map map.yaml", 2, "mistake"),
+        ("check register-map.yaml --building-map map.yaml", 2, "is no site file"),
+        ("rmf --domain 3 watch", 2, "lift-manager rmf watch --domain"),
+        ("rmf --domain 300", 2, "232"),
+        ("rmf --namespace a-b", 2, "letters, digits and _"),
+        ("rmf --manager-address ftp://x", 2, "is no address"),
+        ("rmf --key-file none", 1, "none cannot be read"),
+        ("rmf request Lift1", 2, "say a floor, or --end without one"),
+        ("rmf request Lift1 L1 --end", 2, "say a floor, or --end without one"),
+        ("rmf request Lift1 L1 --closed", 2, "add --human"),
+        ("rmf request Lift1 L1 --session", 2, "requires an argument"),
+    ],
+)
+def test_what_cannot_be_used_is_said_in_one_sentence(files: Path, given: str, code: int, said: str) -> None:
+    paths = [str(files / word) if word.endswith(".yaml") else word for word in given.split()]
+    done = call(*paths)
+    assert done.returncode == code
+    assert said in words(done.stderr)
+
+
+def test_a_domain_in_the_environment_that_is_none_is_a_mistake(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "one")
+    done = call("rmf", "watch")
+    assert done.returncode == 2
+    assert "ROS_DOMAIN_ID is 'one'" in words(done.stderr)
+
+
+def test_without_cyclone_dds_every_command_says_what_to_install(files: Path) -> None:
+    commands = ["rmf", "rmf watch", "rmf request Lift1 L1", "serve site.yaml --rmf --port 0"]
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", NO_CYCLONE, *commands],
+        cwd=files,
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
+        env=os.environ | {"XDG_STATE_HOME": str(files)},
+    )
+    for code, said in json.loads(done.stdout):
+        assert code == 2
+        assert "Install the manager with its extra `rmf`" in said
+
+
+@pytest.mark.parametrize("way", ["inside", "beside"])
+def test_a_lift_moves_when_rmf_asks_for_it_and_is_offline_for_rmf_when_its_adapter_ends(
+    tmp_path: Path, domain: None, way: str
+) -> None:
+    with Started() as start:
+        plc = start("simulate", "generic-registers", "--port", "0", "--floors", "G=1,First=2", "--speed", "20")
+        port = plc.says(r"127\.0\.0\.1:(\d+), unit 1")[1]
+        (tmp_path / "site.yaml").write_text(SITE.replace("PORT", port), "utf-8")
+        adapter = start("serve", tmp_path / "site.yaml", "--port", "0", *(["--rmf"] if way == "inside" else []))
+        looking = start("rmf", "watch", "Lift1", *NAMESPACE)
+        url = adapter.says(r"(http://[\d.]+:\d+)/docs")[1]
+        if way == "beside":
+            metrics = free_port()
+            manager = ("--manager-address", url, "--metrics-port", metrics)
+            adapter, url = start("rmf", *NAMESPACE, *map(str, manager)), f"http://127.0.0.1:{metrics}"
+        adapter.says("Open-RMF lift adapter: ROS domain .*, /building1/lift_states and /building1/lift_requests")
+        looking.says("Lift1: has the floors L1, L2")
+        done = call("rmf", "request", "Lift1", "L2", "--direct", "--session", "fleet/r1", *NAMESPACE)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert done.stdout.splitlines()[-2] == "Lift1: at L2, door open, stopped, AGV, held by fleet/r1"
+        looking.says(r"\d\d:\d\d:\d\d\.\d{3} Lift1: fleet/r1 wants L2, door open \(AGV\), to the lift")
+        looking.says("Lift1: at L2, door open, stopped, AGV, held by fleet/r1")
+        with urllib.request.urlopen(f"{url}/metrics", timeout=5) as answer:
+            assert 'lift_manager_rmf_requests_total{lift="Lift1",result="begun"} 1' in answer.read().decode()
+        assert adapter.stop()[0] == 0
+        looking.says("Lift1: at no known floor.*OFFLINE, held by fleet/r1")
+        assert looking.stop(signal.SIGINT)[0] == 0
+
+
+def test_an_adapter_beside_a_manager_that_is_not_there_says_so_goes_on_and_ends_at_once(domain: None) -> None:
+    metrics = free_port()
+    with running("rmf", "--manager-port", str(free_port()), "--metrics-port", str(metrics)) as adapter:
+        adapter.says("Open-RMF lift adapter: ROS domain")
+        adapter.logs("the manager cannot be heard: no manager answers")
+        with urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=5) as answer:
+            assert b"lift_manager_rmf_requests" in answer.read()
+        code, took = adapter.stop()
+        assert (code, took < 2.0) == (0, True)
+
+
+def test_the_log_of_the_adapter_can_be_read_by_programs(domain: None) -> None:
+    with running("rmf", "--manager-port", str(free_port()), "--log-format", "json") as adapter:
+        line = adapter.logs(r"(\{.*cannot be heard.*\})")[1]
+        assert json.loads(line)["level"] == "warning"
