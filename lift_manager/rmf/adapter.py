@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lift_manager.rmf.alarms import AlarmOut, FireAlarm
 from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Done, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
@@ -33,8 +34,7 @@ class Out:
     """What goes out to RMF."""
 
     publish: Callable[[LiftState], None]
-    alarm: Callable[[bool, Site], None]
-    """Publish `fire_alarm_trigger`, and `emergency_signal` where the site wants it."""
+    alarm: AlarmOut
 
 
 class _Lift:
@@ -67,7 +67,7 @@ class Adapter:
         self._replay_until = -math.inf
         self._early_ends: dict[tuple[str, str], None] = {}
         """Lift and session, while the manager was never heard."""
-        self._alarmed = False
+        self._fire = FireAlarm(out.alarm)
         self._told: set[tuple[str, str]] = set()
         """Lift and cause of which a line was written."""
 
@@ -128,7 +128,7 @@ class Adapter:
                 _log.warning("%s: the manager ended the session of %s", view.name, before)
         self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
         self._say_early_ends(now)
-        self._alarms(site)
+        self._fire.heard(site, now)
 
     def answered(self, answer: Answer, now: float) -> None:
         """Take what became of something asked."""
@@ -157,7 +157,8 @@ class Adapter:
 
     def tick(self, now: float) -> float:
         """Publish what is due, ask what is due; return when to come again, at the latest. Call it after everything above, too."""
-        return min((self._look(lift, now) for lift in self._lifts.values()), default=now + REST_S)
+        lifts = min((self._look(lift, now) for lift in self._lifts.values()), default=now + REST_S)
+        return min(lifts, self._fire.tick(now))
 
     def stop(self, now: float) -> None:
         """Publish every lift as offline, door not open, one last time: a robot that waits stands still. Sessions stay."""
@@ -198,17 +199,6 @@ class Adapter:
         for name in [one for one in self._lifts if one not in names]:
             _log.warning("the manager has no lift %s any more", name)
             del self._lifts[name]
-
-    def _alarms(self, site: Site) -> None:
-        """Tell of a fire once, and of its end once where the site wants it: a `false` of ours would clear another system's alarm."""
-        if not site.alarms.fire_alarm and not site.alarms.emergency_signal:
-            return
-        burns = any(view.fire_latched or view.mode == "fire" for view in site.lifts)
-        if burns == self._alarmed:
-            return
-        self._alarmed = burns
-        if burns or site.alarms.clear_on_acknowledge:
-            self._out.alarm(burns, site)
 
     def _count(self, lift: str, done: Done) -> None:
         self.counts.requests[lift, done.value] += 1

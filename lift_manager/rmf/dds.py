@@ -73,6 +73,38 @@ class DdsHears(Protocol):
         ...
 
 
+class DdsAlarm:
+    """Where a fire is told. Implements `alarms.AlarmOut`; nothing is offered before the site wants it."""
+
+    def __init__(self, settings: RosSettings, wire: Wire) -> None:
+        self._fire = settings.resolved(settings.fire_topic)
+        self._emergency = settings.resolved(settings.emergency_topic)
+        self._wire = wire
+        self._alarms = Alarms()
+
+    def offer(self, alarms: Alarms) -> None:
+        """Be found by those who listen."""
+        self._alarms = alarms
+        if alarms.fire_alarm:
+            self._wire.offer_fire_alarm(self._fire)
+        if alarms.emergency_signal:
+            self._wire.offer_emergency(self._emergency)
+
+    def say(self, alarms: Alarms, *, on: bool) -> None:
+        """Publish what the site wants; whoever joins later sees the last of it, until it is forgotten."""
+        self.offer(alarms)
+        if alarms.fire_alarm:
+            self._wire.send_fire_alarm(self._fire, on=on)
+        if alarms.emergency_signal:
+            self._wire.send_emergency(self._emergency, alarms.emergency_fleets, on=on)
+
+    def forget(self) -> None:
+        """Leave both topics with what was said there, and be found on them anew."""
+        for topic in (self._fire, self._emergency):
+            self._wire.leave(topic)
+        self.offer(self._alarms)
+
+
 class Dds:
     """The lift adapter's place in RMF. Raises DdsMissing and DdsFailed. Call it from one thread."""
 
@@ -83,6 +115,7 @@ class Dds:
         self._names: set[str] = set()
         self._states = settings.resolved(settings.states_topic)
         self._wire = _wire(settings, self._open)
+        self.alarm = DdsAlarm(settings, self._wire)
 
     def _open(self, wire: Wire) -> None:
         requests = self._settings.resolved(self._settings.requests_topic)
@@ -101,14 +134,6 @@ class Dds:
         """Send it to everybody who listens now. Never waits for a slow one."""
         self._names.add(state.lift_name)
         self._wire.send_state(self._states, state)
-
-    def alarm(self, alarms: Alarms, *, on: bool) -> None:
-        """Publish what `alarms` enables; whoever joins later sees the last of it as long as this is open."""
-        settings = self._settings
-        if alarms.fire_alarm:
-            self._wire.send_fire_alarm(settings.resolved(settings.fire_topic), on=on)
-        if alarms.emergency_signal:
-            self._wire.send_emergency(settings.resolved(settings.emergency_topic), alarms.emergency_fleets, on=on)
 
     def close(self) -> None:
         """Give what was published last a moment to arrive, then leave. Nothing is delivered afterwards."""

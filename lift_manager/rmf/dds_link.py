@@ -134,6 +134,10 @@ class DdsLink:
             with _refusals(f"{name} cannot be published"):
                 self._writers[name] = DataWriter(self._participant, self._topic(name, kind), qos=qos)
 
+    def close_writer(self, name: str) -> None:
+        """Close it; what it kept for readers that join later is gone. One that is not open stays so."""
+        self._writers.pop(name, None)
+
     def write(self, name: str, sample: IdlStruct) -> None:
         """Send it to all who listen. What cannot go at once is left out, and logged once: the next one follows soon."""
         try:

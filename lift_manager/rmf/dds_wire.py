@@ -108,15 +108,22 @@ class Wire:
     def send_request(self, topic: str, request: LiftRequest) -> None:
         self._link.write(topic, wire_request(request))
 
-    def send_fire_alarm(self, topic: str, *, on: bool) -> None:
-        """Nothing is offered before the first alarm: a site without one shows no such publisher."""
+    def offer_fire_alarm(self, topic: str) -> None:
         self._link.open_writer(topic, WireBool, _reliable(WireBool, Policy.Durability.TransientLocal, 1))
-        self._link.write(topic, WireBool(on))
 
-    def send_emergency(self, topic: str, fleets: tuple[str, ...], *, on: bool) -> None:
+    def offer_emergency(self, topic: str) -> None:
         self._link.open_writer(
             topic, WireEmergencySignal, _reliable(WireEmergencySignal, Policy.Durability.TransientLocal, 1)
         )
+
+    def leave(self, topic: str) -> None:
+        """Publish there no more; who joins later gets nothing of what was said."""
+        self._link.close_writer(topic)
+
+    def send_fire_alarm(self, topic: str, *, on: bool) -> None:
+        self._link.write(topic, WireBool(on))
+
+    def send_emergency(self, topic: str, fleets: tuple[str, ...], *, on: bool) -> None:
         self._link.write(topic, WireEmergencySignal(list(fleets), on))
 
 

@@ -175,12 +175,12 @@ class AdapterNode:
         }
         self._states = node.create_publisher(RosLiftState, topics["states_topic"], STATES_QOS)
         self._rivals = _Rivals(node, self._states.topic_name, self._rival)
-        self._alarms = RosAlarms(
+        alarms = RosAlarms(
             Publishers(lambda kind, topic: node.create_publisher(kind, topic, ALARMS_QOS), node.destroy_publisher),
             topics["fire_topic"],
             topics["emergency_topic"],
         )
-        self._adapter = Adapter(manager, Out(self._publish, self._alarm), self._ros_time)
+        self._adapter = Adapter(manager, Out(self._publish, alarms), self._ros_time)
         self._writers: _Writers | None = None
         self._subscribe(topics["requests_topic"])
         self._guard = node.create_guard_condition(self._drain)
@@ -197,7 +197,6 @@ class AdapterNode:
 
     def heard(self, site: Site, asked_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
-        self._alarms.heard(site)
         self._adapter.heard(site, asked_at, now)
 
     def answered(self, answer: Answer, now: float) -> None:
@@ -263,7 +262,6 @@ class AdapterNode:
         if self._writers is not None:
             self._writers.look()
         self._rivals.look()
-        self._alarms.look()
         self._look_at_clock(now)
 
     def _look_at_clock(self, now: float) -> None:
@@ -284,9 +282,6 @@ class AdapterNode:
     def _publish(self, state: LiftState) -> None:
         self._rivals.sent(state)
         self._states.publish(message_of(state))
-
-    def _alarm(self, on: bool, site: Site) -> None:  # noqa: FBT001  `Out.alarm`
-        self._alarms.say(site.alarms, on=on)
 
 
 class RosLog(logging.Handler):

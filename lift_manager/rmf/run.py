@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Hears, Manager
-from lift_manager.rmf.views import Alarms, Site
+from lift_manager.rmf.views import Site
 
 _log = logging.getLogger(__name__)
 
@@ -24,9 +25,6 @@ NO_CLOCK_S = 5.0
 """So long without /clock, and a person is told once."""
 AGAIN_S = 5.0
 """Chosen: so long after a bug everything begins anew; until then nothing is published, and robots wait."""
-ALARM_AGAIN_S = 2.0
-"""How often a fire is told again while it lasts. Chosen: fleet adapters up to jazzy get no history (open-rmf 1.3), and one that is found
-after the first word, as after a restart of this adapter, has to hear of it."""
 LEAST_S = 0.001
 """From one look at the adapter to the next where nothing happened; the clock of uvloop counts milliseconds."""
 
@@ -58,12 +56,13 @@ class FromRmf(Protocol):
 class Rmf(Protocol):
     """RMF's side, as `dds.Dds`."""
 
-    def publish(self, state: LiftState) -> None:
-        """Publish the state of one lift."""
+    @property
+    def alarm(self) -> AlarmOut:
+        """Where a fire is told."""
         ...
 
-    def alarm(self, alarms: Alarms, *, on: bool) -> None:
-        """Publish what is enabled of the alarms."""
+    def publish(self, state: LiftState) -> None:
+        """Publish the state of one lift."""
         ...
 
     def close(self) -> None:
@@ -161,8 +160,6 @@ class _Shell:
         self._counts = counts
         self._failure: asyncio.Future[None] = self._loop.create_future()
         self._timers: list[asyncio.Handle] = []
-        self._site: Site | None = None
-        self._alarm_timer: asyncio.Handle | None = None
         self._next: asyncio.Handle | None = None
         self._is_soon = False
         self._is_over = False
@@ -172,7 +169,7 @@ class _Shell:
         """Join RMF. What it says waits until the loop has its turn."""
         self._rmf = make_rmf(self, self._deliver)
         self._way = make_way()
-        out = Out(self._rmf.publish, lambda on, site: self._alarm(site, on=on))
+        out = Out(self._rmf.publish, self._rmf.alarm)
         self._adapter = Adapter(self._way, out, self._clock, self._counts)
 
     async def run(self) -> None:
@@ -208,7 +205,6 @@ class _Shell:
         self._clock.simulated = seconds
 
     def heard(self, site: Site, asked_at: float, now: float) -> None:
-        self._site = site
         self._adapter.heard(site, asked_at, now)
         self._soon()
         names = tuple(_names(site))
@@ -230,21 +226,9 @@ class _Shell:
         if self._is_over:
             return
         self._is_over = True
-        for timer in filter(None, (*self._timers, self._next, self._alarm_timer)):
+        for timer in filter(None, (*self._timers, self._next)):
             timer.cancel()
         self._adapter.stop(self._loop.time())
-
-    def _alarm(self, site: Site, *, on: bool) -> None:
-        if self._alarm_timer is not None:
-            self._alarm_timer.cancel()
-        self._rmf.alarm(site.alarms, on=on)
-        if on:
-            self._alarm_timer = self._loop.call_later(ALARM_AGAIN_S, self._guarded, self._alarm_again)
-
-    def _alarm_again(self) -> None:
-        site = self._site
-        if site is not None and any(lift.fire_latched or lift.mode == "fire" for lift in site.lifts):
-            self._alarm(site, on=True)
 
     def _deliver(self, what: Callable[[], None]) -> None:
         self._loop.call_soon_threadsafe(self._guarded, what)

@@ -49,6 +49,26 @@ def ends(session: str, floor: str = "", lift: str = "lift_rmf") -> LiftRequest:
 
 
 @dataclass
+class AlarmEar:
+    """What RMF was told of fires."""
+
+    offered: list[Alarms] = field(default_factory=list)
+    said: list[bool] = field(default_factory=list)
+    forgotten_after: list[int] = field(default_factory=list)
+    """How much had been said when it was forgotten."""
+
+    def offer(self, alarms: Alarms) -> None:
+        self.offered.append(alarms)
+
+    def say(self, alarms: Alarms, *, on: bool) -> None:
+        assert alarms in self.offered
+        self.said.append(on)
+
+    def forget(self) -> None:
+        self.forgotten_after.append(len(self.said))
+
+
+@dataclass
 class Bench:
     """The manager keeps an ended session until `over` is called, as it does for the grace."""
 
@@ -61,7 +81,7 @@ class Bench:
     """The code of a refusal of all wishes; `unreachable` where nobody answers."""
     asked: list[Asked] = field(default_factory=list)
     sent: list[LiftState] = field(default_factory=list)
-    alarmed: list[bool] = field(default_factory=list)
+    alarm: AlarmEar = field(default_factory=AlarmEar)
     waiting: list[Asked] = field(default_factory=list)
     slow: bool = False
     """Answers are given when `answers` is called."""
@@ -74,8 +94,7 @@ class Bench:
         self.waiting.clear()
 
     def _adapter(self) -> Adapter:
-        out = Out(self.sent.append, lambda burns, _: self.alarmed.append(burns))
-        return Adapter(self, out, lambda: EPOCH + self.now)
+        return Adapter(self, Out(self.sent.append, self.alarm), lambda: EPOCH + self.now)
 
     def ask(self, asked: Asked) -> None:
         assert asked.lift not in [one.lift for one in self.waiting], "asked again before it was answered"

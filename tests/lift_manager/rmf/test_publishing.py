@@ -8,7 +8,7 @@ import pytest
 
 from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, LiftState, Time
 from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
-from lift_manager.rmf.views import Alarms, HeldBy
+from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import EPOCH, A, Bench, bench, ends, lift, riding, wants
 
 HUMAN, AGV, FIRE, OFFLINE, EMERGENCY = 1, 2, 3, 4, 5
@@ -223,59 +223,6 @@ def test_another_writer_of_a_lift_is_warned_of_once(caplog: pytest.LogCaptureFix
     assert [record.getMessage().split(";")[0] for record in caplog.records if record.levelname == "WARNING"] == [
         "another program publishes the state of lift_rmf too"
     ]
-
-
-def test_a_fire_is_told_only_where_the_site_says_so() -> None:
-    quiet = bench()
-    quiet.change(mode="fire", fire_latched=True)
-    assert (quiet.alarmed, quiet.state.current_mode) == ([], FIRE)
-
-
-@pytest.mark.parametrize(("clears", "told"), [(False, [True]), (True, [True, False])])
-def test_a_fire_is_told_once_and_cleared_only_by_a_person_and_where_the_site_says_so(
-    clears: bool, told: list[bool]
-) -> None:
-    """KABAM says false every second, which clears the alarms of other systems (open-rmf 1.7)."""
-    ride = bench(alarms=Alarms(fire_alarm=True, clear_on_acknowledge=clears))
-    ride.elapse(5)
-    assert ride.alarmed == []
-    ride.change(mode="fire", fire_latched=True)
-    ride.elapse(5)
-    ride.change(mode="normal")
-    ride.elapse(5)
-    assert ride.alarmed == [True], "it is over when a person says so"
-    ride.change(fire_latched=False)
-    ride.elapse(5)
-    assert ride.alarmed == told
-
-
-def test_a_fire_that_is_latched_is_told_again_after_a_restart_of_the_adapter() -> None:
-    ride = bench(alarms=Alarms(fire_alarm=True))
-    ride.change(fire_latched=True)
-    ride.restart_adapter()
-    ride.hear()
-    assert ride.alarmed == [True, True]
-
-
-def test_a_manager_that_is_lost_clears_no_alarm() -> None:
-    ride = bench(alarms=Alarms(fire_alarm=True, clear_on_acknowledge=True))
-    ride.change(fire_latched=True)
-    ride.adapter.lost("connection refused", ride.now)
-    ride.turn()
-    ride.step()
-    assert ride.alarmed == [True]
-
-
-def test_a_second_lift_in_fire_is_no_second_alarm_and_the_first_to_be_well_ends_none() -> None:
-    ride = Bench(
-        views={"east": lift("east"), "west": lift("west")}, alarms=Alarms(fire_alarm=True, clear_on_acknowledge=True)
-    )
-    ride.change("east", fire_latched=True)
-    ride.change("west", fire_latched=True)
-    ride.change("east", fire_latched=False)
-    assert ride.alarmed == [True]
-    ride.change("west", fire_latched=False)
-    assert ride.alarmed == [True, False]
 
 
 def test_a_lift_of_another_face_shows_where_that_goes() -> None:

@@ -11,6 +11,7 @@ from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, MODE_OFFLINE, LiftReq
 from lift_manager.rmf.port import Answer, Asked, Hears, Wanted
 from lift_manager.rmf.run import AGAIN_S, Deliver, FromRmf, Running
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
+from tests.lift_manager.rmf.bench import AlarmEar
 
 REQUEST = LiftRequest("Lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN)
 
@@ -45,15 +46,12 @@ class FakeRmf:
     def __init__(self, hears: FromRmf, deliver: Deliver) -> None:
         self.hears, self.deliver = hears, deliver
         self.states: list[tuple[float, LiftState]] = []
-        self.alarms: list[bool] = []
+        self.alarm = AlarmEar()
         self.closed = False
 
     def publish(self, state: LiftState) -> None:
         assert not self.closed
         self.states.append((asyncio.get_running_loop().time(), state))
-
-    def alarm(self, alarms: Alarms, *, on: bool) -> None:
-        self.alarms.append(on)
 
     def close(self) -> None:
         self.closed = True
@@ -310,13 +308,13 @@ def test_a_fire_is_told_again_while_it_lasts_and_its_end_once_at_the_most(*, cle
     async def scene(stage: Stage) -> None:
         stage.ways[0].alarms = alarms
         await elapse(1.0)
-        assert stage.rmfs[0].alarms == []
+        assert stage.rmfs[0].alarm.said == []
         stage.ways[0].view = view(fire_latched=True)
         await elapse(9.0)
-        assert stage.rmfs[0].alarms == [True] * 5
+        assert stage.rmfs[0].alarm.said == [True] * 5
         stage.ways[0].view = view()
         await elapse(60.0)
-        assert stage.rmfs[0].alarms[5:] == ([False] if clears else [])
+        assert stage.rmfs[0].alarm.said[5:] == ([False] if clears else [])
 
     play(scene)
 

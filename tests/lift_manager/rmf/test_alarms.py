@@ -1,0 +1,110 @@
+"""A fire, told to RMF (open-rmf 1.7)."""
+
+from __future__ import annotations
+
+import pytest
+
+from lift_manager.rmf.alarms import AGAIN_S, FORGET_S
+from lift_manager.rmf.messages import MODE_FIRE
+from lift_manager.rmf.views import Alarms
+from tests.lift_manager.rmf.bench import Bench, bench, lift
+
+WANTED = Alarms(fire_alarm=True)
+CLEARED = Alarms(fire_alarm=True, clear_on_acknowledge=True)
+
+
+def test_a_fire_is_told_only_where_the_site_says_so() -> None:
+    quiet = bench()
+    quiet.change(mode="fire", fire_latched=True)
+    quiet.elapse(5)
+    assert (quiet.alarm.said, quiet.alarm.offered) == ([], [])
+    assert quiet.state.current_mode == MODE_FIRE
+
+
+@pytest.mark.parametrize("alarms", [WANTED, Alarms(emergency_signal=True)])
+def test_whoever_listens_finds_us_before_there_is_a_fire(alarms: Alarms) -> None:
+    ride = bench(alarms=alarms)
+    ride.elapse(5)
+    assert (ride.alarm.offered, ride.alarm.said) == ([alarms], [])
+    ride.change(fire_latched=True)
+    assert ride.alarm.said == [True]
+
+
+@pytest.mark.parametrize(("alarms", "last"), [(WANTED, []), (CLEARED, [False])])
+def test_a_fire_is_told_while_it_lasts_and_cleared_once_by_a_person_and_only_where_the_site_says_so(
+    alarms: Alarms, last: list[bool]
+) -> None:
+    """KABAM says false every second, which clears the alarms of other systems."""
+    ride = bench(alarms=alarms)
+    ride.elapse(5)
+    assert ride.alarm.said == []
+    begun = ride.now
+    ride.change(mode="fire", fire_latched=True)
+    ride.elapse(5)
+    ride.change(mode="normal")
+    ride.elapse(5)
+    assert set(ride.alarm.said) == {True}, "it is over when a person says so"
+    assert len(ride.alarm.said) == pytest.approx((ride.now - begun) / AGAIN_S, abs=1)
+    told = len(ride.alarm.said)
+    ride.change(fire_latched=False)
+    ride.elapse(60)
+    assert ride.alarm.said[told:] == last
+
+
+def test_what_was_said_last_is_forgotten_once_it_has_arrived() -> None:
+    ride = bench(alarms=CLEARED)
+    ride.change(fire_latched=True)
+    ride.change(fire_latched=False)
+    assert (ride.alarm.said, ride.alarm.forgotten_after) == ([True, False], [])
+    ride.elapse(FORGET_S + 0.1)
+    assert ride.alarm.forgotten_after == [2]
+    ride.elapse(60)
+    assert ride.alarm.forgotten_after == [2]
+
+
+def test_a_fire_that_comes_back_at_once_is_not_forgotten() -> None:
+    ride = bench(alarms=CLEARED)
+    ride.change(fire_latched=True)
+    ride.change(fire_latched=False)
+    ride.change(fire_latched=True)
+    ride.elapse(60)
+    assert ride.alarm.forgotten_after == []
+    assert ride.alarm.said[:3] == [True, False, True]
+
+
+def test_a_fire_that_is_latched_is_told_again_after_a_restart_of_the_adapter() -> None:
+    ride = bench(alarms=WANTED)
+    ride.change(fire_latched=True)
+    ride.restart_adapter()
+    ride.hear()
+    assert ride.alarm.said == [True, True]
+
+
+def test_a_manager_that_is_lost_clears_no_alarm() -> None:
+    ride = bench(alarms=CLEARED)
+    ride.change(fire_latched=True)
+    ride.adapter.lost("connection refused", ride.now)
+    for _ in range(100):
+        ride.now += 0.1
+        ride.adapter.tick(ride.now)
+    assert set(ride.alarm.said) == {True}
+
+
+def test_the_adapter_wakes_to_tell_again() -> None:
+    ride = Bench(views={}, alarms=WANTED)
+    ride.views["lift"] = lift(fire_latched=True)
+    ride.hear()
+    now = ride.now
+    for _ in range(20):
+        now = ride.adapter.tick(now)
+    assert len(ride.alarm.said) >= 3
+
+
+def test_a_second_lift_in_fire_is_no_second_alarm_and_the_first_to_be_well_ends_none() -> None:
+    ride = Bench(views={"east": lift("east"), "west": lift("west")}, alarms=CLEARED)
+    ride.change("east", fire_latched=True)
+    ride.change("west", fire_latched=True)
+    ride.change("east", fire_latched=False)
+    assert ride.alarm.said == [True]
+    ride.change("west", fire_latched=False)
+    assert ride.alarm.said == [True, False]
