@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
+from tests.support.dds_rig import settings_of_test
 from tests.support.programs import LIFT_MANAGER, ROOT, Program, Started, eventually, free_port, started
 
 README = (ROOT / "README.md").read_text("utf-8")
@@ -71,7 +73,7 @@ def test_every_command_of_the_readme_is_run_by_some_test() -> None:
     run_here = [*commands("./scripts/demo"), *commands("curl "), *commands(".venv/bin/lift-manager ")]
     run_by_test_scripts = ["./scripts/test"]
     assert sorted(COMMANDS) == sorted([*run_here, *run_by_test_scripts])
-    assert [len(commands(start)) for start in ("./scripts/demo", "curl ", ".venv/bin/lift-manager ")] == [1, 3, 5]
+    assert [len(commands(start)) for start in ("./scripts/demo", "curl ", ".venv/bin/lift-manager ")] == [1, 3, 10]
 
 
 @pytest.mark.external("curl")
@@ -98,7 +100,7 @@ def test_the_curl_lines_of_the_readme_and_of_the_demos_guide_make_the_ride_that_
 
 @pytest.mark.external("curl")
 def test_the_readmes_lift_of_its_own_is_simulated_checked_and_served(start: Started, tmp_path: Path) -> None:
-    simulate, check, serve, _, _ = commands(".venv/bin/lift-manager ")
+    simulate, check, serve, *_ = commands(".venv/bin/lift-manager ")
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     site, port = tmp_path / "examples" / "first-site.yaml", str(free_port())
     for known in (simulate, site.read_text("utf-8")):
@@ -128,6 +130,40 @@ def test_the_readmes_lift_of_its_own_is_simulated_checked_and_served(start: Star
     assert controller.stop()[0] == 0
 
 
+def test_the_readmes_lift_is_named_as_on_the_building_map_and_moved_by_rmf(start: Started, tmp_path: Path) -> None:
+    compare, serve, *asks, watch = commands(".venv/bin/lift-manager ")[4:9]
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    site, port = tmp_path / "examples" / "rmf" / "site.yaml", str(free_port())
+    assert blocks("yaml")[1] in site.read_text("utf-8")
+    site.write_text(site.read_text("utf-8").replace(CONTROLLER_PORT, port), "utf-8")
+    compared = subprocess.run(
+        ["bash", "-c", with_interpreter(compare)], capture_output=True, timeout=20, check=False, cwd=tmp_path
+    )
+    assert compared.returncode == 2
+    suggested = yaml.safe_load(compared.stdout.decode().partition("# to be written")[2].partition("\n")[2])
+    rmf = yaml.safe_load(site.read_text("utf-8"))["lifts"]["main"]["rmf"]
+    assert suggested == {"lifts": {"main": {"rmf": rmf}}}
+
+    simulate = commands(".venv/bin/lift-manager simulate ")[0]
+    controller = typed(start, f"{with_interpreter(simulate).replace(CONTROLLER_PORT, port)} --speed 10")
+    controller.says("Ctrl-C ends it")
+    own = settings_of_test()
+    uri = shlex.quote(own.cyclonedds_uri)
+    here = f"env ROS_DOMAIN_ID={own.domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST CYCLONEDDS_URI={uri} "
+    manager = typed(start, f"{here}{with_interpreter(serve)} --port 0", cwd=tmp_path)
+    manager.says("/docs")
+    watching = typed(start, here + with_interpreter(watch))
+    watching.says("Lift1: at L1, door closed, stopped, HUMAN, free")
+    for ask in asks:
+        done = subprocess.run(
+            ["bash", "-c", here + with_interpreter(ask)], capture_output=True, timeout=40, check=False, cwd=tmp_path
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    watching.says("Lift1: at L3, door open, stopped, AGV, held by lift-manager")
+    for program in (watching, manager, controller):
+        program.stop()
+
+
 @pytest.mark.external("mbpoll")
 def test_the_mbpoll_line_of_the_readme_reads_the_simulated_lift(start: Started) -> None:
     (line,) = re.findall(r"`(mbpoll [^`]*)`", README)
@@ -155,5 +191,5 @@ def test_every_relative_link_of_the_readme_leads_to_a_file() -> None:
 
 
 def test_the_readmes_scenario_ends_as_it_should() -> None:
-    *_, scenario = commands(".venv/bin/lift-manager ")
+    (scenario,) = commands(".venv/bin/lift-manager scenario ")
     assert b"FAILED" not in shell(f"cd {shlex.quote(str(ROOT))} && {with_interpreter(scenario)}")

@@ -13,7 +13,14 @@ from tests.lift_manager.config.site_files import ROOT
 README = (ROOT / "lift_manager" / "config" / "README.md").read_text("utf-8")
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.yaml")), ids=lambda path: path.name)
+EXAMPLES = ROOT / "examples"
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted([*EXAMPLES.glob("*.yaml"), EXAMPLES / "rmf" / "site.yaml"]),
+    ids=lambda path: str(path.relative_to(ROOT)),
+)
 def test_every_example_loads_and_is_called_free_of_mistakes(path: Path) -> None:
     load_site(path)
     assert check_file(path)[-1] == f"{path}: no mistakes"
