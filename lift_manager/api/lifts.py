@@ -25,6 +25,9 @@ class Held(Answer):
     face: str = Field(examples=["api"])
     name: str = Field(examples=["amr-7"])
     for_s: Seconds = Field(description="Since when, in seconds.")
+    ending: bool = Field(
+        default=False, description="It has ended its session; door and robot mode stay for a moment, should it go on."
+    )
 
 
 class Restricted(Answer):
@@ -87,7 +90,7 @@ class Lift(Answer):
             permissions=state.permissions,
             session=None
             if holder is None
-            else Held(face=holder.face, name=holder.name, for_s=state.held_since_s or 0.0),
+            else Held(face=holder.face, name=holder.name, for_s=state.held_since_s or 0.0, ending=state.ending),
             waiting=state.waiting,
             restrictions=Restricted(
                 fire_latched=told.fire_latched,

@@ -55,6 +55,7 @@ class RmfLiftAnswer(Answer):
     mode: Mode
     robot_mode_on: bool | None = Field(description="null where the lift has no such signal.")
     holder: RmfHolder | None = Field(description="null while it is free.")
+    ending: bool = Field(description="The holder has ended its session; door and robot mode stay for a moment.")
     fire_latched: bool = Field(description="There was a fire, and no person has acknowledged it.")
     waiting_for: str = Field(description="What the session waits for before anything is pressed.")
     keeps_off: str = Field(description="Why robots are kept off, in words; empty where they are not.")
@@ -79,6 +80,7 @@ class RmfLiftAnswer(Answer):
             mode=lift.mode,
             robot_mode_on=lift.robot_mode_on,
             holder=None if holder is None else RmfHolder(face=holder.face, name=holder.name),
+            ending=lift.ending,
             fire_latched=lift.fire_latched,
             waiting_for=lift.waiting_for,
             keeps_off=lift.keeps_off,

@@ -37,7 +37,11 @@ def check_use(key: Key, lift: Lift, source: RegisterMap) -> Iterator[Problem]:
         yield Problem(
             (*key, "override", "signals", "car_floor"), f"{_missing(source, 'car_floor')}; {_add('car_floor')}"
         )
-    if lift.infer_occupancy and not source.needs_occupancy and not HANDSHAKE & source.commands.keys():
+    wants_words = source.needs_occupancy or bool(HANDSHAKE & source.commands.keys())
+    if (lift.rmf.name or lift.rmf.floors) and wants_words and not lift.infer_occupancy and lift.access == "control":
+        message = f"{source.name} has to be told when a robot is in place, and RMF has no word for it: no request of RMF would be taken; add `infer_occupancy: true` to this lift"
+        yield Problem((*key, "rmf"), message)
+    if lift.infer_occupancy and not wants_words:
         message = f"{source.name} is told nothing about a robot aboard, so there is nothing to infer; remove this line"
         yield Problem((*key, "infer_occupancy"), message)
     for index, covered_by in superfluous(lift.robot_hours or ()):

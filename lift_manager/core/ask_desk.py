@@ -9,7 +9,7 @@ from lift_manager.core.handing_over import hand_over
 from lift_manager.core.keeper import STOPPING, SessionKeeper
 from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain import session as sessions
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.session import Session
 from lift_manager.domain.state import Holder
 
@@ -77,12 +77,22 @@ class AskDesk:
             keeper.serving.let_go_of_door()
             session = replace(session, holding_since=None)
             return sessions.admit(session, ask, number=session.number, now=now)
-        goes_on = session is not None or keeper.handshake.goes_on(ask.holder)
-        if mine and (refused := keeper.admission.refusal(offline=offline, goes_on=goes_on)) is not None:
-            return refused
-        if not goes_on and (refused := self._line.why_not_yet(ask.holder, now)) is not None:
+        if mine and (refused := self._refusal(ask, session, now, offline)) is not None:
             return refused
         return sessions.admit(session, ask, number=keeper.opened + 1, now=now)
+
+    def _refusal(self, ask: Ask, session: Session | None, now: float, offline: str) -> Refused | None:
+        """Return what speaks against a request for a lift that nobody else holds."""
+        keeper = self._keeper
+        goes_on = session is not None or keeper.handshake.goes_on(ask.holder)
+        refused = keeper.admission.refusal(offline=offline, goes_on=goes_on)
+        if refused is not None and session is not None and session.ending and refused.code is Refusal.OFFLINE:
+            # it thinks again in its grace and keeps what is on; nothing is pressed for it before the lift is read
+            return None
+        if refused is not None or goes_on:
+            return refused
+        without_words = keeper.handshake.no_words() if ask.stays else None
+        return without_words or self._line.why_not_yet(ask.holder, now)
 
     def _contest(self, session: Session, ask: Ask, now: float, offline: str) -> Refused | None:
         """End a session that has to make way for this request, if it has to; a refusal says more than that it is held."""

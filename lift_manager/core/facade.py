@@ -25,6 +25,11 @@ class LiftFacade(Protocol):
         ...
 
     @property
+    def stopping(self) -> bool:
+        """Whether it has begun to end: nobody holds a lift any more, and sessions are kept for the next start."""
+        ...
+
+    @property
     def rmf(self) -> RmfRules:
         """What the site says about Open-RMF."""
         ...

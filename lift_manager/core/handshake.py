@@ -170,6 +170,15 @@ class Handshake:
         text = f"{self._options.name}: its map {self._able.map_name} has no command that brings {car} to {floor}"
         return Refused(Refusal.NOT_POSSIBLE, text)
 
+    def no_words(self) -> Refused | None:
+        """Refuse a caller without robot words where the lift needs them: its robot would ride in, and be taken nowhere."""
+        if not self._rules.matters or self._rules.infer:
+            return None
+        why = "has to be told when a robot is in place, and this caller has no word for it; set `infer_occupancy: true`"
+        return Refused(
+            Refusal.NOT_POSSIBLE, f"{self._options.name} {why} in the site file, if its requests may count as one"
+        )
+
     def _why_unknown(self, ask: Ask, session: Session | None, sight: Sight | None) -> str | None:
         """Say why nobody knows whether the holder's robot of an earlier session is in the car, where that speaks against a request."""
         person = _a_person_looks(self._options.name)

@@ -50,6 +50,8 @@ class LiftManager(SiteSessions, SiteRides):
         self._memory = memory or ShortMemory()
         self._journal = journal or ShortJournal()
         self._refusals = RefusalLog(self._journal)
+        self.stopping = False
+        """It has begun to end."""
         self.rmf = rmf or RmfRules()
         """What the site says about Open-RMF."""
         self._rides = RideEngine(
@@ -107,6 +109,7 @@ class LiftManager(SiteSessions, SiteRides):
 
     async def stop(self) -> None:
         """Let everything go on every lift and return once it is verified; bound it with a timeout."""
+        self.stopping = True
         self._rides.stop()
         try:
             async with asyncio.TaskGroup() as tasks:

@@ -61,6 +61,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         not_visible=seen.able.not_visible,
         restrictions=seen.restrictions,
         waiting=seen.waiting,
+        ending=session is not None and session.ending,
     )
     if sight is None or age_s is None or age_s > seen.able.max_age_s:
         return replace(state, reason=_offline(seen))

@@ -57,6 +57,8 @@ class RmfLift:
     robot_mode_on: bool | None
     """None where the lift does not tell."""
     holder: Holder | None
+    ending: bool
+    """The holder has ended its session, and the grace runs."""
     fire_latched: bool
     waiting_for: str
     keeps_off: str
@@ -92,6 +94,7 @@ def rmf_lift(state: LiftState, about: LiftDescription) -> RmfLift:
         mode=state.mode,
         robot_mode_on=state.permissions.get("robot_mode_on"),
         holder=state.holder,
+        ending=state.ending,
         fire_latched=state.restrictions.fire_latched,
         waiting_for=state.restrictions.waiting_for,
         keeps_off=_keeps_off(state.restrictions),

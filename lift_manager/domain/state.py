@@ -88,3 +88,5 @@ class LiftState:
     """What the lift itself says of robots: those of `PERMISSIONS` that it tells."""
     waiting: int = 0
     """How many rides and faces wait for the lift."""
+    ending: bool = False
+    """Its holder has ended the session: door and robot mode stay for a moment, should it think again."""

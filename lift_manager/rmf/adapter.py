@@ -115,13 +115,14 @@ class Adapter:
         self._forget_gone(site)
         for place, view in enumerate(site.lifts):
             lift = self._lifts.get(view.name)
-            if lift is None:
+            if lift is None or lift.contract.view.lift != view.lift:
+                # another lift of the site has this name now: what the old one was asked is not answered any more
                 lift = self._lifts[view.name] = _Lift(
                     view, site.end_grace_s, Cadence(place, len(site.lifts), now), asked_at
                 )
             contract = lift.contract
             contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
-            before = contract.session if contract.granted else ""
+            before = contract.session if contract.holds else ""
             if contract.heard(view, site.boot, site.event, now):
                 lift.asked_at = asked_at
             if before and not contract.session:

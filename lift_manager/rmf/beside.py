@@ -21,7 +21,7 @@ from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Serve
 from lift_manager.plain.news import News, event_number
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.sse import EventParser, TooLong
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Hears
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Hears, Wanted
 from lift_manager.rmf.views import BadAnswer, Site, decision_of, site_of
 
 _log = logging.getLogger(__name__)
@@ -34,9 +34,15 @@ CARRIERS = 4
 the end of a session waits without a limit (open-rmf 1.5), and a lift whose disk is slow must not delay it."""
 CLOSED_WITHIN_S = 2.0
 """Chosen: above any wait that `close` cannot cut short, but for that of the system for a name server."""
+LAST_WORDS_S = 0.5
+"""Of these, for ENDs that were asked last. Chosen: as long as the manager waits for its disk."""
 REASONS = 5
 """Chosen: so many different ones are told in one loss, and none twice: a broken proxy may have a new one each time."""
+WAITED_S = 1.0
+"""Chosen: a wish that could not leave for so long is given up: RMF repeats those that still count, and an END must not wait behind one
+that nobody wants any more."""
 _STREAM = "text/event-stream"
+_BUSY = "the manager answers more slowly than RMF asks, so this was not passed on; RMF asks again"
 _KEY = (
     "the adapter needs a key of the role rmf that names each of its lifts"
     " (`lift-manager keys make SITE --name NAME --role rmf --lift LIFT`)"
@@ -103,9 +109,17 @@ class Beside:
         self._news.tell(None)
         self._waiting.end()
         self._listener.hurry()
+        carriers = [work for work in self._works if isinstance(work, _Carrier)]
         for work in self._works:
+            if work not in carriers:
+                work.connection.cut()
+        self._join(LAST_WORDS_S)
+        for work in carriers:
             work.connection.cut()
-        until = time.monotonic() + CLOSED_WITHIN_S
+        self._join(CLOSED_WITHIN_S - LAST_WORDS_S)
+
+    def _join(self, within_s: float) -> None:
+        until = time.monotonic() + within_s
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))
 
@@ -289,8 +303,10 @@ class _Carrier:
         self._only_ended = only_ended
 
     def run(self) -> None:
-        while (asked := self._waiting.take(only_ended=self._only_ended)) is not None:
-            answer = self._carried(asked)
+        while (taken := self._waiting.take(only_ended=self._only_ended)) is not None:
+            asked, waited_s = taken
+            too_late = isinstance(asked, Wanted) and waited_s > WAITED_S
+            answer = Answer(asked, yes=False, code=NOT_SENT, reason=_BUSY) if too_late else self._carried(asked)
             self._ears.answered(answer)
             # later than its answer, which the next one of the same lift must not overtake
             self._waiting.done(asked.lift)
@@ -322,27 +338,29 @@ class _Waiting:
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._asked: list[Asked] = []
+        self._asked: list[tuple[Asked, float]] = []
+        """With the time when it was asked."""
         self._under_way: set[str] = set()
         self._is_over = False
 
     def put(self, asked: Asked) -> None:
         with self._changed:
-            self._asked.append(asked)
+            self._asked.append((asked, time.monotonic()))
             self._changed.notify_all()
 
-    def take(self, *, only_ended: bool) -> Asked | None:
-        """Wait for the next one, which keeps others of its lift until `done`; None at the end."""
+    def take(self, *, only_ended: bool) -> tuple[Asked, float] | None:
+        """Wait for the next one and for how long it has waited; it keeps others of its lift until `done`. None at the end."""
         with self._changed:
             found = self._next(only_ended=only_ended)
             while found is None and not self._is_over:
                 self._changed.wait()
                 found = self._next(only_ended=only_ended)
-            if found is None or self._is_over:
+            if found is None:
                 return None
             self._asked.remove(found)
-            self._under_way.add(found.lift)
-            return found
+            asked, since = found
+            self._under_way.add(asked.lift)
+            return asked, time.monotonic() - since
 
     def done(self, lift: str) -> None:
         with self._changed:
@@ -350,16 +368,18 @@ class _Waiting:
             self._changed.notify_all()
 
     def end(self) -> None:
+        """Let ENDs be carried that can be at once, and nothing else: some supervisors say each once only (open-rmf 1.4)."""
         with self._changed:
             self._is_over = True
+            self._asked = [one for one in self._asked if isinstance(one[0], Ended)]
             self._changed.notify_all()
 
-    def _next(self, *, only_ended: bool) -> Asked | None:
-        firsts: dict[str, Asked] = {}
-        for asked in self._asked:
-            firsts.setdefault(asked.lift, asked)
-        free = [asked for lift, asked in firsts.items() if lift not in self._under_way]
-        ended = [asked for asked in free if isinstance(asked, Ended)]
+    def _next(self, *, only_ended: bool) -> tuple[Asked, float] | None:
+        firsts: dict[str, tuple[Asked, float]] = {}
+        for one in self._asked:
+            firsts.setdefault(one[0].lift, one)
+        free = [one for lift, one in firsts.items() if lift not in self._under_way]
+        ended = [one for one in free if isinstance(one[0], Ended)]
         return next(iter(ended if only_ended else ended + free), None)
 
 

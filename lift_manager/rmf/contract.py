@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from lift_manager.rmf.messages import ASKED_DOORS, DOOR_OPEN, END_SESSION, HUMAN_MODE, REQUEST_TYPES, LiftRequest
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
 from lift_manager.rmf.views import HeldBy, LiftView
 
 FACE = "rmf"
@@ -103,9 +103,14 @@ class LiftContract:
         """Sessions whose end the manager has to hear, the oldest first."""
         self._ended: dict[str, float] = {}
         """Sessions that are over for RMF, and when: the manager may still show one as the holder."""
+        self._taken_from = ""
+        """The last session that the manager ended without END."""
         self._perhaps: list[str] = []
         """Sessions of which nobody knows whether the manager heard their wish."""
         self._as_of: tuple[str, int] = ("", 0)
+        """Boot and event of the manager's last word."""
+        self._seen: tuple[str, int] = ("", 0)
+        """And of the view."""
 
     @property
     def holder(self) -> HeldBy | None:
@@ -126,7 +131,8 @@ class LiftContract:
     @property
     def settled(self) -> bool:
         """Whether the manager holds the lift for the session that RMF is told of, for what that wants."""
-        return self.granted and self._is_held_by(self.session) and (self.wish is None or self.wish == self._told)
+        held = self._is_held_by(self.session) and not self.view.ending and self._seen >= self._as_of
+        return self.granted and held and (self.wish is None or self.wish == self._told)
 
     def requested(self, request: LiftRequest, now: float, *, replay: bool) -> Done:
         """Take a request for this lift; `replay` says that it may be an old one."""
@@ -164,7 +170,7 @@ class LiftContract:
             self._told, self._heard_at = None, -math.inf
         if _blocking(view) != _blocking(self.view):
             self._paused_until = -math.inf
-        self.view = view
+        self.view, self._seen = view, (boot, event)
         if self._in_flight is None:
             self._reconcile(now)
         return True
@@ -214,12 +220,18 @@ class LiftContract:
         if session in self._ends:
             self._ends.remove(session)
         # one whose grace has not run out has the lift still, and one that comes next has nobody to compete with
-        self.granted = not self.lost and self._is_rmf() and self.view.live
+        known = self._is_rmf() or (session == self._taken_from and self._is_free())
+        self.granted = not self.lost and self.view.live and known
         self._ended.pop(session, None)
 
     def _want(self, wish: Wish, now: float, *, replay: bool) -> None:
         self.wish, self._heard_at = wish, now
-        self._tell_from = now + SETTLE_S if replay else now
+        # whoever was waiting for its session to end when the manager ended it says END as soon as it reads that it has it again;
+        # until then the supervisor repeats its last request (seen with the models of section 1.4)
+        settles = replay or self.session == self._taken_from
+        self._tell_from = now + SETTLE_S if settles else now
+        if not replay:
+            self._taken_from = ""
 
     def _repeat(self, now: float) -> None:
         """Let a wish that was told be told again, if it is time."""
@@ -280,6 +292,7 @@ class LiftContract:
 
     def _wanted_answered(self, asked: Wanted, answer: Answer, now: float) -> None:
         if answer.code == UNREACHABLE and asked.session not in self._ends:
+            self._forget_doubt(asked.session)
             self._perhaps = [*self._perhaps[-(DOUBTS - 1) :], asked.session]
         if asked.session != self.session:
             return  # it ended meanwhile; that is said next
@@ -291,7 +304,7 @@ class LiftContract:
         self._paused_until = now + REFUSED_S
         self._told = None
         # one that was told to RMF stays while the lift is offline, as every session does
-        waits = answer.code == UNREACHABLE or (self.granted and answer.code == _OFFLINE)
+        waits = answer.code in (UNREACHABLE, NOT_SENT) or (self.granted and answer.code == _OFFLINE)
         if not waits and not self._is_held_by(asked.session):
             self._drop()
 
@@ -299,6 +312,8 @@ class LiftContract:
         """Bring what RMF was told together with who holds the lift."""
         holder = self.view.holder
         theirs = holder.name if holder is not None and holder.face == FACE else ""
+        if theirs and self.view.ending:
+            self._is_ending(theirs, now)
         late = [
             one for one, at in self._ended.items() if now - at > self.grace_s + END_AGAIN_S and one not in self._ends
         ]
@@ -306,20 +321,34 @@ class LiftContract:
             del self._ended[one]
             if one == theirs:
                 self._say_end(one, now)
+        if theirs == self.session != "" and self.view.ending:
+            return
         if theirs and theirs not in self._ended:
             if theirs != self.session:
                 # from before this adapter, or by a word that was thought to be lost
                 self._drop()
                 self.session = theirs
             self.granted = self._had = True
-        elif self._had or self._is_given_up(now):
-            self._drop()  # the manager ended it: fire, a person's word, its time was over; or nobody wants it any more
+        elif self._had:
+            self._taken_from = self.session  # by fire, a person's word, or its time was over
+            self._drop()
+        elif self._is_given_up(now):
+            self._drop()
         elif self.foreign is not None:
             self.granted = False  # another face was quicker
 
+    def _is_ending(self, session: str, now: float) -> None:
+        """Take it that the manager has heard the end of the session that has the lift."""
+        if session != self.session:
+            self._ended.setdefault(session, now)  # perhaps by our own word from before a restart
+        elif self._had:
+            # somebody else's word, or one of ours that came late: RMF says with its next request whether it is meant
+            self._told = None
+
     def _is_given_up(self, now: float) -> bool:
-        """Whether the session never had the lift, and nobody has asked for it for a while."""
-        return not self._had and not self._is_asked(self.session) and now - self._heard_at > FRESH_S
+        """Whether the session never had the lift, and nobody has asked for it for a while; in the grace of another it need not."""
+        idle = not self._is_asked(self.session) and now - self._heard_at > FRESH_S
+        return not self._had and idle and not (self.granted and self._waits_for_grace())
 
     def _forget_doubt(self, session: str) -> None:
         self._perhaps = [one for one in self._perhaps if one != session]
@@ -329,6 +358,10 @@ class LiftContract:
 
     def _is_rmf(self) -> bool:
         return self.view.holder is not None and self.view.holder.face == FACE
+
+    def _is_free(self) -> bool:
+        """Whether nothing is known to speak against a session."""
+        return self.view.holder is None and not self.view.fire_latched and not self.view.keeps_off
 
     def _is_asked(self, session: str) -> bool:
         return isinstance(self._in_flight, Wanted) and self._in_flight.session == session

@@ -93,6 +93,8 @@ class Inside:
 
     def _tell(self, hears: Hears) -> None:
         now = _now()
+        if self._facade.stopping:
+            return  # nobody holds a lift any more, and sessions are kept: what RMF was told last stays
         site = site_view(rmf_site(self._facade, self._abouts))
         self._due, self._told_at = False, now
         hears.heard(site, now, now)
@@ -143,6 +145,7 @@ def _lift_view(lift: RmfLift) -> LiftView:
         mode=lift.mode.value,
         robot_mode_on=lift.robot_mode_on,
         holder=None if holder is None else HeldBy(holder.face, holder.name),
+        ending=lift.ending,
         fire_latched=lift.fire_latched,
         waiting_for=lift.waiting_for,
         keeps_off=lift.keeps_off,

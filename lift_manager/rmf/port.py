@@ -50,6 +50,8 @@ class Answer:
 
 
 UNREACHABLE = "unreachable"
+NOT_SENT = "not_sent"
+"""The code of a wish that never left: the manager has not heard of it."""
 
 
 class Manager(Protocol):

@@ -49,6 +49,8 @@ class LiftView:
     robot_mode_on: bool | None
     """None where the lift has no such signal."""
     holder: HeldBy | None
+    ending: bool
+    """The holder has ended its session: it is over, and door and robot mode stay for the grace."""
     fire_latched: bool
     """There was a fire, and no person has acknowledged it."""
     waiting_for: str
@@ -132,6 +134,7 @@ def _lift(said: _Said) -> LiftView:
         mode=said.text("mode"),
         robot_mode_on=said.maybe("robot_mode_on", _flag),
         holder=said.maybe("holder", _holder),
+        ending=said.flag("ending"),
         fire_latched=said.flag("fire_latched"),
         waiting_for=said.text("waiting_for"),
         keeps_off=said.text("keeps_off"),

@@ -9,6 +9,7 @@ from starlette.responses import Response
 
 from lift_manager.api.rmf import RmfEndedRequest, RmfSiteAnswer, RmfTaken, RmfWantedRequest
 from lift_manager.core.facade import Facade
+from lift_manager.core.keeper import STOPPING
 from lift_manager.core.rmf_site import rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.rmf import FACE
@@ -35,6 +36,9 @@ class _Rmf:
         self._facade = facade
 
     async def site(self, request: Request) -> Response:
+        if self._facade.stopping:
+            # nobody holds a lift then, and an adapter would take sessions for over that are kept
+            return refused(STOPPING)
         return yes(RmfSiteAnswer.of(rmf_site(self._facade)))
 
     async def wanted(self, request: Request) -> Response:

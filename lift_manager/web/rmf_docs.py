@@ -45,6 +45,7 @@ _LIFT = RmfLiftAnswer(
     mode=Mode.NORMAL,
     robot_mode_on=True,
     holder=RmfHolder(face="rmf", name="fleet/amr-7"),
+    ending=False,
     fire_latched=False,
     waiting_for="",
     keeps_off="",
@@ -61,7 +62,7 @@ def site() -> dict[str, Any]:
         "Every lift, for RMF",
         "By RMF's names and the site's, from memory. `event` is the number of the newest event: `/api/v1/events` tells of the next.",
         {200: Gives("As it is.", RmfSiteAnswer, _SITE)},
-        (),
+        ("stopping",),
     )
 
 

@@ -75,6 +75,11 @@ class NotingFacade:
         return self._facade.unwritten
 
     @property
+    def stopping(self) -> bool:
+        """Whether it has begun to end."""
+        return self._facade.stopping
+
+    @property
     def rmf(self) -> RmfRules:
         """What the site says about Open-RMF."""
         return self._facade.rmf

@@ -9,6 +9,7 @@ from lift_manager.domain.rmf import RmfRules
 from tests.lift_manager.config.site_files import (
     GENERIC,
     SECOND_LIFT,
+    TWO_STOP,
     assert_says_exactly,
     findings,
     load,
@@ -135,3 +136,13 @@ def test_a_name_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     (found,) = findings(tmp_path, of_main(f"    rmf: {text}\n"))
     assert found.key is not None
     assert found.key.startswith("lifts.main.rmf.")
+
+
+def test_a_lift_that_has_to_hear_of_robots_is_none_for_rmf_unless_that_may_be_inferred(tmp_path: Path) -> None:
+    named, inferred = "    rmf: {name: goods_1}\n", "    infer_occupancy: true\n"
+    told = TWO_STOP.replace("two-stop-agv", "seer-lps3-two-stop")
+    (found,) = findings(tmp_path, told + named)
+    assert "add `infer_occupancy: true` to this lift" in str(found)
+    assert load(tmp_path, told + inferred + named).site.lifts["goods"].rmf.name == "goods_1"
+    for fine in (told, TWO_STOP + named, told.replace("access: control", "access: monitor") + named):
+        load(tmp_path, fine)

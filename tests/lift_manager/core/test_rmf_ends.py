@@ -215,12 +215,26 @@ def test_the_same_session_may_want_another_floor_within_the_grace() -> None:
     on_bench(check, PLAIN)
 
 
-def test_a_request_that_is_refused_within_the_grace_leaves_the_end_as_it_was_said() -> None:
+def test_a_session_may_go_on_within_its_grace_while_the_lift_cannot_be_read() -> None:
     async def check(made: Bench) -> None:
         await open_for_it(made)
         ends(made)
         await silent(made)
-        assert is_refused(made, "L1").code is Refusal.OFFLINE
+        wants(made, "L1")
+        await elapse(10)
+        assert held_by(made) == RMF
+        assert made.presses == ["go_to L1"]
+        assert is_refused(made, "L3").code is Refusal.OFFLINE
+
+    on_bench(check, PLAIN)
+
+
+def test_a_request_that_is_refused_within_the_grace_leaves_the_end_as_it_was_said() -> None:
+    async def check(made: Bench) -> None:
+        await open_for_it(made)
+        ends(made)
+        await elapse(2)
+        assert is_refused(made, "L9").code is Refusal.UNKNOWN_FLOOR
         await elapse(1.1)
         assert held_by(made) is None
         assert made.driver.on == set()

@@ -60,7 +60,23 @@ def test_a_door_that_the_call_holds_is_let_go_and_held_again_as_rmf_says() -> No
             await elapse(0.5)
         assert len(made.presses) == 2
 
-    on_bench(check, able)
+    on_bench(check, able, infer=True)
+
+
+def test_rmf_gets_no_lift_that_has_to_hear_of_robots_unless_the_site_lets_that_be_inferred() -> None:
+    """Its robot would ride in, and every further floor would be refused."""
+
+    async def refused(made: Bench) -> None:
+        said = is_refused(made, "L1")
+        assert said.code is Refusal.NOT_POSSIBLE
+        assert "infer_occupancy" in said.message
+
+    async def taken(made: Bench) -> None:
+        wants(made, "L1")
+
+    on_bench(refused, PERMITTING)
+    on_bench(taken, PERMITTING, infer=True)
+    on_bench(taken, PLAIN)
 
 
 def test_a_door_is_let_go_for_rmf_though_the_lift_takes_no_commands_now() -> None:

@@ -32,6 +32,7 @@ def lift(name: str = "lift", **changes: object) -> LiftView:
         mode="normal",
         robot_mode_on=None,
         holder=None,
+        ending=False,
         fire_latched=False,
         waiting_for="",
         keeps_off="",
@@ -106,16 +107,20 @@ class Bench:
             self.adapter.answered(self._decide(asked), self.now)
 
     def _decide(self, asked: Asked) -> Answer:
-        view = self.views[asked.lift]
+        view = self.views.get(asked.lift)
+        if view is None:
+            return Answer(asked, yes=False, code="unknown_lift", reason="there is no such lift")
         ours = HeldBy("rmf", asked.session)
         if self.refuses == UNREACHABLE:
             return Answer(asked, yes=False, code=UNREACHABLE, reason="nobody answers")
         if isinstance(asked, Wanted):
             if self.refuses or view.holder not in (None, ours):
                 return Answer(asked, yes=False, code=self.refuses or "held", reason="held by another")
-            self.views[asked.lift] = replace(view, holder=ours, destination=asked.floor)
+            self.views[asked.lift] = replace(view, holder=ours, ending=False, destination=asked.floor)
         elif view.holder not in (None, ours):
             return Answer(asked, yes=False, code="held", reason="held by another")
+        elif view.holder == ours:
+            self.views[asked.lift] = replace(view, ending=True)
         self.event += 1
         return Answer(asked, yes=True, boot=self.boot, event=self.event)
 
@@ -149,7 +154,7 @@ class Bench:
 
     def over(self, name: str = "lift") -> None:
         """The manager lets a session go."""
-        self.change(name, holder=None, destination=None)
+        self.change(name, holder=None, ending=False, destination=None)
 
     def say(self, *requests: LiftRequest) -> None:
         """RMF sends these at one moment."""

@@ -36,6 +36,7 @@ LIFT = LiftView(
     mode="normal",
     robot_mode_on=None,
     holder=HeldBy("rmf", "fleet/amr-7"),
+    ending=False,
     fire_latched=False,
     waiting_for="",
     keeps_off="",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from lift_manager.rmf.contract import FRESH_S, HEARD_S, REFUSED_S, REPEAT_S, Done
@@ -273,6 +275,126 @@ def test_an_adapter_that_was_restarted_takes_up_the_session_and_executes_no_old_
     assert lift.wanted() == [(A, "L2")]
     lift.say(ends(A))
     assert (lift.state.session_id, lift.ended()) == ("", [A])
+
+
+def test_an_adapter_that_was_restarted_in_the_grace_does_not_show_the_session_that_is_over() -> None:
+    """Its robot may wait outside for that very state, and the door is let go in a moment."""
+    lift = riding()
+    lift.say(ends(A))
+    lift.views["lift"] = replace(lift.views["lift"], ending=True)
+    lift.restart_adapter()
+    sent = len(lift.sent)
+    lift.elapse(2)
+    assert {state.session_id for state in lift.sent[sent:]} == {""}
+    lift.say(wants(B, "Level 2"))
+    assert (lift.state.session_id, lift.state.door_state) == (B, DOOR_MOVING)
+    lift.change(holder=None, ending=False)
+    assert lift.wanted()[-1] == (B, "L2")
+
+
+def test_a_session_that_is_over_and_asks_again_in_its_grace_goes_on_after_a_restart_of_the_adapter() -> None:
+    lift = riding()
+    lift.say(ends(A))
+    lift.views["lift"] = replace(lift.views["lift"], ending=True)
+    lift.restart_adapter()
+    lift.elapse(1)
+    lift.slow = True
+    lift.say(wants(A, "Level 2"))
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_MOVING)
+    lift.views["lift"] = replace(lift.views["lift"], ending=False)
+    lift.answers()
+    lift.step()
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_OPEN)
+
+
+def test_a_session_that_somebody_else_ended_is_not_invited_and_is_over_with_its_grace() -> None:
+    lift = riding()
+    lift.elapse(6)
+    lift.change(ending=True)
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_MOVING)
+    lift.elapse(2)
+    assert lift.wanted() == [(A, "L2")]
+    lift.change(holder=None, ending=False)
+    assert lift.state.session_id == ""
+
+
+def test_a_session_that_an_end_which_came_late_would_end_is_wanted_again_with_rmfs_next_word() -> None:
+    """An END whose answer did not come may be executed after the same session was opened again."""
+    lift = riding()
+    lift.elapse(6)
+    lift.change(ending=True)
+    lift.say(wants(A, "Level 2"))
+    assert lift.wanted() == [(A, "L2")] * 2
+    lift.change(ending=False)
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_OPEN)
+
+
+def test_a_door_of_before_the_managers_last_word_is_not_open() -> None:
+    """Away and back within one moment: the manager let go of the door in between."""
+    lift = riding()
+    lift.event += 2
+    for floor in ("Level 3", "Level 2"):
+        lift.adapter.requested(wants(A, floor), lift.now)
+        lift.turn()
+    assert (lift.state.current_floor, lift.state.door_state) == ("Level 2", DOOR_MOVING)
+    lift.hear()
+    assert lift.state.door_state == DOOR_OPEN
+
+
+def test_a_lift_that_comes_back_under_another_name_of_the_site_is_asked_anew() -> None:
+    lift = riding()
+    lift.slow = True
+    lift.adapter.requested(wants(A, "Level 3"), lift.now)
+    lift.adapter.tick(lift.now)
+    lift.views = {"main": replace(lift.views["lift"], lift="main", holder=None)}
+    lift.boot = "second"
+    lift.slow = False
+    lift.hear()
+    lift.say(wants(A, "Level 3"))
+    assert lift.asked[-1] == Wanted("main", A, "L3", hold_door=True)
+
+
+def test_a_session_that_waits_for_a_long_grace_is_not_given_up() -> None:
+    lift = riding()
+    lift.say(ends(A), wants(B, "Level 3"))
+    lift.elapse(7)
+    assert lift.state.session_id == B
+
+
+def test_one_session_that_nobody_answers_does_not_push_another_out_of_memory() -> None:
+    lift = bench(refuses=UNREACHABLE)
+    lift.say(wants(A, "Level 2"))
+    lift.elapse(FRESH_S + 1)
+    for _ in range(30):
+        lift.say(wants(B, "Level 2"))
+        lift.elapse(1.1)
+    lift.elapse(FRESH_S + 1)
+    lift.refuses = ""
+    lift.say(ends(A), ends(B))
+    assert lift.ended() == [A, B]
+
+
+def test_a_session_that_the_manager_ended_is_shown_before_its_leftover_wish_is_told() -> None:
+    """Its fleet adapter read the end and said none; it says END as soon as it reads that it has the lift again."""
+    lift = riding()
+    lift.over()
+    lift.adapter.requested(wants(A, "Level 3"), lift.now)
+    lift.turn()
+    assert (lift.state.session_id, lift.wanted()) == (A, [(A, "L2")])
+    lift.say(ends(A))
+    lift.elapse(2)
+    assert (lift.state.session_id, lift.wanted(), lift.ended()) == ("", [(A, "L2")], [])
+    lift.say(wants(A, "Level 3"))
+    assert lift.wanted()[-1] == (A, "L3"), "a new session is told at once"
+
+
+def test_a_session_that_the_manager_ended_and_that_is_meant_is_told_a_moment_later() -> None:
+    lift = riding()
+    lift.over()
+    lift.say(wants(A, "Level 3"))
+    lift.elapse(0.5)
+    assert lift.wanted()[-1] == (A, "L3")
+    assert lift.state.session_id == A
 
 
 def test_an_end_that_came_before_the_manager_was_heard_counts() -> None:

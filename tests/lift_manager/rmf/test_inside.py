@@ -59,6 +59,7 @@ class Both:
     """A manager with one lift, and an adapter inside it."""
 
     bench: Bench
+    facade: LiftManager
     inside: Inside
     ears: Ears
 
@@ -78,7 +79,7 @@ def inside(check: Callable[[Both], Awaitable[None]], rules: RmfRules | None = No
 
     async def on(made: Bench) -> None:
         facade = LiftManager([made.task], made.bus, rmf=rules)
-        both = Both(made, Inside(facade), Ears())
+        both = Both(made, facade, Inside(facade), Ears())
         both.inside.start(both.ears, soon)
         assert both.ears.sites == [], "not before it has returned"
         await elapse(0)
@@ -109,6 +110,17 @@ def test_a_wish_is_taken_and_a_site_from_its_event_on_shows_it() -> None:
         assert {site.lifts[0].holder for site in shows} == {HeldBy("rmf", AMR)}
         await elapse(0.5)
         assert both.bench.presses == ["go_to L1"]
+
+    inside(check)
+
+
+def test_a_manager_that_ends_takes_no_session_away() -> None:
+    async def check(both: Both) -> None:
+        await both.said(TO_L1)
+        await elapse(1)
+        await both.facade.stop()
+        await elapse(1)
+        assert both.ears.lift.holder == HeldBy("rmf", AMR)
 
     inside(check)
 

@@ -30,6 +30,7 @@ LIFTS = st.builds(
     mode=TEXT,
     robot_mode_on=st.none() | st.booleans(),
     holder=st.none() | st.builds(HeldBy, face=TEXT, name=TEXT),
+    ending=st.booleans(),
     fire_latched=st.booleans(),
     waiting_for=TEXT,
     keeps_off=TEXT,

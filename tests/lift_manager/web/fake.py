@@ -56,6 +56,7 @@ class FakeManager(FakeSessions, FakeRides):
     """How long a lift's words take to the disk."""
     boot: str = "b0"
     newest: int = 0
+    stopping: bool = False
     rmf: RmfRules = field(default_factory=RmfRules)
     _ears: list[Callable[[Occurrence], None]] = field(default_factory=list)
 

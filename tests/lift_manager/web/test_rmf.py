@@ -75,6 +75,11 @@ def told(facade: FakeManager) -> Site:
     return site_of(answer.json())
 
 
+def test_a_manager_that_ends_does_not_say_that_its_sessions_are_over() -> None:
+    answer = ask(FakeManager(stopping=True), "GET", "/api/v1/rmf")
+    assert (answer.status_code, answer.json()["code"]) == (503, "stopping")
+
+
 def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
     facade = Named({"Güter": RIDING, "lift": LOST}, newest=7, rmf=RULES)
     site = told(facade)
@@ -104,6 +109,7 @@ def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
         mode="robot",
         robot_mode_on=True,
         holder=HeldBy("rmf", "fleet/amr-7"),
+        ending=False,
         fire_latched=True,
         waiting_for="people",
         keeps_off="locked out by M. Weber; a robot of workshop:r2 may be in the car",

@@ -1,0 +1,174 @@
+"""A small part of `python -m tests.campaigns.rmf`, and the proof that its judge finds what it is there to find."""
+
+from dataclasses import replace
+from random import Random
+
+import pytest
+
+from lift_manager.domain.state import Holder
+from lift_manager.lab.world.truth import Truth
+from lift_manager.rmf.messages import (
+    AGV_MODE,
+    DOOR_OPEN,
+    MODE_AGV,
+    MODE_HUMAN,
+    MOTION_STOPPED,
+    LiftRequest,
+    LiftState,
+    Time,
+)
+from register_maps.words import Mode
+from tests.campaigns.rmf import play_one, quiet, run
+from tests.support.rmf.careless import CARELESS
+from tests.support.rmf.events import (
+    Ends,
+    Event,
+    Fire,
+    OtherFace,
+    Panel,
+    Ride,
+    SupervisorRestarts,
+    Unplugged,
+    WayCut,
+    WebEnd,
+)
+from tests.support.rmf.judge import RULES, Judge
+from tests.support.rmf.network import Channel
+from tests.support.rmf.playing import play
+from tests.support.rmf.schedules import Schedule, draw, shrink
+from tests.support.rmf.timeline import Timeline
+from tests.support.rmf.world import Setting
+from tests.support.virtual_time import elapse, run_virtual
+
+A, B = "fleet_1/robot_1", "fleet_2/robot_2"
+RIDE = Ride(0.0, A, pickup=1, destination=3, drives_s=2.0)
+NEXT = Ride(0.5, B, pickup=3, destination=1, drives_s=1.0)
+OFTEN = tuple(SupervisorRestarts(at, 0.05) for at in (10.3, 16.6, 22.9, 28.1, 33.3, 36.0))
+
+FOUND_BY: dict[str, tuple[str, tuple[Event, ...]]] = {
+    "executes stale floors": ("stale floor", (replace(RIDE, trips=3), *OFTEN)),
+    "clears the session on arrival": ("stolen", (RIDE,)),
+    "publishes per request": ("storm", (RIDE,)),
+    "says open while another face holds the lift": ("open for another", (OtherFace(0.0, 0, 10.0),)),
+    "says open before our hold is on": ("open for another", (RIDE, NEXT)),
+    "says open to the next one while the last one has it": ("open for another", (RIDE, NEXT)),
+    "says open while the door moves": ("open", (RIDE,)),
+    "says open in a fire": ("open in fire", (replace(RIDE, pickup=0, drives_s=6.0), Fire(4.0, 10.0))),
+    "repeats the last state of an offline lift": ("ended", (RIDE, WayCut(8.0, 20.0))),
+    "forgets the session of an offline lift": ("stolen", (RIDE, Unplugged(3.0, 5.0))),
+    "drops an END before another request": ("ended", (RIDE, NEXT)),
+    "ignores an END without a floor": ("ended", (RIDE,)),
+    "moves the car on END": ("stale floor", (RIDE, Ends(6.0, A, "level 1", 1, 0.1))),
+    "shows an ended session once more": ("ended", (RIDE,)),
+    "takes an END for the session of another": ("stolen", (RIDE, Ends(3.0, "nobody", "", 1, 0.1))),
+    "does not hear who comes next": ("lost", (RIDE, NEXT)),
+    "has no grace": ("door fell", (replace(RIDE, drives_s=6.0), WebEnd(3.0, A, 0))),
+    "publishes changes only": ("silent", (RIDE,)),
+    "gives the lift to whoever asks": ("stolen", (RIDE, Panel(3.0, 0, 3.0))),
+}
+"""What finds each fault, in which story."""
+BY_HAND = {"open and not held", "robot mode", "never done"}
+"""Rules that no adapter above breaks first; their judge is tried with what it would see."""
+MODES = (MODE_HUMAN, MODE_AGV)
+
+
+@pytest.mark.parametrize("first", range(1, 9, 4))
+def test_no_interleaving_breaks_a_rule(first: int) -> None:
+    tally = run(range(first, first + 4))
+    assert tally.failed == []
+    assert tally.schedules == 4
+
+
+@pytest.mark.parametrize("fault", CARELESS)
+def test_an_adapter_with_a_fault_is_found(fault: str) -> None:
+    rule, events = FOUND_BY[fault]
+    with quiet():
+        played = play(Setting("kilted", seed=5, speed=6.0), events, make=CARELESS[fault], to_first=True)
+    assert rule in {found.rule for found in played.findings}
+
+
+def test_every_rule_is_tried() -> None:
+    assert {rule for rule, _ in FOUND_BY.values()} | BY_HAND == set(RULES)
+
+
+def judge() -> Judge:
+    floors = {"L1": "level 1", "L2": "level 2"}
+    return Judge("lift", floors, grace_s=3.0, max_age_s=1.0, holds=frozenset({"hold_door.front"}))
+
+
+def truth(*, open_at: str | None = "L1", robot_mode: bool = True, given: tuple[tuple[str, int], ...] = ()) -> Truth:
+    mode = Mode.ROBOT if robot_mode else Mode.NORMAL
+    standing = open_at is not None
+    return Truth(open_at, open_at, standing, not standing, mode, robot_mode, frozenset(), given)
+
+
+def said(at: float) -> LiftState:
+    floors = ("level 1", "level 2")
+    return LiftState(Time.of(at), "lift", floors, "level 1", "level 1", DOOR_OPEN, MOTION_STOPPED, MODES, MODE_AGV, A)
+
+
+@pytest.mark.parametrize(("given", "rules"), [((), ["open and not held"]), ((("hold_door.front", 1),), [])])
+def test_an_open_door_that_nothing_of_ours_holds_is_found(given: tuple[tuple[str, int], ...], rules: list[str]) -> None:
+    one = judge()
+    one.arrived(0.5, LiftRequest("lift", Time(), A, AGV_MODE, "level 1", DOOR_OPEN))
+    one.holder.add(0.5, Holder("rmf", A))
+    one.looked(0.9, "lift", truth(given=given))
+    one.state_sent(1.0, said(1.0))
+    assert [found.rule for found in one.findings] == rules
+
+
+@pytest.mark.parametrize(("mode", "rules"), [(False, ["robot mode"]), (True, [])])
+def test_robot_mode_that_falls_under_way_is_found(mode: bool, rules: list[str]) -> None:
+    one = judge()
+    one.looked(0.9, "lift", truth(open_at=None))
+    one.looked(1.0, "lift", truth(open_at=None, robot_mode=mode))
+    assert [found.rule for found in one.findings] == rules
+
+
+def test_a_robot_that_is_left_behind_and_a_lift_that_is_not_free_are_found() -> None:
+    one = judge()
+    one.finish(100.0, waiting=f"{A}: outside", held=True)
+    assert [found.rule for found in one.findings] == ["never done", "never done"]
+
+
+def test_a_seed_is_the_same_schedule_every_time_and_a_failing_one_is_made_smaller() -> None:
+    assert draw(17) == draw(17)
+    schedule = next(one for one in map(draw, range(1, 50)) if len(one.events) > 3)
+    ride = schedule.events[0]
+    assert isinstance(ride, Ride)
+
+    def fails(one: Schedule) -> bool:
+        return any(isinstance(event, Ride) and event.session == ride.session for event in one.events)
+
+    assert len(shrink(schedule, fails).events) == 1
+
+
+def test_a_schedule_comes_to_the_same_every_time() -> None:
+    with quiet():
+        first, second = (play_one(draw(3)) for _ in range(2))
+    assert (first.states, first.requests, first.lasted_s) == (second.states, second.requests, second.lasted_s)
+
+
+def test_messages_of_one_writer_arrive_in_order_and_within_their_time() -> None:
+    came: list[int] = []
+
+    async def main() -> None:
+        channel: Channel[int] = Channel(Random(1), 0.02, came.append)
+        for number in range(100):
+            channel.send(number)
+        await elapse(0.021)
+        channel.send(100)
+        channel.cut()
+        await elapse(1.0)
+
+    run_virtual(main)
+    assert came == list(range(100))
+
+
+def test_a_value_lasts_until_the_next() -> None:
+    line: Timeline[str | None] = Timeline(None)
+    line.add(1.0, "a")
+    line.add(2.0, "a")
+    line.add(3.0, "b")
+    assert [line.at(at) for at in (0.0, 1.0, 2.9, 3.0)] == [None, "a", "a", "b"]
+    assert list(line.during(0.5, 3.0)) == ["b", "a", None]

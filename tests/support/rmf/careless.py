@@ -1,0 +1,306 @@
+"""Adapters that break one rule each: a judge that does not find them proves nothing. Each is made like `Adapter`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Protocol
+
+from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Manager, Wanted
+from lift_manager.rmf.views import HeldBy, LiftView, Site
+
+Clock = Callable[[], float]
+TOGETHER_S = 0.05
+DEAF_S = 10.0
+
+
+class _Speaks(Protocol):
+    """Changes what is published, knowing how the manager's lift is."""
+
+    def __call__(self, state: LiftState, view: LiftView | None) -> LiftState | None: ...
+
+
+class _Says(Adapter):
+    """Publishes something else than it should; None is nothing at all."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock, says: _Speaks) -> None:
+        self._view: LiftView | None = None
+
+        def publish(state: LiftState) -> None:
+            if (said := says(state, self._view)) is not None:
+                out.publish(said)
+
+        super().__init__(manager, Out(publish, out.alarm), ros_time)
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        (self._view,) = site.lifts
+        super().heard(site, asked_at, now)
+
+
+class _Asks(Adapter):
+    """Asks the manager something else than it should, one thing after the other; it takes the last answer for its own."""
+
+    def __init__(
+        self, manager: Manager, out: Out, ros_time: Clock, change: Callable[[Asked], tuple[Asked, ...]]
+    ) -> None:
+        self._real = manager
+        self._change = change
+        self._asked: Asked | None = None
+        self._still: list[Asked] = []
+        super().__init__(self, out, ros_time)
+
+    def ask(self, asked: Asked) -> None:
+        self._asked = asked
+        first, *self._still = self._change(asked)
+        self._real.ask(first)
+
+    def answered(self, answer: Answer, now: float) -> None:
+        if self._still and answer.code != UNREACHABLE:
+            self._real.ask(self._still.pop(0))
+        elif self._asked is not None:
+            super().answered(replace(answer, asked=self._asked), now)
+
+
+class ExecutesStaleFloors(Adapter):
+    """Sends every floor of a replay to the lift."""
+
+    def request_writer_matched(self, now: float) -> None:
+        pass
+
+
+class PublishesPerRequest(Adapter):
+    """Answers each request with a state."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._last: LiftState | None = None
+
+        def publish(state: LiftState) -> None:
+            self._last = state
+            out.publish(state)
+
+        self._say = out.publish
+        super().__init__(manager, Out(publish, out.alarm), ros_time)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        super().requested(request, now)
+        if self._last is not None:
+            self._say(self._last)
+
+
+class DropsEndBeforeRequest(Adapter):
+    """Takes the newest of what comes together: an END is dropped when another session asks right after it."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._end: tuple[LiftRequest, float] | None = None
+        super().__init__(manager, out, ros_time)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type == END_SESSION and request.session_id:
+            self._end = request, now + TOGETHER_S
+            return
+        if self._end is not None and request.session_id != self._end[0].session_id:
+            self._end = None
+        super().requested(request, now)
+
+    def tick(self, now: float) -> float:
+        if self._end is not None and now >= self._end[1]:
+            (request, _), self._end = self._end, None
+            super().requested(request, now)
+        due = super().tick(now)
+        return due if self._end is None else min(due, self._end[1])
+
+
+class EndMovesTheCar(_Asks):
+    """Takes the floor of END_SESSION for a command, as the simulator does."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._floors: Mapping[str, str] = {}
+        self._end: LiftRequest | None = None
+        super().__init__(manager, out, ros_time, self._with_floor)
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        self._floors = {rmf: floor for floor, rmf in site.lifts[0].floors.items()}
+        super().heard(site, asked_at, now)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type == END_SESSION and request.destination_floor in self._floors:
+            self._end = request
+        super().requested(request, now)
+
+    def _with_floor(self, asked: Asked) -> tuple[Asked, ...]:
+        if isinstance(asked, Ended) and self._end is not None and self._end.session_id == asked.session:
+            floor, self._end = self._floors[self._end.destination_floor], None
+            return Wanted(asked.lift, asked.session, floor, hold_door=False), asked
+        return (asked,)
+
+
+class IgnoresEndWithoutFloor(Adapter):
+    """Checks the floor of an END, as the workshop's adapter does."""
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type != END_SESSION or request.destination_floor:
+            super().requested(request, now)
+
+
+class TakesAnyEnd(Adapter):
+    """Ends whatever session there is, whoever says so."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._session = ""
+        super().__init__(manager, out, ros_time)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type != END_SESSION:
+            self._session = self._session or request.session_id
+        elif self._session:
+            request, self._session = replace(request, session_id=self._session), ""
+        super().requested(request, now)
+
+
+class ForgetsWhoComesNext(Adapter):
+    """Hears nobody for a while after a session has ended."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._deaf_until = -math.inf
+        super().__init__(manager, out, ros_time)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type == END_SESSION:
+            if request.session_id:
+                self._deaf_until = now + DEAF_S
+        elif now < self._deaf_until:
+            return
+        super().requested(request, now)
+
+
+class LetsAnybodySteal(Adapter):
+    """Gives the lift to whoever asked last."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._session = ""
+        super().__init__(manager, out, ros_time)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type != END_SESSION and request.session_id != self._session:
+            if self._session:
+                super().requested(replace(request, session_id=self._session, request_type=END_SESSION), now)
+            self._session = request.session_id
+        super().requested(request, now)
+
+
+def _cleared_on_arrival(state: LiftState, view: LiftView | None) -> LiftState:
+    arrived = state.door_state == DOOR_OPEN and state.current_floor == state.destination_floor
+    return replace(state, session_id="") if arrived else state
+
+
+def _open_for_another(state: LiftState, view: LiftView | None) -> LiftState:
+    foreign = view is not None and view.holder is not None and view.holder.face != "rmf"
+    return replace(state, door_state=DOOR_OPEN) if foreign and _is_open(view) else state
+
+
+def _open_unheld(state: LiftState, view: LiftView | None) -> LiftState:
+    return replace(state, door_state=DOOR_OPEN) if state.session_id and _is_open(view) else state
+
+
+def _open_for_whom_it_was_not(state: LiftState, view: LiftView | None) -> LiftState:
+    other = view is not None and view.holder not in (None, HeldBy("rmf", state.session_id))
+    return replace(state, door_state=DOOR_OPEN) if other and state.session_id and _is_open(view) else state
+
+
+def _open_before_it_is(state: LiftState, view: LiftView | None) -> LiftState:
+    opens = view is not None and view.live and view.standing and view.door == "moving" and state.current_floor
+    return replace(state, door_state=DOOR_OPEN) if opens and state.session_id else state
+
+
+def _forgets_offline(state: LiftState, view: LiftView | None) -> LiftState:
+    return replace(state, session_id="") if state.current_mode == MODE_OFFLINE else state
+
+
+def _is_open(view: LiftView | None) -> bool:
+    return view is not None and view.live and view.standing and view.door == "open"
+
+
+def _open_until_fire_is_over() -> _Speaks:
+    last: LiftState | None = None
+
+    def say(state: LiftState, view: LiftView | None) -> LiftState:
+        nonlocal last
+        if state.current_mode == MODE_FIRE and last is not None and last.door_state == DOOR_OPEN:
+            return replace(state, door_state=DOOR_OPEN)
+        last = state
+        return state
+
+    return say
+
+
+def _keeps_ended() -> _Speaks:
+    last = ""
+
+    def say(state: LiftState, view: LiftView | None) -> LiftState:
+        nonlocal last
+        said = replace(state, session_id=state.session_id or last)
+        last = state.session_id
+        return said
+
+    return say
+
+
+def _only_changes() -> _Speaks:
+    last: LiftState | None = None
+
+    def say(state: LiftState, view: LiftView | None) -> LiftState | None:
+        nonlocal last
+        before, last = last, state
+        return None if before is not None and replace(before, lift_time=state.lift_time) == state else state
+
+    return say
+
+
+def _frozen() -> _Speaks:
+    last: LiftState | None = None
+
+    def say(state: LiftState, view: LiftView | None) -> LiftState:
+        nonlocal last
+        if state.current_mode != MODE_OFFLINE or last is None:
+            last = state
+        return last
+
+    return say
+
+
+def _says(make: Callable[[], _Speaks]) -> Callable[[Manager, Out, Clock], Adapter]:
+    return lambda manager, out, ros_time: _Says(manager, out, ros_time, make())
+
+
+def _without_grace(manager: Manager, out: Out, ros_time: Clock) -> Adapter:
+    def change(asked: Asked) -> tuple[Asked, ...]:
+        return (replace(asked, grace_s=0.0) if isinstance(asked, Ended) else asked,)
+
+    return _Asks(manager, out, ros_time, change)
+
+
+CARELESS: Mapping[str, Callable[[Manager, Out, Clock], Adapter]] = {
+    "executes stale floors": ExecutesStaleFloors,
+    "clears the session on arrival": _says(lambda: _cleared_on_arrival),
+    "publishes per request": PublishesPerRequest,
+    "says open while another face holds the lift": _says(lambda: _open_for_another),
+    "says open before our hold is on": _says(lambda: _open_unheld),
+    "says open to the next one while the last one has it": _says(lambda: _open_for_whom_it_was_not),
+    "says open while the door moves": _says(lambda: _open_before_it_is),
+    "says open in a fire": _says(_open_until_fire_is_over),
+    "repeats the last state of an offline lift": _says(_frozen),
+    "forgets the session of an offline lift": _says(lambda: _forgets_offline),
+    "drops an END before another request": DropsEndBeforeRequest,
+    "ignores an END without a floor": IgnoresEndWithoutFloor,
+    "moves the car on END": EndMovesTheCar,
+    "shows an ended session once more": _says(_keeps_ended),
+    "takes an END for the session of another": TakesAnyEnd,
+    "gives the lift to whoever asks": LetsAnybodySteal,
+    "does not hear who comes next": ForgetsWhoComesNext,
+    "has no grace": _without_grace,
+    "publishes changes only": _says(_only_changes),
+}
+"""By what they do wrong."""

@@ -1,0 +1,120 @@
+"""The way between the adapter and the manager, as long as it likes to be, and broken when told so."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from random import Random
+
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Hears, Manager
+from lift_manager.rmf.views import Site
+from tests.support.rmf.network import Channel
+
+GIVES_UP_S = 0.3
+"""After so long an adapter beside the manager stops waiting for an answer. Chosen: short, so that doubts are many."""
+
+
+class Way:
+    """Between an adapter (`Hears`) and a manager, with a delay of its own for each message. Implements `Manager` and `Hears`.
+
+    While it is cut nothing comes through. What was under way has reached the manager, or not: nobody knows.
+    """
+
+    def __init__(self, dice: Random, most_s: float) -> None:
+        """`most_s` 0: the manager is in the same process."""
+        self._dice = dice
+        self._most_s = most_s
+        self.hears: Hears | None = None
+        """The adapter; None while there is none."""
+        self._manager: Manager | None = None
+        self._up: Channel[Asked] = Channel(dice, most_s, self._pass_on)
+        self._down: Channel[Callable[[], None]] = Channel(dice, most_s, _call)
+        self._cut = ""
+        self._unanswered: list[Asked] = []
+        self.asked = 0
+
+    def connect(self, manager: Manager) -> None:
+        """Reach a manager from here on; whoever was asked before answers no more."""
+        self._manager = manager
+
+    def cut(self, reason: str) -> None:
+        """Let nothing through. The adapter hears of it at once, and each of its questions fails some time later."""
+        self._cut = reason
+        self._down.cut()
+        if self._dice.random() < 0.5:
+            self._up.cut()
+        if self.hears is not None:
+            self.hears.lost(reason, _now())
+            for asked in self._unanswered:
+                self._fail(asked)
+        self._unanswered.clear()
+
+    def mend(self) -> None:
+        """Let things through again. The next news of the manager comes by itself."""
+        self._cut = ""
+
+    def forget(self) -> None:
+        """Lose the adapter with all that was under way to it."""
+        self.hears = None
+        self._down.cut()
+        self._unanswered.clear()
+
+    # -- the adapter's side
+
+    def ask(self, asked: Asked) -> None:
+        self.asked += 1
+        if self._cut:
+            self._fail(asked)
+            return
+        self._unanswered.append(asked)
+        if self._most_s:
+            self._up.send(asked)
+        else:
+            self._pass_on(asked)
+
+    # -- the manager's side
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        self._back(lambda: None if self.hears is None else self.hears.heard(site, asked_at, _now()))
+
+    def answered(self, answer: Answer, now: float) -> None:
+        if answer.asked not in self._unanswered:
+            return  # it was asked by an adapter that is no more, or given up
+        self._back(lambda: self._deliver(answer))
+
+    def lost(self, reason: str, now: float) -> None:
+        self._back(lambda: None if self.hears is None else self.hears.lost(reason, _now()))
+
+    def _deliver(self, answer: Answer) -> None:
+        if self.hears is not None and answer.asked in self._unanswered:
+            self._unanswered.remove(answer.asked)
+            self.hears.answered(answer, _now())
+
+    def _pass_on(self, asked: Asked) -> None:
+        if self._manager is not None:
+            self._manager.ask(asked)
+
+    def _back(self, call: Callable[[], None]) -> None:
+        if self._cut:
+            return
+        if self._most_s:
+            self._down.send(call)
+        else:
+            call()
+
+    def _fail(self, asked: Asked) -> None:
+        hears = self.hears
+
+        def say() -> None:
+            if hears is not None and hears is self.hears:
+                hears.answered(Answer(asked, yes=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now())
+
+        asyncio.get_running_loop().call_later(self._dice.uniform(0.0, GIVES_UP_S), say)
+
+
+def _call(call: Callable[[], None]) -> None:
+    call()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
