@@ -11,7 +11,7 @@ from lift_manager.rmf.alarms import AlarmOut, FireAlarm
 from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Done, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
-from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, Manager, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
 from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
 from lift_manager.rmf.views import LiftView, Site
 from lift_manager.rmf.words import USUAL, short, why_ignored
@@ -23,7 +23,7 @@ EARLY_ENDS = 100
 REST_S = 60.0
 """When to look again where nothing is due."""
 _RIVAL = "rival"
-_TAKEN = frozenset({Done.BEGUN, Done.UPDATED, Done.REPEATED, Done.REFUSED})
+_TAKEN = frozenset({Done.BEGUN, Done.UPDATED, Done.REPEATED, Done.REFUSED, Done.ENDED})
 """These come with every message; what becomes of them is said when it happens."""
 _LASTING = frozenset({_RIVAL, *(done.value for done in Done if done is not Done.HELD)})
 """Causes that are no news a second time; why a lift is not to be had is, once it was."""
@@ -84,7 +84,10 @@ class Adapter:
             self._count("", done)
             self._explain(done, request, None)
             return
+        held = lift.contract.holds
         done = lift.contract.requested(request, now, replay=now < self._replay_until)
+        if held and done is Done.ENDED:
+            _log.info("%s: %s has ended its session", request.lift_name, short(request.session_id))
         lift.next_at = -math.inf
         self._count(request.lift_name, done)
         self._explain(done, request, lift.contract)
@@ -125,8 +128,7 @@ class Adapter:
             before = contract.session if contract.holds else ""
             if contract.heard(view, site.boot, site.event, now):
                 lift.asked_at = asked_at
-            if before and not contract.session:
-                _log.warning("%s: the manager ended the session of %s", view.name, before)
+            self._say_change(view.name, before, contract.session if contract.holds else "")
         self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
         self._say_early_ends(now)
         self._fire.heard(site, now)
@@ -141,9 +143,8 @@ class Adapter:
         lift.contract.answered(answer, now)
         if lift.contract.holds and not before:
             _log.info("%s: %s has the lift", name, short(answer.asked.session))
-        if answer.yes and isinstance(answer.asked, Wanted):
             self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
-        elif not answer.yes and answer.code != UNREACHABLE:
+        if not answer.yes and answer.code not in (UNREACHABLE, NOT_SENT):
             what = "the end of" if isinstance(answer.asked, Ended) else "a request of"
             text = f"{name}: the manager refuses {what} {short(answer.asked.session)}: {answer.reason}"
             self._once(name, answer.code, text)
@@ -207,11 +208,16 @@ class Adapter:
     def _explain(self, done: Done, request: LiftRequest, contract: LiftContract | None) -> None:
         """Write one line for each cause and lift, not one for each message."""
         name = "" if contract is None else contract.view.name
-        if done is Done.ENDED:
-            _log.info("%s: %s has ended its session", name, short(request.session_id))
-        elif done not in _TAKEN:
+        if done not in _TAKEN:
             level = logging.INFO if done in USUAL else logging.WARNING
             self._once(name, done.value, why_ignored(done, request, contract), level)
+
+    def _say_change(self, name: str, before: str, now: str) -> None:
+        """Say who has a lift, where the manager's answer shows another one than was known."""
+        if now and now != before:
+            _log.info("%s: %s has the lift already", name, short(now))
+        elif before and not now:
+            _log.warning("%s: the manager ended the session of %s", name, short(before))
 
     def _once(self, lift: str, cause: str, text: str, level: int = logging.WARNING) -> None:
         if (lift, cause) not in self._told:

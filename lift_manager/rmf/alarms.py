@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from typing import Protocol
 
 from lift_manager.rmf.views import Alarms, Site
+
+_log = logging.getLogger(__name__)
 
 AGAIN_S = 2.0
 """How often a fire is told while it lasts: the fleet adapters of humble, iron and jazzy get no history (open-rmf 1.3), and one that
@@ -37,6 +40,7 @@ class FireAlarm:
         self._out = out
         self._alarms = Alarms()
         self._on = False
+        self._burning: set[str] = set()
         self._again_at = math.inf
         self._forget_at = math.inf
 
@@ -45,17 +49,31 @@ class FireAlarm:
         if site.alarms != self._alarms:
             self._alarms = site.alarms
             self._out.offer(site.alarms)
-        burns = any(view.fire_latched or view.mode == "fire" for view in site.lifts)
-        if burns == self._on or not (self._alarms.fire_alarm or self._alarms.emergency_signal):
+        if not (self._alarms.fire_alarm or self._alarms.emergency_signal):
             return
-        self._on = burns
-        if burns:
-            self._forget_at = math.inf
-            self._say(now)
-            return
-        self._again_at, self._forget_at = math.inf, now + FORGET_S
-        if self._alarms.clear_on_acknowledge:
+        burns = {view.name for view in site.lifts if view.fire_latched or view.mode == "fire"}
+        gone = self._burning - {view.name for view in site.lifts}
+        if burns and not self._on:
+            self._begins(burns, now)
+        elif self._on and not burns:
+            self._is_over(gone, now)
+        self._burning = burns | (gone if burns else set())
+
+    def _begins(self, burns: set[str], now: float) -> None:
+        _log.warning("there was a fire, in %s: RMF is told", ", ".join(sorted(burns)))
+        self._on, self._forget_at = True, math.inf
+        self._say(now)
+
+    def _is_over(self, gone: set[str], now: float) -> None:
+        """A lift that is not told of any more was acknowledged by nobody: then only a person tells RMF that it is over."""
+        self._on, self._again_at, self._forget_at = False, math.inf, now + FORGET_S
+        if gone:
+            _log.warning("the manager tells nothing of %s any more, where there was a fire", ", ".join(sorted(gone)))
+        elif self._alarms.clear_on_acknowledge:
+            _log.info("the fire was acknowledged: RMF is told that it is over")
             self._out.say(self._alarms, on=False)
+        else:
+            _log.info("the fire was acknowledged; that it is over, RMF hears from the building's own alarm")
 
     def tick(self, now: float) -> float:
         """Tell again what is due; return when to come again."""

@@ -16,6 +16,8 @@ from lift_manager.rmf.views import HeldBy, LiftView
 FACE = "rmf"
 _OFFLINE = "offline"
 """The manager's word for a lift that cannot be read."""
+_STOPPING = "stopping"
+"""And for itself, when it ends; it knows the session again when it is back."""
 
 REPLAY_S = 5.0
 """So long after a writer of requests appeared, what comes may be a replay of old ones: up to 100 per fleet adapter, in a burst."""
@@ -32,7 +34,7 @@ FRESH_S = 5.0
 END_AGAIN_S = 5.0
 """Beyond the grace; then a session that is still there is ended once more."""
 DOUBTS = 16
-"""Chosen: of so many sessions it is remembered that the manager may have heard them."""
+"""Chosen: of so many sessions it is remembered that the manager may have heard them, and of as many that they are over."""
 TEXT_LIMIT = 256
 """Characters of a session id; a longer one is none that a fleet adapter makes (`<fleet>/<robot>`)."""
 
@@ -131,7 +133,8 @@ class LiftContract:
     @property
     def settled(self) -> bool:
         """Whether the manager holds the lift for the session that RMF is told of, for what that wants."""
-        held = self._is_held_by(self.session) and not self.view.ending and self._seen >= self._as_of
+        is_current = self._seen[0] == self._as_of[0] and self._seen[1] >= self._as_of[1]
+        held = self._is_held_by(self.session) and not self.view.ending and is_current
         return self.granted and held and (self.wish is None or self.wish == self._told)
 
     def requested(self, request: LiftRequest, now: float, *, replay: bool) -> Done:
@@ -258,9 +261,16 @@ class LiftContract:
 
     def _say_end(self, session: str, now: float) -> None:
         self._forget_doubt(session)
-        self._ended[session] = now
+        self._note_ended(session, now)
         if session not in self._ends:
             self._ends.append(session)
+
+    def _note_ended(self, session: str, now: float) -> None:
+        """Remember it: a wish that nobody answered may be executed long after, and the lift would be held for nobody."""
+        self._ended.pop(session, None)
+        self._ended[session] = now
+        while len(self._ended) > DOUBTS:
+            del self._ended[next(iter(self._ended))]
 
     def _drop(self) -> None:
         self.session, self.granted, self.wish, self._told, self._again, self._had = "", False, None, None, False, False
@@ -285,7 +295,7 @@ class LiftContract:
         return self._is_rmf() and not self._is_held_by(self.session)
 
     def _end_answered(self, asked: Ended, answer: Answer, now: float) -> None:
-        if answer.code == UNREACHABLE:
+        if answer.code in (UNREACHABLE, _STOPPING):
             self._end_from = now + REFUSED_S
         elif asked.session in self._ends:
             self._ends.remove(asked.session)
@@ -302,9 +312,11 @@ class LiftContract:
             self._told, self._told_at = Wish(asked.floor, asked.hold_door), now
             return
         self._paused_until = now + REFUSED_S
-        self._told = None
+        if answer.code == NOT_SENT:
+            return  # the manager has heard nothing, and goes on as before
+        self._told, self._taken_from = None, ""
         # one that was told to RMF stays while the lift is offline, as every session does
-        waits = answer.code in (UNREACHABLE, NOT_SENT) or (self.granted and answer.code == _OFFLINE)
+        waits = answer.code == UNREACHABLE or (self.granted and answer.code == _OFFLINE)
         if not waits and not self._is_held_by(asked.session):
             self._drop()
 
@@ -314,13 +326,9 @@ class LiftContract:
         theirs = holder.name if holder is not None and holder.face == FACE else ""
         if theirs and self.view.ending:
             self._is_ending(theirs, now)
-        late = [
-            one for one, at in self._ended.items() if now - at > self.grace_s + END_AGAIN_S and one not in self._ends
-        ]
-        for one in late:
-            del self._ended[one]
-            if one == theirs:
-                self._say_end(one, now)
+        since = self._ended.get(theirs)
+        if since is not None and now - since > self.grace_s + END_AGAIN_S and theirs not in self._ends:
+            self._say_end(theirs, now)
         if theirs == self.session != "" and self.view.ending:
             return
         if theirs and theirs not in self._ended:
@@ -340,7 +348,8 @@ class LiftContract:
     def _is_ending(self, session: str, now: float) -> None:
         """Take it that the manager has heard the end of the session that has the lift."""
         if session != self.session:
-            self._ended.setdefault(session, now)  # perhaps by our own word from before a restart
+            if session not in self._ended:
+                self._note_ended(session, now)  # perhaps by our own word from before a restart
         elif self._had:
             # somebody else's word, or one of ours that came late: RMF says with its next request whether it is meant
             self._told = None

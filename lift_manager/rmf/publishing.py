@@ -79,7 +79,12 @@ def stale_at(view: LiftView, asked_at: float) -> float:
 def offline(state: LiftState) -> LiftState:
     """Return a state as it is told when nobody will tell more."""
     return replace(
-        state, current_floor="", door_state=DOOR_MOVING, motion_state=MOTION_UNKNOWN, current_mode=MODE_OFFLINE
+        state,
+        current_floor="",
+        destination_floor=state.destination_floor if state.session_id else "",
+        door_state=DOOR_MOVING,
+        motion_state=MOTION_UNKNOWN,
+        current_mode=MODE_OFFLINE,
     )
 
 

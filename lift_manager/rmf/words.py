@@ -10,8 +10,8 @@ from lift_manager.rmf.messages import LiftRequest
 SHOWN = 64
 """Characters of what somebody sent that go into a log line."""
 
-USUAL = frozenset({Done.END_NOBODY, Done.END_NOT_HOLDER, Done.END_FOREIGN})
-"""Some supervisors send these all day (open-rmf 1.4); they are said once and are no trouble."""
+USUAL = frozenset({Done.HELD, Done.END_NOBODY, Done.END_NOT_HOLDER, Done.END_FOREIGN})
+"""A robot that waits is no trouble, and some supervisors send these ENDs all day (open-rmf 1.4)."""
 
 _WHY: Mapping[Done, str] = {
     Done.HELD: "{session} wants it, and {holder} has it; it gets it once that has ended its session",

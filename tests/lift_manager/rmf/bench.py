@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
 from lift_manager.rmf.publishing import AT_LEAST_S
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 
@@ -111,8 +111,8 @@ class Bench:
         if view is None:
             return Answer(asked, yes=False, code="unknown_lift", reason="there is no such lift")
         ours = HeldBy("rmf", asked.session)
-        if self.refuses == UNREACHABLE:
-            return Answer(asked, yes=False, code=UNREACHABLE, reason="nobody answers")
+        if self.refuses in (UNREACHABLE, NOT_SENT, "stopping"):
+            return Answer(asked, yes=False, code=self.refuses, reason="nobody answers")
         if isinstance(asked, Wanted):
             if self.refuses or view.holder not in (None, ours):
                 return Answer(asked, yes=False, code=self.refuses or "held", reason="held by another")

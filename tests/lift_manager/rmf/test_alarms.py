@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
+
 import pytest
 
 from lift_manager.rmf.alarms import AGAIN_S, FORGET_S
 from lift_manager.rmf.messages import MODE_FIRE
-from lift_manager.rmf.views import Alarms
+from lift_manager.rmf.views import Alarms, LiftView
 from tests.lift_manager.rmf.bench import Bench, bench, lift
 
 WANTED = Alarms(fire_alarm=True)
@@ -88,6 +90,28 @@ def test_a_manager_that_is_lost_clears_no_alarm() -> None:
         ride.now += 0.1
         ride.adapter.tick(ride.now)
     assert set(ride.alarm.said) == {True}
+
+
+@pytest.mark.parametrize("other", [{}, {"west": lift("west")}])
+def test_a_burning_lift_that_is_told_of_no_more_was_acknowledged_by_nobody(other: dict[str, LiftView]) -> None:
+    ride = Bench(views={"east": lift("east"), **other}, alarms=CLEARED)
+    ride.change("east", fire_latched=True)
+    del ride.views["east"]
+    ride.elapse(10)
+    assert False not in ride.alarm.said
+
+
+def test_who_reads_the_log_finds_why_robots_left(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    ride = bench(alarms=CLEARED)
+    ride.change(fire_latched=True)
+    ride.elapse(10)
+    ride.change(fire_latched=False)
+    ride.elapse(10)
+    assert [text for text in caplog.messages if "fire" in text] == [
+        "there was a fire, in lift_rmf: RMF is told",
+        "the fire was acknowledged: RMF is told that it is over",
+    ]
 
 
 def test_the_adapter_wakes_to_tell_again() -> None:

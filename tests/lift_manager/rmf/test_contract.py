@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import logging
 from dataclasses import replace
 
 import pytest
@@ -18,7 +20,7 @@ from lift_manager.rmf.messages import (
     LiftRequest,
     Time,
 )
-from lift_manager.rmf.port import UNREACHABLE, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Ended, Wanted
 from lift_manager.rmf.publishing import PERIOD_S
 from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
@@ -339,6 +341,83 @@ def test_a_door_of_before_the_managers_last_word_is_not_open() -> None:
     assert (lift.state.current_floor, lift.state.door_state) == ("Level 2", DOOR_MOVING)
     lift.hear()
     assert lift.state.door_state == DOOR_OPEN
+
+
+def test_a_view_of_another_start_of_the_manager_invites_nobody() -> None:
+    lift = riding()
+    lift.boot, lift.event = "earlier", 900
+    lift.adapter.requested(wants(A, "Level 3"), lift.now)
+    lift.turn()
+    lift.adapter.requested(wants(A, "Level 2"), lift.now)
+    lift.turn()
+    assert lift.state.door_state == DOOR_MOVING
+
+
+def test_a_wish_that_never_left_takes_no_open_door_away() -> None:
+    lift = riding()
+    lift.elapse(HEARD_S + 1)
+    lift.refuses = NOT_SENT
+    lift.say(wants(A, "Level 2"))
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_OPEN)
+
+
+def test_a_wish_that_is_executed_long_after_its_end_is_ended_again_and_never_shown() -> None:
+    lift = bench(refuses=UNREACHABLE)
+    lift.say(wants(A, "Level 2"))
+    lift.refuses = ""
+    lift.say(ends(A))
+    lift.elapse(60)
+    said = len(lift.sent)
+    lift.change(holder=HeldBy("rmf", A), destination="L2", floor="L2", door="open")
+    lift.elapse(2)
+    assert {state.session_id for state in lift.sent[said:]} == {""}
+    assert lift.ended() == [A, A]
+    lift.over()
+    lift.say(wants(A, "Level 2"))
+    lift.step()
+    assert lift.state.session_id == A
+
+
+def test_a_session_that_the_manager_took_and_refuses_is_not_shown_again_and_again() -> None:
+    lift = riding()
+    lift.over()
+    lift.refuses = "outside_hours"
+    sent = len(lift.sent)
+    for _ in range(50):
+        lift.adapter.request_writer_matched(lift.now)
+        lift.say(wants(A, "Level 2"))
+        lift.step(0.2)
+    sessions = [state.session_id for state in lift.sent[sent:]]
+    assert sum(one != other for one, other in itertools.pairwise(sessions)) <= 2
+
+
+def test_an_end_that_a_stopping_manager_refuses_is_the_first_thing_that_the_next_one_hears() -> None:
+    lift = riding()
+    lift.refuses = "stopping"
+    lift.say(ends(A))
+    lift.elapse(2)
+    lift.boot, lift.event, lift.refuses = "second", 0, ""
+    said = len(lift.asked)
+    lift.elapse(1.5)
+    assert lift.asked[said:] == [Ended("lift", A, 0.0)]
+
+
+def test_a_robot_that_waits_is_told_of_once(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    lift = riding()
+    for _ in range(300):
+        lift.say(wants(A, "Level 2"), wants(B, "Level 3"))
+        lift.step(0.5)
+    assert len([text for text in caplog.messages if "wants it" in text]) == 1
+
+
+def test_sessions_that_come_and_go_at_once_fill_no_log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    lift = bench()
+    for number in range(500):
+        lift.adapter.requested(wants(f"f/{number}", "Level 2"), lift.now)
+        lift.adapter.requested(ends(f"f/{number}"), lift.now)
+    assert len(caplog.messages) < 10
 
 
 def test_a_lift_that_comes_back_under_another_name_of_the_site_is_asked_anew() -> None:

@@ -231,3 +231,18 @@ def test_a_request_that_is_repeated_costs_the_controller_nothing() -> None:
 def _stands(wire: Wire) -> bool:
     truth = wire.world.judge.truth.last
     return truth is not None and truth.standing
+
+
+def test_an_adapter_that_restarts_in_the_grace_does_not_show_the_ended_session_again() -> None:
+    async def play(wire: Wire) -> None:
+        await wire.keep_asking(A, 2, 6.0)
+        wire.end(A)
+        await elapse(0.5)
+        wire.world.judge.excuse(wire.world.now, "adapter", on=True)
+        wire.world.kill_adapter()
+        wire.world.start_adapter()
+        said = len(wire.world.states)
+        await elapse(5.0)
+        assert {state.session_id for _, state in wire.world.states[said:]} == {""}
+
+    on_the_wire(play)
