@@ -190,6 +190,7 @@ async def _request(settings: RosSettings, errand: Errand, within_s: float) -> En
             say(attempt.look(time.time(), _now()))
     finally:
         onlooker.close()
+        say(attempt.left())
     return attempt.end
 
 

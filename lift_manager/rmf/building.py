@@ -120,8 +120,8 @@ def _unpaired(found: Comparison, names: Sequence[str], lifts: Sequence[SiteLift]
             continue  # as the tools of RMF, which leave it out
         if lifts:
             text = (
-                f"no lift of the site is called {name!r}; if it is {' or '.join(lift.lift for lift in lifts)}, write"
-                f" `rmf: {{name: {_yaml(name)}}}` for that lift"
+                f"no lift of the site is called {name!r}; should {' or '.join(lift.lift for lift in lifts)} be that lift, write"
+                f" `rmf: {{name: {_yaml(name)}}}` for it"
             )
             found.mistakes.append(Finding(building.file, spec.line, f"lifts.{name}", text))
         else:
@@ -130,7 +130,9 @@ def _unpaired(found: Comparison, names: Sequence[str], lifts: Sequence[SiteLift]
             )
     for lift in lifts:
         near = closest(lift.name, building.lifts)
-        found.notes.append(f"{lift.lift}: the map has no lift {lift.name!r}{near}, so no robot of RMF will ask for it")
+        found.notes.append(
+            f"{lift.lift}: no robot of RMF will ask for it, because the map has no lift {lift.name!r}{near}"
+        )
 
 
 def _as_it_is(lift: SiteLift) -> Suggestion:

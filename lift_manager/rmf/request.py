@@ -178,6 +178,18 @@ class Attempt:
             f" --end --session {short(errand.session)}`"
         )
 
+    def left(self) -> Iterator[str]:
+        """Say what stays behind where this ended before the lift came: RMF's sessions stay until they are ended."""
+        errand, state = self._errand, self._state
+        if self.end in (End.FULFILLED, End.REFUSED) or errand.floor is None or not self._is_sent:
+            return
+        is_held = state is not None and state.session_id == errand.session
+        holds = "holds the lift" if is_held else "may still get the lift"
+        yield (
+            f"{short(errand.session)} {holds}; end it with `lift-manager rmf request {short(errand.lift)} --end --session"
+            f" {short(errand.session)}`"
+        )
+
     def _not_found(self) -> str:
         heard = heard_words(tuple(self._others))
         return f"nobody publishes the state of a lift {short(self._errand.lift)!r}; lifts that are heard: {heard}"

@@ -179,8 +179,8 @@ def test_a_lift_of_the_map_is_a_mistake_where_a_lift_of_the_site_may_be_the_same
     other = BUILDING.replace("name: hospital", "  Goods: {level_doors: {L1: [a]}, doors: {a: {}}}")
     found = compared(replace(SITE, name="main"), building=other)
     assert [line.partition(": ")[2] for line in told(found)] == [
-        "lifts.Lift1: no lift of the site is called 'Lift1'; if it is main, write `rmf: {name: Lift1}` for that lift",
-        "lifts.Goods: no lift of the site is called 'Goods'; if it is main, write `rmf: {name: Goods}` for that lift",
+        "lifts.Lift1: no lift of the site is called 'Lift1'; should main be that lift, write `rmf: {name: Lift1}` for it",
+        "lifts.Goods: no lift of the site is called 'Goods'; should main be that lift, write `rmf: {name: Goods}` for it",
     ]
 
 
@@ -192,7 +192,7 @@ def test_the_last_lift_on_either_side_is_suggested_whatever_it_is_called(compare
 def test_a_lift_of_the_site_that_the_map_has_not_is_only_noted(compared: Compare) -> None:
     found = compared(SITE, SiteLift("goods", "goods", {"L1": "L1"}, {"L1": ("front",)}))
     assert found.mistakes == []
-    assert found.notes == ["goods: the map has no lift 'goods', so no robot of RMF will ask for it"]
+    assert found.notes == ["goods: no robot of RMF will ask for it, because the map has no lift 'goods'"]
 
 
 def test_a_floor_that_the_site_has_not_is_a_mistake_and_one_that_the_map_has_not_a_note(compared: Compare) -> None:

@@ -272,6 +272,24 @@ def test_a_lift_or_floor_that_is_not_there_is_not_asked_for(
 
 
 @pytest.mark.parametrize(
+    ("state", "left"),
+    [
+        (replace(STATE, session_id="trial", door_state=DOOR_MOVING), ["trial holds the lift; end it with"]),
+        (IDLE, ["trial may still get the lift; end it with"]),
+    ],
+)
+def test_a_request_that_ends_before_the_lift_comes_says_how_its_session_is_ended(
+    state: LiftState, left: list[str]
+) -> None:
+    street = Street(ERRAND)
+    assert list(street.attempt.left()) == []
+    street.until(5.0, state)
+    said = list(street.attempt.left())
+    assert [line.partition(" `")[0] for line in said] == left
+    assert said[0].endswith("`lift-manager rmf request lift1 --end --session trial`")
+
+
+@pytest.mark.parametrize(
     ("state", "words"),
     [
         (STATE, "not within 60 s: fleet/robot1 holds the lift; it is another's turn once that session has ended"),
