@@ -144,6 +144,7 @@ def lift(**values: Any) -> LiftView:
         "mode": "normal",
         "robot_mode_on": None,
         "holder": None,
+        "ending": False,
         "fire_latched": False,
         "waiting_for": "",
         "keeps_off": "",

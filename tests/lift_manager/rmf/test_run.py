@@ -33,6 +33,7 @@ def view(holder: HeldBy | None = None, **other: object) -> LiftView:
         "mode": "normal",
         "robot_mode_on": None,
         "holder": holder,
+        "ending": False,
         "fire_latched": False,
         "waiting_for": "",
         "keeps_off": "",
