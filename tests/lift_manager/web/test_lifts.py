@@ -37,7 +37,7 @@ def test_every_lift_is_told_in_the_order_of_the_site() -> None:
 def test_a_lift_says_who_holds_it_and_from_when_on_it_is_too_old() -> None:
     said = read(one_lift(replace(HELD, waiting=2)), "/lift").json()
     assert (said["name"], said["floor"], said["robot_door"], said["quality"]) == ("lift", "L1", "closed", "live")
-    assert said["session"] == {"face": "api", "name": "amr-7", "for_s": 12.5}
+    assert said["session"] == {"face": "api", "name": "amr-7", "for_s": 12.5, "ending": False}
     assert (said["age_s"], said["max_age_s"], said["waiting"]) == (0.1, 2.0, 2)
 
 
