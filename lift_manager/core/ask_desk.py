@@ -10,8 +10,12 @@ from lift_manager.core.keeper import STOPPING, SessionKeeper
 from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
+from lift_manager.domain.call import CallPhase
 from lift_manager.domain.session import Session
 from lift_manager.domain.state import Holder
+
+PASSING = frozenset({Refusal.OFFLINE, Refusal.OCCUPANCY_UNKNOWN, Refusal.TOO_OFTEN})
+"""Why a request may be refused that is taken when it comes again a little later."""
 
 
 class AskDesk:
@@ -35,6 +39,20 @@ class AskDesk:
         self._line.leave(ask.holder)
         keeper.take(answer, now)
         return Accepted()
+
+    def refused(self, ask: Ask, answer: Refused) -> None:
+        """Hear the answer no: a holder that asks again within its grace has not ended, should nothing but time speak against it.
+
+        What is on stays on for it, and a call that its end kept back waits for a request that is taken.
+        """
+        keeper, session, now = self._keeper, self._keeper.session, _now()
+        mine = session is not None and session.ending and ask.stays and session.holder == ask.holder
+        if session is None or not mine or not self._passes(ask, answer):
+            return
+        call = keeper.serving.call
+        if call.now is not None and call.now.phase is CallPhase.WANTED:
+            call.restore(call.now.floor, pressed=False, now=now)
+        keeper.take(replace(session, heard_at=now, over_at=None), now, anew=False)
 
     def end(self, holder: Holder, grace_s: float) -> Accepted | Refused:
         """End the session at its holder's word, after the grace; one that is over already is over. No line is left by it."""
@@ -80,6 +98,12 @@ class AskDesk:
         if mine and (refused := self._refusal(ask, session, now, offline)) is not None:
             return refused
         return sessions.admit(session, ask, number=keeper.opened + 1, now=now)
+
+    def _passes(self, ask: Ask, answer: Refused) -> bool:
+        """Whether all that speaks against a request passes by itself; the answer names one reason of several."""
+        admission = self._keeper.admission
+        reasons = (answer, admission.unknown_floor(ask.floor), admission.refusal(offline="", goes_on=True))
+        return all(reason is None or reason.code in PASSING for reason in reasons)
 
     def _refusal(self, ask: Ask, session: Session | None, now: float, offline: str) -> Refused | None:
         """Return what speaks against a request for a lift that nobody else holds."""

@@ -124,8 +124,8 @@ class LiftTask:
         self._log.tell(end=end)
 
     def freshen(self) -> None:
-        """Publish a change that was not published yet."""
-        self._publish()
+        """Publish a change that was not published yet, whether or not anybody listens."""
+        self._number(self.state())
 
     def state(self) -> LiftState:
         """Return what this lift publishes right now, from memory."""
@@ -176,6 +176,7 @@ class LiftTask:
         """Decide on a request at once. Acceptance is not arrival."""
         self._keeper.begin()
         state = self.state()
+        self._number(state)  # so that what is decided has a later number than every state before it
         is_release = not ask.hold_door and not ask.stays and self._is_release(ask, state)
         known = ask.floor in self.options.floors
         self._log.asked(ask, known=known)
@@ -187,10 +188,11 @@ class LiftTask:
         if not is_release and (untaken := self._gate.takes_nobody()) is not None:
             return untaken
         anew = not is_release and self._gate.is_anew(ask.holder, ask.floor, hold_door=ask.hold_door)
-        if anew and (too_often := self._gate.too_often(ask.holder)) is not None:
-            return too_often
-        answer = self._asks.request(ask, is_release=is_release, offline=self._gate.offline(state))
-        if anew and isinstance(answer, Accepted):
+        too_often = self._gate.too_often(ask.holder) if anew else None
+        answer = too_often or self._asks.request(ask, is_release=is_release, offline=self._gate.offline(state))
+        if isinstance(answer, Refused):
+            self._asks.refused(ask, answer)
+        elif anew:
             self._gate.took_a_turn(ask.holder)
         return answer
 
@@ -210,6 +212,7 @@ class LiftTask:
     def end_session(self, holder: Holder, grace_s: float) -> Accepted | Refused:
         """End the session at its holder's word, after the grace."""
         self._keeper.begin()
+        self._number(self.state())  # as before a request
         said = wishes.ending(self.options.name, holder, grace_s)
         self._log.asked(said)
         answer = self._gate.told(self._asks.end(holder, grace_s), self.state())
@@ -331,9 +334,11 @@ class LiftTask:
         return self._sight if now - self._read_at <= self._able.max_age_s else None
 
     def _publish(self) -> None:
-        if not self._bus.heard:
-            return
-        state = self.state()
+        if self._bus.heard:
+            self._number(self.state())
+
+    def _number(self, state: LiftState) -> None:
+        """Give a state an event of its own, if it is another one than that of the newest."""
         if self._shown is None or not same_but_for_time(state, self._shown):
             self._shown = state
             self._bus.publish(StateChanged(self.options.name, state))
