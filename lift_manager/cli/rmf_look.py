@@ -121,7 +121,7 @@ class _Looking:
         self.show(self._watch.asked(topic, request, _now()))
 
     def broken(self, text: str) -> None:
-        self.show([f"what cannot be read: {short(text)}"])
+        self.show(self._watch.unreadable(text, _now()))
 
     def show(self, lines: Iterable[str]) -> None:
         clock = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:12]
@@ -159,6 +159,7 @@ class _Asking:
         """`to_lift` is the topic on which lift adapters are asked."""
         self._to_lift = to_lift
         self.attempt: Attempt | None = None
+        self._unreadable_told = False
 
     def stated(self, state: LiftState) -> None:
         if self.attempt is not None:
@@ -169,7 +170,10 @@ class _Asking:
             say(self.attempt.passed_on(request))
 
     def broken(self, text: str) -> None:
-        say_aside(f"what cannot be read: {short(text)}")
+        """Say it once: it may be anybody's, and may come by the thousand."""
+        if not self._unreadable_told:
+            self._unreadable_told = True
+            say_aside(f"what cannot be read: {short(text)}")
 
 
 async def _request(settings: RosSettings, errand: Errand, within_s: float) -> End | None:

@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
 from lift_manager.rmf.dds_inbox import Deliver, Inbox
-from lift_manager.rmf.messages import LiftRequest, LiftState
+from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.views import Alarms
 
@@ -119,7 +119,7 @@ class Dds:
 
     def _open(self, wire: Wire) -> None:
         requests = self._settings.resolved(self._settings.requests_topic)
-        wire.hear_requests(requests, self._heard_request, self._heard_broken, self._matched)
+        wire.hear_requests(requests, self._heard_request, self._heard_broken, self._matched, self._inbox.overrun)
         wire.hear_states_of_others(self._states, self._heard_state)
         wire.offer_states(self._states)
         if self._settings.use_sim_time:
@@ -127,7 +127,7 @@ class Dds:
 
     @property
     def dropped(self) -> int:
-        """Requests given up because nobody took them."""
+        """Requests given up because nobody took them, at least so many."""
         return self._inbox.dropped
 
     def publish(self, state: LiftState) -> None:
@@ -141,8 +141,8 @@ class Dds:
         self._wire.close()
 
     def _heard_request(self, request: LiftRequest) -> None:
-        text = len(request.lift_name) + len(request.session_id) + len(request.destination_floor)
-        self._inbox.put(partial(self._hears.requested, request), text)
+        ends = request.request_type == END_SESSION and request.session_id != ""  # some supervisors send it only once
+        self._inbox.put(partial(self._hears.requested, request), _text_of(request), kept=ends)
 
     def _heard_broken(self, text: str) -> None:
         self._inbox.put(partial(self._hears.broken, text), len(text))
@@ -181,10 +181,12 @@ class Onlooker:
 
     def _open(self, wire: Wire) -> None:
         settings = self._settings
-        wire.hear_states(settings.resolved(settings.states_topic), self._heard_state, self._heard_broken)
+        states = settings.resolved(settings.states_topic)
+        wire.hear_states(states, self._heard_state, self._heard_broken, self._inbox.overrun)
         for topic in (settings.adapter_requests_topic, settings.requests_topic):
             found = settings.resolved(topic)
-            wire.hear_requests(found, partial(self._heard_request, topic), self._heard_broken, _nothing)
+            heard = partial(self._heard_request, topic)
+            wire.hear_requests(found, heard, self._heard_broken, _nothing, self._inbox.overrun)
             wire.offer_requests(found)
 
     def request(self, request: LiftRequest, *, direct: bool = False) -> None:
@@ -208,11 +210,14 @@ class Onlooker:
         self._inbox.put(partial(self._hears.stated, state), len(state.session_id))
 
     def _heard_request(self, topic: str, request: LiftRequest) -> None:
-        text = len(request.lift_name) + len(request.session_id) + len(request.destination_floor)
-        self._inbox.put(partial(self._hears.asked, topic, request), text)
+        self._inbox.put(partial(self._hears.asked, topic, request), _text_of(request))
 
     def _heard_broken(self, text: str) -> None:
         self._inbox.put(partial(self._hears.broken, text), len(text))
+
+
+def _text_of(request: LiftRequest) -> int:
+    return len(request.lift_name) + len(request.session_id) + len(request.destination_floor)
 
 
 def _nothing() -> None:

@@ -8,7 +8,7 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.util import duration
 
-from lift_manager.rmf.dds_link import DdsLink
+from lift_manager.rmf.dds_link import DdsLink, Hearer
 from lift_manager.rmf.dds_types import (
     TYPE_HASHES,
     WireBool,
@@ -25,8 +25,8 @@ from lift_manager.rmf.dds_types import (
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 
-_DEPTH = 1000
-"""Of what is heard: a burst for all lifts, or a replay of a hundred old requests per fleet, until it is taken."""
+_DEPTH = 10_000
+"""Of what is heard, until it is taken: more than a second of what one program sends in a loop (7,000 a second measured)."""
 _STATES_DEPTH = 100
 """Of what is said: one second of fifty lifts."""
 _AT_ONCE = duration(milliseconds=0)
@@ -51,25 +51,28 @@ class Wire:
         heard: Callable[[LiftRequest], None],
         broken: Callable[[str], None],
         matched: Callable[[], None],
+        overrun: Callable[[], None],
     ) -> None:
         """Volatile: it matches every publisher, and gets no replay of old requests."""
         self._link.open_reader(
             topic,
             WireLiftRequest,
             _reliable(WireLiftRequest, Policy.Durability.Volatile, _DEPTH),
-            heard=lambda wire: heard(request_of(wire)),
-            broken=broken,
-            matched=matched,
+            Hearer(lambda wire: heard(request_of(wire)), broken, matched, overrun),
         )
 
-    def hear_states(self, topic: str, heard: Callable[[LiftState], None], broken: Callable[[str], None]) -> None:
+    def hear_states(
+        self,
+        topic: str,
+        heard: Callable[[LiftState], None],
+        broken: Callable[[str], None],
+        overrun: Callable[[], None],
+    ) -> None:
         self._link.open_reader(
             topic,
             WireLiftState,
             _reliable(WireLiftState, Policy.Durability.Volatile, _DEPTH),
-            heard=lambda wire: heard(state_of(wire)),
-            broken=broken,
-            matched=_nothing,
+            Hearer(lambda wire: heard(state_of(wire)), broken, overrun=overrun),
         )
 
     def hear_states_of_others(self, topic: str, heard: Callable[[LiftState], None]) -> None:
@@ -78,9 +81,7 @@ class Wire:
             topic,
             WireLiftState,
             Qos(*_best_effort(WireLiftState, _STATES_DEPTH), Policy.IgnoreLocal.Participant),
-            heard=lambda wire: heard(state_of(wire)),
-            broken=_ignore,
-            matched=_nothing,
+            Hearer(lambda wire: heard(state_of(wire))),
         )
 
     def hear_clock(self, heard: Callable[[float], None]) -> None:
@@ -88,9 +89,7 @@ class Wire:
             "clock",
             WireClock,
             Qos(*_best_effort(WireClock, 1)),
-            heard=lambda wire: heard(seconds_of(wire)),
-            broken=_ignore,
-            matched=_nothing,
+            Hearer(lambda wire: heard(seconds_of(wire))),
         )
 
     def offer_states(self, topic: str) -> None:
@@ -148,11 +147,3 @@ def _common(kind: type[IdlStruct], depth: int) -> tuple[object, ...]:
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(f"typehash={TYPE_HASHES[kind]};".encode()),
     )
-
-
-def _nothing() -> None:
-    """Who publishes these does not matter."""
-
-
-def _ignore(_: str) -> None:
-    """A broken message of somebody else's is somebody else's."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -31,6 +32,8 @@ AGAIN_S = 10.0
 """Chosen: what repeats is counted, and the count is said so often while it goes on."""
 SILENT_S = 3.0
 """A lift that publishes twice a second, as this adapter does, or once, as others do, and is not heard for so long is told of."""
+MOST_KEPT = 1000
+"""Lifts, and things said, of which is known what came last; of more than any site has the oldest are forgotten."""
 TEXT_LIMIT = 80
 """Characters of what somebody sent."""
 
@@ -76,46 +79,45 @@ class Watch:
         """Without `lift` every lift is watched."""
         self._topics = topics
         self._lift = lift
-        self._heard: dict[tuple[str, str, str], _Heard] = {}
-        """By topic, lift and session."""
-        self._states: dict[str, tuple[LiftState, float]] = {}
+        self._heard: OrderedDict[tuple[str, str, str], _Heard] = OrderedDict()
+        """By topic, lift and session, cut short: what looks the same is counted as the same. Last heard is last."""
+        self._states: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        """By lift, cut short: what stands for its state, and when it was heard. Last heard is last."""
         self._silent: set[str] = set()
 
     @property
     def lifts(self) -> tuple[str, ...]:
-        """The lifts whose state was heard."""
+        """The lifts whose state was heard, as `short` shows them."""
         return tuple(self._states)
 
     def stated(self, state: LiftState, now: float) -> Iterator[str]:
         """Yield a line where a lift is not as it was."""
-        name = state.lift_name
-        if not self._is_watched(name):
+        if not self._is_watched(state.lift_name):
             return
-        before = self._states.get(name)
-        self._states[name] = (state, now)
+        name, mark = short(state.lift_name), hash(replace(state, lift_time=Time()))
+        before = self._states.pop(name, None)
+        self._states[name] = (mark, now)
+        if len(self._states) > MOST_KEPT:
+            self._silent.discard(self._states.popitem(last=False)[0])
         if before is None:
-            yield f"{short(name)}: has the floors {', '.join(map(short, state.available_floors)) or 'none'}"
+            yield f"{name}: has the floors {', '.join(map(short, state.available_floors)) or 'none'}"
         if name in self._silent:
             self._silent.discard(name)
-            yield f"{short(name)}: is heard again"
-        if before is None or replace(before[0], lift_time=Time()) != replace(state, lift_time=Time()):
+            yield f"{name}: is heard again"
+        if before is None or before[0] != mark:
             yield state_words(state)
 
     def asked(self, topic: str, request: LiftRequest, now: float) -> Iterator[str]:
         """Yield a line for a request, unless it is the one before once more."""
         if not self._is_watched(request.lift_name):
             return
-        key = (topic, request.lift_name, request.session_id)
-        line = f"{request_words(request)}, {self._whereto(topic)}"
-        before = self._heard.get(key)
-        if before is not None and before.line == line:
-            before.again += 1
-            yield from _repeated(before, now, AGAIN_S)
-            return
-        if before is not None:
-            yield from _repeated(before, now, 0.0)
-        self._heard[key] = _Heard(line, now)
-        yield line
+        key = (topic, short(request.lift_name), short(request.session_id))
+        yield from self._tell(key, f"{request_words(request)}, {self._whereto(topic)}", now)
+
+    def unreadable(self, text: str, now: float) -> Iterator[str]:
+        """Yield a line for a message that cannot be read; `text` says why."""
+        line = f"what cannot be read: {short(text)}"
+        yield from self._tell(("", "", line), line, now)
 
     def passed(self, now: float) -> Iterator[str]:
         """Yield what only the passing of time shows: lifts that fell silent, and requests that are over."""
@@ -124,12 +126,27 @@ class Watch:
         for name, (_, at) in self._states.items():
             if now - at >= SILENT_S and name not in self._silent:
                 self._silent.add(name)
-                yield f"{short(name)}: nobody publishes its state any more, for {SILENT_S:g} s"
+                yield f"{name}: nobody publishes its state any more, for {SILENT_S:g} s"
 
     def rest(self, now: float) -> Iterator[str]:
         """Yield the counts that were not told yet."""
         for heard in self._heard.values():
             yield from _repeated(heard, now, 0.0)
+
+    def _tell(self, key: tuple[str, str, str], line: str, now: float) -> Iterator[str]:
+        before = self._heard.get(key)
+        if before is not None:
+            self._heard.move_to_end(key)
+            if before.line == line:
+                before.again += 1
+                yield from _repeated(before, now, AGAIN_S)
+                return
+            yield from _repeated(before, now, 0.0)
+        self._heard[key] = _Heard(line, now)
+        yield line
+        if len(self._heard) > MOST_KEPT:
+            _, forgotten = self._heard.popitem(last=False)
+            yield from _repeated(forgotten, now, 0.0)
 
     def _is_watched(self, lift: str) -> bool:
         return self._lift is None or lift == self._lift

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import pytest
 
 from lift_manager.rmf.dds import Dds, DdsFailed, Onlooker
 from lift_manager.rmf.dds_inbox import MOST_CALLS
-from lift_manager.rmf.messages import LiftRequest, LiftState
+from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 from tests.support.dds_partner import LIMIT_S, Offer, Partner
 from tests.support.dds_rig import ORACLE, Heard, adapter, at_once, padded, request, settings_of_test, state
@@ -55,9 +55,7 @@ def test_a_request_with_broken_text_does_not_take_its_neighbours_along(settings:
     partner.write(REQUESTS, ORACLE.request(before), broken(bad), broken(bad), ORACLE.request(after))
     gate.set()
     assert heard.wait_for("requested", 2) == [before, after]
-    texts = heard.of("broken")
-    assert len(texts) == 2
-    assert texts[0].startswith("lift_requests: a message cannot be read: 'utf-8' codec can't decode byte 0xff")
+    assert heard.of("broken") == ["its text is not UTF-8 (lift_requests)"] * 2
     assert [what for what, _ in heard.events] == ["matched", "requested", "broken", "broken", "requested"]
     partner.close()
     dds.close()
@@ -110,6 +108,90 @@ def test_a_flood_that_nobody_takes_is_bounded_and_its_end_is_kept(settings: RosS
             call()
         assert len(calls) <= 1
     assert len(heard.of("requested")) + dds.dropped <= 10_001
+    partner.close()
+    dds.close()
+
+
+class UntilLast(Heard):
+    """Hears thousands, and can be waited for until the one for the lift `last`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.requests: list[LiftRequest] = []
+        self.last = threading.Event()
+
+    def requested(self, request: LiftRequest) -> None:
+        self.requests.append(request)
+        if request.lift_name == "last":
+            self.last.set()
+
+
+@contextmanager
+def held_up(settings: RosSettings) -> Iterator[tuple[UntilLast, Partner, Callable[[], None]]]:
+    """A hearer whose thread stands still, and what lets it go on."""
+    gate, begun = threading.Event(), threading.Event()
+    heard = UntilLast()
+
+    def when_let_go(call: Callable[[], None]) -> None:
+        begun.set()
+        assert gate.wait(LIMIT_S)
+        call()
+
+    dds = Dds(settings, heard, when_let_go)
+    partner = Partner(settings.domain)
+    partner.offer(REQUESTS, "request", Offer())
+    partner.write(REQUESTS, ORACLE.request(request("first")))
+    assert begun.wait(LIMIT_S)
+    try:
+        yield heard, partner, gate.set
+    finally:
+        gate.set()
+        partner.close()
+        dds.close()
+
+
+def test_a_burst_of_one_robot_does_not_lose_the_end_of_another(
+    settings: RosSettings, caplog: pytest.LogCaptureFixture
+) -> None:
+    end = request(session="fleet/holder", kind=END_SESSION)
+    flood = [ORACLE.request(request("flood"))] * 3000
+    with held_up(settings) as (heard, partner, go_on):
+        partner.write(REQUESTS, *flood, ORACLE.request(end), *flood, ORACLE.request(request("last")))
+        go_on()
+        assert heard.last.wait(LIMIT_S)
+        assert heard.requests.count(end) == 1
+    assert caplog.records == []
+
+
+def test_more_than_the_reader_can_keep_is_told_of_and_counted(
+    settings: RosSettings, caplog: pytest.LogCaptureFixture
+) -> None:
+    with held_up(settings) as (heard, partner, go_on):
+        partner.write(REQUESTS, *[ORACLE.request(request("flood"))] * 11_000, ORACLE.request(request("last")))
+        go_on()
+        assert heard.last.wait(LIMIT_S)
+    assert [record.getMessage() for record in caplog.records] == [
+        "messages of RMF come faster than they can be taken: the oldest are given up unread",
+        "at least 1 messages of RMF were given up unread in all",
+    ]
+
+
+@pytest.mark.parametrize(("session", "delivered"), [("fleet/robot1", 1), ("", 0)])
+def test_the_end_of_a_session_waits_out_a_flood_that_nobody_takes(
+    settings: RosSettings, session: str, delivered: int
+) -> None:
+    calls: list[Callable[[], None]] = []
+    heard = Heard()
+    dds = Dds(settings, heard, calls.append)
+    partner = Partner(settings.domain)
+    partner.offer(REQUESTS, "request", Offer())
+    end = request(session=session, kind=END_SESSION)
+    partner.write(REQUESTS, ORACLE.request(end))
+    while dds.dropped < 2:
+        partner.write(REQUESTS, *[ORACLE.request(request("flood"))] * 200)
+    while calls:
+        calls.pop()()
+    assert heard.of("requested").count(end) == delivered
     partner.close()
     dds.close()
 

@@ -1,5 +1,6 @@
 """What a person is told of lifts in RMF, and what becomes of a lift that somebody asks for at the command line."""
 
+import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -23,7 +24,7 @@ from lift_manager.rmf.messages import (
     Time,
 )
 from lift_manager.rmf.request import Attempt, End, Errand
-from lift_manager.rmf.watch import AGAIN_S, SILENT_S, Topics, Watch, request_words, state_words
+from lift_manager.rmf.watch import AGAIN_S, MOST_KEPT, SILENT_S, Topics, Watch, request_words, state_words
 
 ADAPTER, LIFT = "adapter_lift_requests", "lift_requests"
 TOPICS = Topics(to_supervisor=ADAPTER, to_lift=LIFT)
@@ -124,6 +125,55 @@ def test_counts_are_told_when_requests_cease_and_at_the_end() -> None:
     assert told(watch.passed(AGAIN_S)) == [f"{line}: 1 times more"]
     assert told(watch.asked(LIFT, REQUEST, AGAIN_S + 1)) == []
     assert told(watch.rest(AGAIN_S + 2)) == [f"{line}: 1 times more"]
+
+
+def test_what_cannot_be_read_is_told_once_and_then_counted() -> None:
+    watch = Watch(TOPICS)
+    line = "what cannot be read: its text is not UTF-8 (lift_requests)"
+    said = [line for turn in range(100) for line in watch.unreadable("its text is not UTF-8 (lift_requests)", turn / 5)]
+    assert said == [line, f"{line}: 50 times more"]
+    assert told(watch.unreadable("x" * 1000, 20.0)) == [f"what cannot be read: {'x' * 80}..."]
+    assert told(watch.passed(21.0)) == [f"{line}: 49 times more"]
+
+
+def test_of_more_sessions_than_fit_the_one_not_heard_for_longest_is_forgotten_with_its_count_told() -> None:
+    watch = Watch(TOPICS)
+    line = told(watch.asked(LIFT, REQUEST, 0.0))[0]
+    other = replace(REQUEST, session_id="other")
+    told(watch.asked(LIFT, other, 0.0))
+    assert told(watch.asked(LIFT, REQUEST, 0.1)) == []
+    for n in range(MOST_KEPT - 2):
+        assert len(told(watch.asked(LIFT, replace(REQUEST, session_id=f"s{n}"), 1.0))) == 1
+    assert len(told(watch.asked(LIFT, replace(REQUEST, session_id="one more"), 1.0))) == 1
+    assert told(watch.asked(LIFT, REQUEST, 1.1)) == []
+    assert len(told(watch.asked(LIFT, other, 1.2))) == 1, "it was forgotten"
+    flood = [replace(REQUEST, session_id=f"t{n}") for n in range(MOST_KEPT)]
+    lines = [said for one in flood for said in watch.asked(LIFT, one, 2.0)]
+    assert [said for said in lines if "more" in said] == [f"{line}: 2 times more"]
+    assert told(watch.rest(3.0)) == []
+
+
+def test_of_more_lifts_than_fit_the_one_not_heard_for_longest_is_forgotten() -> None:
+    watch = Watch(TOPICS)
+    names = [f"lift{n}" for n in range(MOST_KEPT + 1)]
+    for name in names:
+        told(watch.stated(replace(STATE, lift_name=name), 0.0))
+    assert watch.lifts == tuple(names[1:])
+    assert len(told(watch.passed(SILENT_S))) == MOST_KEPT
+
+
+def test_texts_of_any_length_are_not_kept() -> None:
+    watch = Watch(TOPICS)
+    long = "x" * 1_000_000
+    tracemalloc.start()
+    try:
+        for n in range(20):
+            told(watch.asked(LIFT, replace(REQUEST, session_id=f"{n}{long}", lift_name=f"{n}{long}"), 0.0))
+            told(watch.stated(replace(STATE, lift_name=f"{n}{long}", available_floors=(f"{n}{long}",)), 0.0))
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < len(long)
 
 
 def test_a_lift_that_falls_silent_is_told_of_once_and_again_when_it_is_heard() -> None:
