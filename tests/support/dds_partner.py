@@ -226,8 +226,10 @@ class Process:
     def end(self) -> None:
         """As a power cut: nobody is told."""
         self.process.kill()
-        self.process.communicate()
+        self.process.wait()
         self._listening.join()
+        for pipe in filter(None, (self.process.stdin, self.process.stdout)):
+            pipe.close()
 
     def _ask(self, **what: object) -> None:
         assert self.process.stdin is not None
@@ -236,6 +238,8 @@ class Process:
     def _listen(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
+            if not line.endswith("\n"):
+                return  # it was ended in the middle of a word
             with self._changed:
                 self._said.append(json.loads(line))
                 self._changed.notify_all()

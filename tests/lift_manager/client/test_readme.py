@@ -38,10 +38,3 @@ def test_every_public_name_is_there_and_no_other() -> None:
         assert getattr(lift_manager.client, name).__name__ == name
     with pytest.raises(AttributeError, match="has no attribute 'Party'"):
         lift_manager.client.Party  # type: ignore[attr-defined]  # noqa: B018
-
-
-def test_what_a_client_without_httpx_shares_imports_the_standard_library_alone() -> None:
-    parts = ", ".join(f"lift_manager.client.{name}" for name in ("aging", "backoff", "paths", "sse"))
-    program = f"import sys, {parts}; print([name for name in ('httpx', 'pydantic') if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
