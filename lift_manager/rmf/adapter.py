@@ -71,11 +71,6 @@ class Adapter:
         self._told: set[tuple[str, str]] = set()
         """Lift and cause of which a line was written."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The lifts by RMF's names; empty before the manager was heard."""
-        return tuple(self._lifts)
-
     def requested(self, request: LiftRequest, now: float) -> None:
         """Take a request, whatever is in it."""
         lift = self._lifts.get(request.lift_name)

@@ -21,13 +21,10 @@ from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Serve
 from lift_manager.plain.news import News, event_number
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.sse import EventParser, TooLong
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Hears, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, Hears, Wanted
 from lift_manager.rmf.views import BadAnswer, Site, decision_of, site_of
 
 _log = logging.getLogger(__name__)
-
-Deliver = Callable[[Callable[[], None]], None]
-"""Runs what it is given in the adapter's thread, in the order given. Called from several threads; it must not wait."""
 
 CARRIERS = 4
 """Chosen: lifts that are asked something at the same time; one connection of these is for ENDs alone, because a robot that waits for

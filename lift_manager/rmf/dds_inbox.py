@@ -7,11 +7,11 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from threading import Lock
 
+from lift_manager.rmf.port import Deliver
+
 _log = logging.getLogger(__name__)
 
 Call = Callable[[], None]
-Deliver = Callable[[Call], object]
-"""Has a callable called in the thread that the hearer lives in, as `loop.call_soon_threadsafe` does."""
 
 MOST_CALLS = 1000
 """A hundred lifts with a replay of ten old requests each."""

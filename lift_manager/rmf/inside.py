@@ -14,11 +14,8 @@ from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Occurrence
 from lift_manager.domain.rmf import FACE, RmfLift, RmfSite
 from lift_manager.domain.state import Holder
-from lift_manager.rmf.port import Answer, Asked, Ended, Hears
+from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
-
-Deliver = Callable[[Callable[[], None]], None]
-"""Runs what it is given in the loop's thread, soon and in order, and never before it returns."""
 
 ASKED_WITHIN = 3
 """So often the lifts are looked at within the shortest `max_age_s`, changed or not."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -52,6 +53,11 @@ class Answer:
 UNREACHABLE = "unreachable"
 NOT_SENT = "not_sent"
 """The code of a wish that never left: the manager has not heard of it."""
+
+
+Deliver = Callable[[Callable[[], None]], object]
+"""Has a callable called in the adapter's own thread, in the order given, as `loop.call_soon_threadsafe` does: never before it returns,
+never waiting, and from any thread."""
 
 
 class Manager(Protocol):

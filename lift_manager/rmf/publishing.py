@@ -32,6 +32,9 @@ PERIOD_S = 0.5
 AT_LEAST_S = 0.02
 """Chosen: between two messages of one lift, so that changes of one moment are one message."""
 
+NO_CLOCK_S = 5.0
+"""So long without /clock where RMF's time is simulated, and a person is told once; what is published has the time 0 until then."""
+
 AVAILABLE_MODES = (MODE_HUMAN, MODE_AGV)
 _MOTIONS: Mapping[str, int] = {"stopped": MOTION_STOPPED, "up": MOTION_UP, "down": MOTION_DOWN}
 _MODES: Mapping[str, int] = {

@@ -32,6 +32,7 @@ from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.beside import Beside
 from lift_manager.rmf.messages import LiftState
 from lift_manager.rmf.port import Answer, Manager
+from lift_manager.rmf.publishing import NO_CLOCK_S
 from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
 from lift_manager.rmf.ros_messages import message_of, request_of, state_of
 from lift_manager.rmf.ros_settings import RosSettings
@@ -62,8 +63,6 @@ SOON_S = 0.001
 """The shortest one."""
 LOOK_S = 1.0
 """Between two looks at who else is there."""
-NO_CLOCK_S = 5.0
-"""So long without /clock, and a person is told once."""
 QUEUE = 10_000
 """Chosen: the manager is heard fifty times a second at most, so this is three minutes in which nobody took anything out."""
 KEPT = 64

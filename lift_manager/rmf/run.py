@@ -12,45 +12,18 @@ from typing import Protocol
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
+from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import LiftRequest, LiftState
-from lift_manager.rmf.port import Answer, Hears, Manager
+from lift_manager.rmf.port import Answer, Deliver, Hears, Manager
+from lift_manager.rmf.publishing import NO_CLOCK_S
 from lift_manager.rmf.views import Site
 
 _log = logging.getLogger(__name__)
 
-Deliver = Callable[[Callable[[], None]], None]
-"""Runs what it is given in the loop's thread, in order. May be called from any thread; does not wait."""
-
-NO_CLOCK_S = 5.0
-"""So long without /clock, and a person is told once."""
 AGAIN_S = 5.0
 """Chosen: so long after a bug everything begins anew; until then nothing is published, and robots wait."""
 LEAST_S = 0.001
 """From one look at the adapter to the next where nothing happened; the clock of uvloop counts milliseconds."""
-
-
-class FromRmf(Protocol):
-    """What RMF's side calls, in the loop's thread, as `dds.DdsHears`."""
-
-    def requested(self, request: LiftRequest) -> None:
-        """Take a request."""
-        ...
-
-    def broken(self, text: str) -> None:
-        """Take a request that could not be read."""
-        ...
-
-    def request_writer_matched(self) -> None:
-        """Take that a writer of requests appeared."""
-        ...
-
-    def rival(self, lift_name: str) -> None:
-        """Take that somebody else publishes the state of a lift."""
-        ...
-
-    def clock(self, seconds: float) -> None:
-        """Take RMF's time from /clock."""
-        ...
 
 
 class Rmf(Protocol):
@@ -99,7 +72,7 @@ class Running:
 
     def __init__(
         self,
-        make_rmf: Callable[[FromRmf, Deliver], Rmf],
+        make_rmf: Callable[[DdsHears, Deliver], Rmf],
         make_way: Callable[[], Way],
         *,
         use_sim_time: bool = False,
@@ -152,7 +125,7 @@ class Running:
 
 
 class _Shell:
-    """One adapter from its begin to its end. Implements `FromRmf` and `port.Hears`."""
+    """One adapter from its begin to its end. Implements `DdsHears` and `port.Hears`."""
 
     def __init__(self, clock: RosClock, counts: Counts) -> None:
         self._loop = asyncio.get_running_loop()
@@ -165,7 +138,7 @@ class _Shell:
         self._is_over = False
         self._names: tuple[str, ...] = ()
 
-    def open(self, make_rmf: Callable[[FromRmf, Deliver], Rmf], make_way: Callable[[], Way]) -> None:
+    def open(self, make_rmf: Callable[[DdsHears, Deliver], Rmf], make_way: Callable[[], Way]) -> None:
         """Join RMF. What it says waits until the loop has its turn."""
         self._rmf = make_rmf(self, self._deliver)
         self._way = make_way()

@@ -7,9 +7,10 @@ from collections.abc import Callable, Coroutine
 import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Hears, Wanted
-from lift_manager.rmf.run import AGAIN_S, Deliver, FromRmf, Running
+from lift_manager.rmf.port import Answer, Asked, Deliver, Hears, Wanted
+from lift_manager.rmf.run import AGAIN_S, Running
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 from tests.lift_manager.rmf.bench import AlarmEar
 
@@ -44,7 +45,7 @@ def view(holder: HeldBy | None = None, **other: object) -> LiftView:
 class FakeRmf:
     """RMF's side: what was published when."""
 
-    def __init__(self, hears: FromRmf, deliver: Deliver) -> None:
+    def __init__(self, hears: DdsHears, deliver: Deliver) -> None:
         self.hears, self.deliver = hears, deliver
         self.states: list[tuple[float, LiftState]] = []
         self.alarm = AlarmEar()
@@ -107,7 +108,7 @@ class Stage:
         self.ways: list[FakeWay] = []
         self.running = Running(self._rmf, self._way, use_sim_time=use_sim_time)
 
-    def _rmf(self, hears: FromRmf, deliver: Deliver) -> FakeRmf:
+    def _rmf(self, hears: DdsHears, deliver: Deliver) -> FakeRmf:
         self.rmfs.append(FakeRmf(hears, deliver))
         return self.rmfs[-1]
 
@@ -230,7 +231,7 @@ def test_one_that_was_opened_and_never_run_leaves_rmf_too() -> None:
 
 
 def test_what_prevents_joining_rmf_is_raised_by_open() -> None:
-    def refuse(hears: FromRmf, deliver: Deliver) -> FakeRmf:
+    def refuse(hears: DdsHears, deliver: Deliver) -> FakeRmf:
         raise OSError("no network")
 
     async def main() -> None:
