@@ -19,9 +19,11 @@ class Expectation:
     any_of: tuple[str, ...]
     """As in the map: signal names, `effect`, `readback`."""
     before: LiftValues | None
-    """What the lift said when the press left."""
+    """What the lift said when the press left, or when its car was seen to stand since."""
     floors: Sequence[FloorName]
     """Lowest first."""
+    stood: bool = False
+    """The car stood then. One that was under way already proves nothing by going on: it goes for somebody else."""
 
 
 def proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
@@ -86,13 +88,14 @@ def _goes(expected: Expectation, now: LiftValues) -> bool:
         return False
     if now.floor == target:
         return before is None or before.floor != target or not _may_leave(now)
-    if before is None or before.floor is None:
+    if before is None or before.floor is None or not expected.stood:
         return False
     upwards = expected.floors.index(target) > expected.floors.index(before.floor)
     if now.motion in (Motion.UP, Motion.DOWN):
         return (now.motion is Motion.UP) is upwards
     if now.floor is None:
-        return all(door is Door.CLOSED for door in now.doors.values())
+        shut = all(door is Door.CLOSED for door in now.doors.values())
+        return shut and before.floor in (expected.floors[0], expected.floors[-1])  # there is one way only from there
     return (
         now.floor != before.floor
         and (expected.floors.index(now.floor) > expected.floors.index(before.floor)) is upwards

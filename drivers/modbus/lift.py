@@ -172,6 +172,7 @@ class ModbusLift:
             values = self._changed(changed or frozenset(), at)
         if is_new:
             self._heartbeat.connected(self._epochs, at)
+            self._presses.seen_again(values, at)
         if at > self._heartbeat.live_until:
             raise self._heartbeat.error(at)
         if self._presses.waiting:
@@ -343,6 +344,7 @@ class ModbusLift:
                 watchdog_unit_s=self._watchdog_unit_s,
                 floor_under_way=self._floor_under_way,
             )
+            self._presses.changed(self._values, at)
             self._diagnosis.report_unlisted(self._values)
             for name in ended(self._commands, self._values, self._codec.signals):
                 self._outputs.let_go(name)

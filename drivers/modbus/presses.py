@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drivers.driver import Permit
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.notes import hex_part
+from drivers.modbus.standing import Standing
 from drivers.model import Command, FloorName, LiftValues, Outcome, Proof, Result
 from register_maps.frames import Request
 from register_maps.schema import Confirm
@@ -45,6 +46,7 @@ class Presses:
         self._floors = tuple(floors)
         self._of: dict[str, Press] = {}
         self._waiting: list[Press] = []
+        self._standing = Standing()
 
     @property
     def waiting(self) -> bool:
@@ -89,8 +91,9 @@ class Presses:
     def await_proof(self, press: Press, confirm: Confirm, before: LiftValues | None) -> None:
         """The write was echoed: from here on readings may prove it, until its time is over."""
         loop = asyncio.get_running_loop()
-        press.expected = Expectation(press.command, confirm.any_of, before, self._floors)
         press.written_at = loop.time()
+        stood = self._standing.stands(press.written_at)
+        press.expected = Expectation(press.command, confirm.any_of, before, self._floors, stood)
         self._waiting.append(press)
         loop.call_later(confirm.within_s, self._too_late, press, confirm.within_s)
 
@@ -102,6 +105,17 @@ class Presses:
             found = proof(press.expected, values, read_back=press.read_back)
             if found is not Proof.NONE:
                 self.finish(press, Result.CONFIRMED, "", found)
+            elif not press.expected.stood and self._standing.stands(at):
+                press.expected = replace(press.expected, before=values, stood=True)
+
+    def changed(self, values: LiftValues, at: float) -> None:
+        """Take a reading that differs from the one before, whether or not anything is waited for."""
+        self._standing.look(values, at)
+
+    def seen_again(self, values: LiftValues, at: float) -> None:
+        """Take the first reading after a while without any, whether or not it differs from the last one before."""
+        self._standing.unseen()
+        self._standing.look(values, at)
 
     def finish(self, press: Press, result: Result, reason: str, found: Proof = Proof.NONE) -> None:
         """Give a press its outcome."""

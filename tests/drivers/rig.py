@@ -99,9 +99,10 @@ def on_rig(
     head: str = HEAD,
     log: WriteLog | None = None,
     first: Callable[[ModbusLift], None] | None = None,
+    floors: Mapping[str, int] | None = None,
 ) -> None:
     async def main() -> None:
-        async with rig(written_map(text, head), devices, log=log, first=first) as made:
+        async with rig(written_map(text, head), devices, floors, log=log, first=first) as made:
             await check(made)
 
     run_virtual(main, limit_s=600)

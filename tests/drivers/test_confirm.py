@@ -1,8 +1,11 @@
 """What counts as the effect of a call, by what the lift says before and after."""
 
+from dataclasses import replace
+
 import pytest
 
 from drivers.modbus.confirm import Expectation, proof
+from drivers.modbus.standing import STILL_S, Standing
 from drivers.model import Command, CommandKind, LiftValues, Proof
 from register_maps.words import Door, Motion, Side
 
@@ -10,8 +13,8 @@ FLOORS = ("L1", "L2", "L3")
 SHUT = {Side.FRONT: Door.CLOSED}
 
 
-def effect(target: str, before: LiftValues | None, now: LiftValues) -> bool:
-    expected = Expectation(Command(CommandKind.GO_TO, target), ("effect",), before, FLOORS)
+def effect(target: str, before: LiftValues | None, now: LiftValues, *, stood: bool = False) -> bool:
+    expected = Expectation(Command(CommandKind.GO_TO, target), ("effect",), before, FLOORS, stood)
     return proof(expected, now, read_back=False) is Proof.EFFECT
 
 
@@ -38,6 +41,58 @@ def test_a_car_that_comes_to_its_floor_from_another_one_has_come_even_before_it_
 
 def test_a_car_that_sets_out_the_right_way_has_taken_the_call_and_one_that_goes_the_other_way_has_not() -> None:
     before = LiftValues(floor="L2", motion=Motion.STOPPED)
-    assert effect("L3", before, LiftValues(floor="L2", motion=Motion.UP))
-    assert not effect("L3", before, LiftValues(floor="L2", motion=Motion.DOWN))
-    assert effect("L1", before, LiftValues(floor=None, doors=SHUT))
+    assert effect("L3", before, LiftValues(floor="L2", motion=Motion.UP), stood=True)
+    assert not effect("L3", before, LiftValues(floor="L2", motion=Motion.DOWN), stood=True)
+    shut = LiftValues(floor="L2", doors=SHUT)
+    assert effect("L3", shut, LiftValues(floor="L3", doors=SHUT), stood=True)
+    assert effect("L3", replace(shut, floor="L1"), shut, stood=True)
+    assert not effect("L1", shut, LiftValues(floor="L3", doors=SHUT), stood=True)
+
+
+def test_a_car_that_was_under_way_already_goes_on_for_somebody_else() -> None:
+    up = LiftValues(floor="L1", motion=Motion.UP)
+    assert not effect("L3", up, up)
+    assert not effect("L3", up, LiftValues(floor="L2", motion=Motion.UP))
+    assert not effect("L3", LiftValues(floor="L1", doors=SHUT), LiftValues(floor="L2", doors=SHUT))
+    assert effect("L3", up, LiftValues(floor="L3", motion=Motion.UP))
+
+
+def test_a_car_that_left_its_floor_without_a_word_which_way_can_only_go_one_way_from_an_end_of_its_shaft() -> None:
+    between = LiftValues(floor=None, doors=SHUT)
+    assert effect("L3", LiftValues(floor="L1", doors=SHUT), between, stood=True)
+    assert effect("L1", LiftValues(floor="L3", doors=SHUT), between, stood=True)
+    assert not effect("L1", LiftValues(floor="L2", doors=SHUT), between, stood=True)
+
+
+@pytest.mark.parametrize(
+    ("values", "stands"),
+    [
+        (LiftValues(floor="L2", motion=Motion.STOPPED, doors=SHUT), True),
+        (LiftValues(floor="L2", doors={Side.FRONT: Door.CLOSING}), True),
+        (LiftValues(floor="L2", motion=Motion.MOVING, doors=SHUT), False),
+        (LiftValues(floor="L2", motion=Motion.UNKNOWN, doors=SHUT), False),
+        (LiftValues(floor="L2", doors=SHUT), False),
+        (LiftValues(floor=None, doors=SHUT), False),
+        (LiftValues(floor="L2", doors={Side.FRONT: Door.UNKNOWN}), False),
+    ],
+)
+def test_a_car_stands_where_motion_or_an_open_door_says_so(values: LiftValues, stands: bool) -> None:
+    standing = Standing()
+    standing.look(values, 1.0)
+    assert standing.stands(1.0) is stands
+
+
+def test_a_shut_car_without_a_word_about_motion_stands_once_it_has_told_one_floor_for_long_enough() -> None:
+    standing = Standing()
+    standing.look(LiftValues(floor="L2", doors={Side.FRONT: Door.CLOSING}), 1.0)
+    standing.look(LiftValues(floor="L2", doors=SHUT), 2.0)
+    standing.look(LiftValues(floor="L2", doors=SHUT, flags={"fire": False}), 8.0)
+    assert not standing.stands(1.9 + STILL_S)
+    assert standing.stands(2.0 + STILL_S)
+    standing.look(LiftValues(floor="L3", doors=SHUT), 20.0)
+    assert not standing.stands(20.0)
+    standing.look(LiftValues(floor=None, doors=SHUT), 50.0)
+    assert not standing.stands(90.0)
+    standing.look(LiftValues(floor="L3", doors=SHUT), 100.0)
+    standing.unseen()
+    assert not standing.stands(200.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from drivers.model import FloorName
 from lift_manager.commissioning.detection import Detection, Lie
 from register_maps.words import Table
 
@@ -32,6 +33,8 @@ class Judged:
     """What the judge must know of one lift."""
 
     controllers: tuple[str, ...]
+    floors: tuple[FloorName, ...]
+    """Lowest first."""
     max_age_s: float
     max_session_hold_s: float
     arrive_within_s: float

@@ -26,6 +26,7 @@ def _judged(loaded: LoadedSite, name: str) -> Judged:
     calls = [command.spec.arrive_within_s for command in codec.commands.values() if command.is_call]
     return Judged(
         controllers=(spec.controller, *(place.controller for place in spec.endpoints.values())),
+        floors=tuple(spec.floors),
         max_age_s=max_age_s,
         max_session_hold_s=spec.max_session_hold_s,
         arrive_within_s=max(calls, default=ARRIVES_WITHIN_S),

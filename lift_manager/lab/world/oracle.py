@@ -18,7 +18,7 @@ from lift_manager.domain.events import CommandEnded, Event
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judged import Finding, Judged, Read
-from lift_manager.lab.world.truth import History, Truth
+from lift_manager.lab.world.truth import History, Truth, sets_out
 from lift_manager.lab.world.witness import Struck
 from lift_manager.web.workshop import DOOR_OPEN, state_data
 from register_maps.frames import parse_request
@@ -56,7 +56,9 @@ DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 
 
 MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped"})
-"""Faults under which a car may look like one that goes, or has come, although it has not moved."""
+"""Faults under which a car may look like one that goes, or has come, although it does not."""
+FOR_OTHERS = "a car that set out for somebody else"
+"""Where nothing but the car itself tells of a call, one that sets out the right way after a press is all that anybody can see."""
 
 
 _Claim = tuple[float, float, Outcome]
@@ -334,17 +336,20 @@ class Oracle:
         if self._had_effect(watched, outcome.command, pressed_at, at):
             return
         text = f"{outcome.command} is said to be confirmed by {outcome.proof}, and had no effect"
-        since = min(pressed_at, watched.floor_asked_at)
         by_motion = outcome.proof is Proof.EFFECT and outcome.command.kind in _CALLS
-        # a car that moves for somebody else may look like the answer to a lost call; one that stands does not
-        only = MISREAD if by_motion and self._stood(watched, pressed_at, claimed_at) else None
+        if by_motion and self._set_out(watched, outcome.command, pressed_at, claimed_at):
+            key = (lift, "confirmed without effect", FOR_OTHERS)
+            self.excused[key] = self.excused.get(key, 0) + 1
+            return
+        since = min(pressed_at, watched.floor_asked_at)
+        only = MISREAD if by_motion else None
         self.find(claimed_at, lift, "confirmed without effect", text, Lie.EFFECT, since=since, only=only)
 
     @staticmethod
-    def _stood(watched: _Watched, pressed_at: float, claimed_at: float) -> bool:
-        """Whether the car stood still, from the reading before a press to the claim."""
+    def _set_out(watched: _Watched, command: Command, pressed_at: float, claimed_at: float) -> bool:
+        """Whether the car stood, from the reading before a press on, and set out for there before the claim."""
         truths = list(watched.history.during(pressed_at - watched.about.max_age_s, claimed_at))
-        return all(truth.standing for truth in truths) and len({truth.passed for truth in truths}) == 1
+        return command.floor is not None and sets_out(reversed(truths), command.floor, watched.about.floors)
 
     def _had_effect(self, watched: _Watched, command: Command, since: float, at: float) -> bool:
         truths = list(watched.history.during(since, at))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from drivers.model import FloorName
@@ -29,6 +29,8 @@ class Truth:
     """What the controller is asked for over the network: command and the index of the floor, or 1."""
     passed: FloorName | None = None
     """The floor in whose door zone the car was last: it may have come and gone between two looks."""
+    heading: int = 0
+    """1 upwards, -1 downwards, 0 for a car that stands."""
 
     @property
     def commands(self) -> frozenset[str]:
@@ -52,7 +54,21 @@ def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:
         calls=frozenset(floors[index] for index in picture.car_calls),
         given=tuple(sorted(face.asked.items())),
         passed=floors[picture.floor],
+        heading=(picture.speed_m_s > 0) - (picture.speed_m_s < 0),
     )
+
+
+def sets_out(truths: Iterable[Truth], target: FloorName, floors: Sequence[FloorName]) -> bool:
+    """Whether a car stood, and then went towards a floor. `truths` is oldest first, `floors` lowest first."""
+    stood = False
+    for truth in truths:
+        if truth.standing:
+            stood = True
+        elif stood and truth.passed is not None:
+            ahead = floors.index(target) - floors.index(truth.passed)
+            if ahead * truth.heading > 0:
+                return True
+    return False
 
 
 class History:

@@ -34,6 +34,7 @@ ROBOT = Holder("fleet", "r1")
 def judge(**about: object) -> Oracle:
     known = {
         "controllers": ("plc",),
+        "floors": ("L1", "L2"),
         "max_age_s": 1.0,
         "max_session_hold_s": 20.0,
         "arrive_within_s": 30.0,
@@ -313,18 +314,33 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
     assert rules(oracle) == ["confirmed without effect"]
 
 
-def test_a_lost_call_is_no_excuse_for_a_confirmation_while_the_car_stands() -> None:
+@pytest.mark.parametrize(
+    ("at_the_press", "afterwards", "found"),
+    [
+        (STANDS_OPEN, STANDS_OPEN, ["confirmed without effect"]),
+        (STANDS_OPEN, replace(DRIVES, passed="L2", heading=-1), []),
+        (STANDS_OPEN, replace(DRIVES, passed="L2", heading=1), ["confirmed without effect"]),
+        (
+            replace(DRIVES, passed="L2", heading=-1),
+            replace(DRIVES, passed="L2", heading=-1),
+            ["confirmed without effect"],
+        ),
+    ],
+    ids=["stands on", "sets out for there", "sets out the other way", "was under way for somebody else"],
+)
+def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_out_for_there(
+    at_the_press: Truth, afterwards: Truth, found: list[str]
+) -> None:
     lost = {"lost_press": Detection("lost_press", None, (Lie.EFFECT,), "")}
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
-    for car, found in ((STANDS_OPEN, ["confirmed without effect"]), (DRIVES, [])):
-        oracle = judge(detections=lost)
-        polled(oracle, 5.0, STANDS_OPEN)
-        oracle.struck(5.0, Struck("lift", LostPress(), began=True))
-        oracle.pressed(6.0, "lift", frozenset({"go_to"}))
-        polled(oracle, 7.0, car, since=5.2)
-        oracle.heard(7.1, CommandEnded("lift", outcome))
-        polled(oracle, 9.0, STANDS_OPEN, since=8.0)
-        assert rules(oracle) == found
+    oracle = judge(detections=lost)
+    polled(oracle, 6.0, at_the_press)
+    oracle.struck(6.0, Struck("lift", LostPress(), began=True))
+    oracle.pressed(6.0, "lift", frozenset({"go_to"}))
+    polled(oracle, 7.0, afterwards, since=6.2)
+    oracle.heard(7.1, CommandEnded("lift", outcome))
+    polled(oracle, 9.0, STANDS_OPEN, since=8.0)
+    assert rules(oracle) == found
 
 
 def test_what_a_fault_left_on_unseen_is_let_pass_only_until_it_has_been_off_once() -> None:
