@@ -75,6 +75,14 @@ def request(  # noqa: PLR0913  each is an option of the command line
         bool, typer.Option("--direct", help="Ask the lift adapter itself: a lift supervisor would end the session.")
     ] = False,
     end: Annotated[bool, typer.Option("--end", help="End the session instead; takes no floor.")] = False,
+    instead_of: Annotated[
+        str | None,
+        typer.Option(
+            "--instead-of",
+            metavar="NAME",
+            help="End this session in the lift supervisor right before: it serves that one and drops what is asked for the one that holds the lift.",
+        ),
+    ] = None,
     within: Annotated[float, typer.Option("--within", min=1, max=3600, help="Seconds to wait for the lift.")] = 120.0,
     domain: Domain = None,
     namespace: Namespace = "",
@@ -92,6 +100,10 @@ def request(  # noqa: PLR0913  each is an option of the command line
         )
     if not session:
         raise typer.BadParameter("a session without a name ends nothing and holds nothing", param_hint="--session")
+    if instead_of is not None and (end or direct or instead_of in ("", session)):
+        raise typer.BadParameter(
+            "takes the name of another session, and a floor, and asks the supervisor", param_hint="--instead-of"
+        )
     settings = ros_settings(
         domain=domain,
         namespace=namespace,
@@ -100,7 +112,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
         adapter_lift_requests=adapter_lift_requests,
         peers=peer,
     )
-    errand = Errand(lift, floor, session, open_door=not closed, human=human, direct=direct)
+    errand = Errand(lift, floor, session, open_door=not closed, human=human, direct=direct, instead_of=instead_of)
     if run(_request(settings, errand, within)) is not End.FULFILLED:
         raise typer.Exit(1)
 

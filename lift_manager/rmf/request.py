@@ -49,6 +49,9 @@ class Errand:
     human: bool = False
     direct: bool = False
     """Ask the lift adapter itself, whether there is a supervisor or not."""
+    instead_of: str | None = None
+    """A session that the supervisor serves and the lift does not hold: it is ended there right before each request. A supervisor that was
+    restarted may serve a robot outside for ever, and drop what the one in the car asks for."""
 
 
 class Attempt:
@@ -100,7 +103,8 @@ class Attempt:
         if (said := state_words(state)) != self._said:
             self._said = said
             yield said
-        if self._is_sent and self._is_fulfilled(state):
+        served = self._errand.instead_of is None or self._is_passed_on
+        if self._is_sent and served and self._is_fulfilled(state):
             yield from self._fulfilled()
 
     def passed_on(self, request: LiftRequest) -> Iterator[str]:
@@ -127,12 +131,22 @@ class Attempt:
             yield f"not within {self._within_s:g} s: {self._why()}"
             self.end = End.TOO_LATE
         elif now >= self._sent_at + AGAIN_S:
-            self._sent_at, self._is_sent = now, True
-            self._send(self._request(wall_s), self._direct)
+            yield from self._ask(wall_s, now)
+
+    def _ask(self, wall_s: float, now: float) -> Iterator[str]:
+        other, state = self._errand.instead_of, self._state
+        if other is not None and not self._is_passed_on:
+            if state is not None and state.session_id == other:
+                yield f"{short(other)} holds the lift itself: it is not ended for another"
+                self.end = End.REFUSED
+                return
+            self._send(self._end_of(other, wall_s), False)
+        self._sent_at, self._is_sent = now, True
+        self._send(self._request(wall_s), self._direct)
 
     def _choose_way(self, now: float, found_at: float) -> Iterator[str]:
         """A supervisor decides whose turn it is; where there is none, nobody passes anything on (open-rmf 1.2)."""
-        if now < found_at + PASSED_ON_WITHIN_S or self._is_anothers():
+        if now < found_at + PASSED_ON_WITHIN_S or self._is_anothers() or self._errand.instead_of is not None:
             return
         if not self._listeners():
             yield "nobody hears it: neither a lift supervisor nor a lift adapter reads requests here; are domain, namespace and topics right?"
@@ -159,6 +173,9 @@ class Attempt:
             destination_floor=errand.floor or "",
             door_state=DOOR_OPEN if errand.open_door and not ends else DOOR_CLOSED,
         )
+
+    def _end_of(self, session: str, wall_s: float) -> LiftRequest:
+        return LiftRequest(self._errand.lift, Time.of(wall_s), session, END_SESSION, "", DOOR_CLOSED)
 
     def _is_fulfilled(self, state: LiftState) -> bool:
         errand = self._errand
@@ -199,6 +216,8 @@ class Attempt:
         state, errand = self._state, self._errand
         if state is None:
             return "the lift is not heard"
+        if errand.instead_of is not None and not self._is_passed_on:
+            return f"no lift supervisor passed it on: is {short(errand.instead_of)} what it serves? `lift-manager rmf watch` shows that"
         if errand.floor is not None and self._is_anothers():
             return f"{short(state.session_id)} holds the lift; it is another's turn once that session has ended"
         if errand.floor is not None and not state.session_id:

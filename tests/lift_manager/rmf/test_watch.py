@@ -273,6 +273,41 @@ def test_a_lift_that_another_session_holds_is_not_asked_directly() -> None:
     assert not any(direct for *_, direct in street.sent)
 
 
+INSTEAD = Errand("lift1", "L1", "fleet/robot1", instead_of="fleet/robot2")
+
+
+def test_what_a_supervisor_serves_for_ever_is_ended_right_before_the_request_of_the_one_that_holds_the_lift() -> None:
+    street = Street(INSTEAD, supervised=False)
+    street.until(2.0, STATE)
+    assert [(at, sent.session_id, sent.request_type, direct) for at, sent, direct in street.sent] == [
+        (0.5, "fleet/robot2", END_SESSION, False),
+        (0.5, "fleet/robot1", AGV_MODE, False),
+        (1.5, "fleet/robot2", END_SESSION, False),
+        (1.5, "fleet/robot1", AGV_MODE, False),
+    ]
+    list(street.attempt.passed_on(street.sent[1][1]))
+    street.until(3.0, STATE)
+    assert [sent.session_id for _, sent, _ in street.sent[4:]] == ["fleet/robot1"]
+    street.until(5.0, replace(STATE, current_floor="L1"))
+    assert street.ended() is End.FULFILLED
+
+
+def test_a_session_that_holds_the_lift_itself_is_not_ended_for_another() -> None:
+    street = Street(INSTEAD)
+    street.until(5.0, replace(STATE, session_id="fleet/robot2"))
+    assert street.ended() is End.REFUSED
+    assert street.sent == []
+    assert street.lines[-1] == "fleet/robot2 holds the lift itself: it is not ended for another"
+
+
+def test_without_a_supervisor_nothing_is_asked_instead_of_another_session_and_the_reason_says_so() -> None:
+    street = Street(INSTEAD, supervised=False)
+    street.until(70.0, STATE)
+    assert street.ended() is End.TOO_LATE
+    assert not any(direct for *_, direct in street.sent)
+    assert "no lift supervisor passed it on: is fleet/robot2 what it serves?" in street.lines[-1]
+
+
 def test_nobody_who_listens_is_said_and_nothing_is_waited_for() -> None:
     street = Street(ERRAND, supervised=False, adapters=0)
     street.until(60.0, IDLE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.state import Holder
@@ -49,6 +49,13 @@ class Actors:
         """Whether a session is that of a robot that only waits for its end, or does not even do that."""
         robot = self.robots.get(session)
         return robot is not None and (robot.phase is Phase.END or self.rides.get(session) == GAVE_UP)
+
+    def serve_instead(self, session: str, other: str) -> None:
+        """Do what `lift-manager rmf request --session SESSION --instead-of OTHER` sends first."""
+        world, robot = self.world, self.robots.get(session)
+        world.site.web.publish(WEB.end(world.name, other, "", world.now))
+        if robot is not None and robot.floor is not None:
+            world.site.web.publish(replace(WEB.request(world.name, robot.floor, world.now), session_id=session))
 
     async def act(self, event: Event) -> None:
         """Let one event happen when it is due."""

@@ -14,7 +14,7 @@ from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.rmf.adapter import Adapter
 from register_maps.load import Changes, load
-from tests.support.rmf.acting import GAVE_UP, PERSON, WEB, Actors
+from tests.support.rmf.acting import GAVE_UP, PERSON, Actors
 from tests.support.rmf.events import AdapterRestarts, Ends, Event, Fire, LockedOut, SupervisorRestarts, WebEnd
 from tests.support.rmf.judge import Found, Judge, kept_for
 from tests.support.rmf.world import MakeAdapter, RmfWorld, Setting
@@ -163,7 +163,7 @@ async def _help(world: RmfWorld, actors: Actors, played: Played) -> None:
         elif ending and (current is None or current.session_id != shown):
             world.plant.manager.force_release(world.lift, PERSON, "its robot is gone")
         elif current is not None and current.session_id != shown:
-            world.site.web.publish(WEB.end(world.name, current.session_id, "", world.now))
+            actors.serve_instead(shown, current.session_id)
         else:
             continue
         played.helped += 1
