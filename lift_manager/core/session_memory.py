@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields
 from datetime import UTC, timedelta
+from operator import attrgetter
 
 from lift_manager.core.handshake import LeftBehind
 from lift_manager.core.options import LiftOptions
@@ -19,6 +20,8 @@ RENEWED_EVERY_S = 10.0
 caller may renew it several times a second, and a memory card wears out. Chosen: after a restart a lease ends at most that much
 early."""
 
+_LASTING = attrgetter(*(one.name for one in fields(Session) if one.name not in ("lease_from", "heard_at")))
+
 
 class SessionMemory:
     """What is on the disk about the session of one lift."""
@@ -26,7 +29,7 @@ class SessionMemory:
     def __init__(self, options: LiftOptions, people: PeopleFirst) -> None:
         self._options = options
         self._people = people
-        self._noted: tuple[Session, KeptBoarding, bool] | None = None
+        self._noted: tuple[object, KeptBoarding, bool] | None = None
         """What was written, its lease left out."""
         self._lease_from = -math.inf
         self._mode_until: float | None = math.nan
@@ -92,7 +95,7 @@ class SessionMemory:
             self._noted = None
             self._people.note_session(None)
             return
-        noted = (replace(session, lease_from=0.0, heard_at=None), boarding, pressed)
+        noted = (_LASTING(session), boarding, pressed)
         every_s = min(RENEWED_EVERY_S, max(1.0, sessions.lease_of(session, self._options.lease_s) / 4))
         if noted == self._noted and session.lease_from - self._lease_from < every_s:
             return
