@@ -174,8 +174,8 @@ class EventSource(Protocol):
         """The number of the newest event; 0 before the first."""
         ...
 
-    def freshen(self) -> None:
-        """Publish what of a state has changed and is not published yet: after it every state is as its newest event says."""
+    def freshen(self, lift: str | None = None) -> None:
+        """Publish what of a state has changed and is not published yet: after it that of this lift, or every one, is as its newest event says."""
         ...
 
     def tap(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:

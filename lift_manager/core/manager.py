@@ -233,10 +233,10 @@ class LiftManager(SiteSessions, SiteRides):
         with self._bus.overhear(lambda event, item: hear(Occurrence(event, loop.time(), item))):
             yield
 
-    def freshen(self) -> None:
-        """Publish every change of a state that was not published yet."""
-        for lift in self._lifts.values():
-            lift.freshen()
+    def freshen(self, lift: str | None = None) -> None:
+        """Publish every change of a state that was not published yet, of one lift or of all."""
+        for name in self._lifts if lift is None else (lift,):
+            self._lifts[name].freshen()
 
     async def _tell(self) -> None:
         """Tell what was counted, though nobody asks anything more."""

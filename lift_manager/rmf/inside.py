@@ -64,7 +64,7 @@ class Inside:
         said = self._decide(asked)
         if isinstance(said, Refused):
             return Answer(asked, yes=False, code=said.code, reason=said.message)
-        self._facade.freshen()
+        self._facade.freshen(asked.lift)
         return Answer(asked, yes=True, boot=self._facade.boot, event=self._facade.newest)
 
     def _decide(self, asked: Asked) -> Accepted | Refused:

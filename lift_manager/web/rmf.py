@@ -66,7 +66,7 @@ class _Rmf:
         said = decide(lift, body)
         if isinstance(said, Refused):
             return refused(said, "floor" if said.code is Refusal.UNKNOWN_FLOOR else None)
-        self._facade.freshen()
+        self._facade.freshen(lift)
         answer = RmfTaken(boot=self._facade.boot, event=self._facade.newest)
         await self._facade.kept(lift, KEPT_WITHIN_S)
         return yes(answer)

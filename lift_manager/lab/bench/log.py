@@ -228,9 +228,9 @@ class NotingFacade:
         """The number of the newest event."""
         return self._facade.newest
 
-    def freshen(self) -> None:
+    def freshen(self, lift: str | None = None) -> None:
         """Publish what of a state is not published yet."""
-        self._facade.freshen()
+        self._facade.freshen(lift)
 
     def tap(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:
         """Call `hear` with every event."""

@@ -102,7 +102,7 @@ class FakeManager(FakeSessions, FakeRides):
     async def kept(self, lift: str, within_s: float) -> bool:
         return await self.written(lift, within_s)
 
-    def freshen(self) -> None:
+    def freshen(self, lift: str | None = None) -> None:
         """Every state is as it was said to be."""
 
     @contextmanager

@@ -132,7 +132,7 @@ def test_what_is_published_for_a_snapshot_does_not_come_again_behind_it() -> Non
     class Late(Happening):
         """Has a change that it has not told of."""
 
-        def freshen(self) -> None:
+        def freshen(self, lift: str | None = None) -> None:
             self.shift("lift", reason="told for the snapshot")
 
     async def main() -> None:
@@ -279,7 +279,7 @@ class Counting(Happening):
 
     asked_for = 0
 
-    def freshen(self) -> None:
+    def freshen(self, lift: str | None = None) -> None:
         self.asked_for += 1
 
 

@@ -163,7 +163,7 @@ class Deciding(FakeManager):
         self.happens(Alarm("lift", "something"))
         return super().end_session(lift, holder, grace_s)
 
-    def freshen(self) -> None:
+    def freshen(self, lift: str | None = None) -> None:
         self.happens(Alarm("lift", "more"))
 
 
