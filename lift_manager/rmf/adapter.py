@@ -14,7 +14,7 @@ from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
 from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
 from lift_manager.rmf.views import LiftView, Site
-from lift_manager.rmf.words import USUAL, short, why_ignored
+from lift_manager.rmf.words import USUAL, quoted, why_ignored
 
 _log = logging.getLogger(__name__)
 
@@ -82,7 +82,7 @@ class Adapter:
         held = lift.contract.holds
         done = lift.contract.requested(request, now, replay=now < self._replay_until)
         if held and done is Done.ENDED:
-            _log.info("%s: %s has ended its session", request.lift_name, short(request.session_id))
+            _log.info("%s: %s has ended its session", request.lift_name, quoted(request.session_id))
         lift.next_at = -math.inf
         self._count(request.lift_name, done)
         self._explain(done, request, lift.contract)
@@ -90,7 +90,7 @@ class Adapter:
     def broken(self, text: str, now: float) -> None:
         """Count a request that could not be read at all."""
         self._count("", Done.BROKEN)
-        self._once("", Done.BROKEN, f"a lift request cannot be read and is left out: {short(text)}")
+        self._once("", Done.BROKEN, f"a lift request cannot be read and is left out: {quoted(text)}")
 
     def request_writer_matched(self, now: float) -> None:
         """A writer of lift requests appeared: what it sends first may be a replay of old requests."""
@@ -137,11 +137,11 @@ class Adapter:
         before, name = lift.contract.holds, lift.contract.view.name
         lift.contract.answered(answer, now)
         if lift.contract.holds and not before:
-            _log.info("%s: %s has the lift", name, short(answer.asked.session))
+            _log.info("%s: %s has the lift", name, quoted(answer.asked.session))
             self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
         if not answer.yes and answer.code not in (UNREACHABLE, NOT_SENT):
             what = "the end of" if isinstance(answer.asked, Ended) else "a request of"
-            text = f"{name}: the manager refuses {what} {short(answer.asked.session)}: {answer.reason}"
+            text = f"{name}: the manager refuses {what} {quoted(answer.asked.session)}: {answer.reason}"
             self._once(name, answer.code, text)
 
     def lost(self, reason: str, now: float) -> None:
@@ -210,9 +210,9 @@ class Adapter:
     def _say_change(self, name: str, before: str, now: str) -> None:
         """Say who has a lift, where the manager's answer shows another one than was known."""
         if now and now != before:
-            _log.info("%s: %s has the lift already", name, short(now))
+            _log.info("%s: %s has the lift already", name, quoted(now))
         elif before and not now:
-            _log.warning("%s: the manager ended the session of %s", name, short(before))
+            _log.warning("%s: the manager ended the session of %s", name, quoted(before))
 
     def _once(self, lift: str, cause: str, text: str, level: int = logging.WARNING) -> None:
         if (lift, cause) not in self._told:

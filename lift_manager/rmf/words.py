@@ -37,10 +37,10 @@ def why_ignored(done: Done, request: LiftRequest, contract: LiftContract | None)
         holder = contract.session or str(contract.holder or "")
         floors = ", ".join(contract.view.floors.values())
     text = _WHY[done].format(
-        session=short(request.session_id),
-        holder=short(holder),
-        lift=short(request.lift_name),
-        floor=short(request.destination_floor),
+        session=quoted(request.session_id),
+        holder=quoted(holder),
+        lift=quoted(request.lift_name),
+        floor=quoted(request.destination_floor),
         floors=floors,
         door=request.door_state,
         type=request.request_type,
@@ -48,7 +48,7 @@ def why_ignored(done: Done, request: LiftRequest, contract: LiftContract | None)
     return text if contract is None else f"{contract.view.name}: {text}"
 
 
-def short(text: str) -> str:
+def quoted(text: str) -> str:
     """Return what somebody sent as it may stand in a log line."""
     shown = repr(text[:SHOWN])
     return shown if len(text) <= SHOWN else f"{shown} (of {len(text)} characters)"
