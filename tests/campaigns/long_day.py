@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
@@ -76,8 +76,8 @@ def building(count: int) -> LoadedSite:
     return LoadedSite(site, loaded, Path("long-day"))
 
 
-def live(*, lifts: int, hours: float, seed: int) -> Day:
-    """Let the day pass."""
+def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] = lambda _: None) -> Day:
+    """Let the day pass; `tell` gets a line for each thirty-second part of it, and one for each finding."""
     loaded = building(lifts)
     oracle = judge_of(loaded)
     day = Day(lifts, hours, Played(Schedule(seed, "all", 1.0, 900.0, 300.0, 5.0, ()), oracle.findings))
@@ -90,9 +90,14 @@ def live(*, lifts: int, hours: float, seed: int) -> Day:
                 asyncio.ensure_future(_busy(world, name, seed * 1000 + n, day)) for n, name in enumerate(world.lifts)
             ]
             for part in range(1, 33):
+                told = len(oracle.findings)
                 await elapse(lasts_s / 32)
+                world.forget()
                 gc.collect()
                 day.memory.append((hours * part / 32, _resident()))
+                tell(f"{hours * part / 32:g} h, {day.memory[-1][1] / 1e6:.0f} MB, {len(oracle.findings)} findings")
+                for found in oracle.findings[told:]:
+                    tell(f"  {found}")
             for task in busy:
                 task.cancel()
             for error in await asyncio.gather(*busy, return_exceptions=True):
@@ -133,6 +138,11 @@ def _resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_BYTES
 
 
+def _tell(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=8.0)
@@ -144,13 +154,12 @@ def main() -> int:
         return subprocess.run(command, env=os.environ | {"PYTHONHASHSEED": "0"}, check=False).returncode
     began = time.monotonic()
     with quiet():
-        day = live(lifts=given.lifts, hours=given.hours, seed=given.seed)
+        day = live(lifts=given.lifts, hours=given.hours, seed=given.seed, tell=_tell)
     lines = [
         f"{day.lifts} lifts, {day.hours:g} hours, in {time.monotonic() - began:.0f} s: {day.played.judged} states judged,",
         f"{day.played.invitations} invitations, {day.played.rides} rides, {len(day.played.findings)} findings",
         "memory: " + ", ".join(f"{at:g} h {used / 1e6:.0f} MB" for at, used in day.memory[::4]),
         f"grown by {day.growth:.1%} after the first eighth",
-        *map(str, day.played.findings[:20]),
     ]
     sys.stdout.write("\n".join([*lines, ""]))
     return 1 if day.failed else 0

@@ -20,6 +20,7 @@ from lift_manager import app
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
+from lift_manager.core.journal import ShortJournal
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import Clock, ShortMemory
 from lift_manager.domain.asking import Accepted, Ask, Refused
@@ -39,6 +40,9 @@ from simulator.wire_faults import Exchange, WireFault, WireFaults
 
 LOOK_S = 0.25
 """How often somebody asks for the state of every lift. Chosen: more often than any client does."""
+
+JOURNAL_ROWS = 500
+"""The newest rows of the journal that are kept. Nothing reads them here; the usual number is 10 MB. Chosen."""
 
 BEGAN_AT = datetime(2026, 1, 5, 12, tzinfo=UTC)
 """A Monday noon: robots may begin at any hour that a site is likely to allow. Chosen."""
@@ -204,12 +208,18 @@ class World:
         self._build()
         self._start()
 
+    def forget(self) -> None:
+        """Drop the record of what faults did to the wires: it grows for as long as a world lasts."""
+        for faults in self.weather.values():
+            faults.done.clear()
+
     def _build(self) -> None:
         # a manager of its own memory: what a killed one still hears of its presses changes nothing on the disk
         disk, self._memory = self._memory, ShortMemory()
         for lift in self.lifts:
             self._memory.keep(lift, disk.recall(lift))
-        building = app.build(self.loaded, make_wire=self._wire, memory=self._memory, clock=self._clock)
+        journal = ShortJournal(keep=JOURNAL_ROWS)
+        building = app.build(self.loaded, make_wire=self._wire, memory=self._memory, journal=journal, clock=self._clock)
         self.manager = building.manager
         self.links = building.links
 
