@@ -82,7 +82,7 @@ class ModbusLift:
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
         notes = Notes(log, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._lines, settings, notes)
-        self._presses = Presses(tuple(settings.floors))
+        self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence)
         self._permissions = self._new_permissions()
         self._watch = self._new_watch()
         self._notices = self._watch.notices

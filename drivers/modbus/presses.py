@@ -13,7 +13,7 @@ from drivers.modbus.notes import hex_part
 from drivers.modbus.standing import Standing
 from drivers.model import Command, FloorName, LiftValues, Outcome, Proof, Result
 from register_maps.frames import Request
-from register_maps.schema import Confirm
+from register_maps.schema import Confirm, Evidence
 
 REPLACED = "replaced by a newer command"
 NOT_SENT = "not sent: something else was wanted instead, or it could not be sent in time"
@@ -41,12 +41,12 @@ class Press:
 class Presses:
     """At most one press per command; a newer one ends the older."""
 
-    def __init__(self, floors: Sequence[FloorName]) -> None:
-        """`floors`, lowest first."""
+    def __init__(self, floors: Sequence[FloorName], evidence: Evidence) -> None:
+        """`floors`, lowest first; `evidence` is what the map says about a car that stands."""
         self._floors = tuple(floors)
         self._of: dict[str, Press] = {}
         self._waiting: list[Press] = []
-        self._standing = Standing()
+        self._standing = Standing(evidence)
 
     @property
     def waiting(self) -> bool:

@@ -6,6 +6,7 @@ from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from register_maps.words import Table
 from tests.drivers.rig import Rig, allowed, on_rig
 from tests.support.virtual_time import elapse
+from tests.support.written_maps import HEAD
 
 MAP = """
 signals:
@@ -15,6 +16,8 @@ commands:
   go_to: {at: "holding:1", as: floor, action: pulse, width_s: 0.5, confirm: {any_of: [effect], within_s: 30}}
 """
 CALL = Command(CommandKind.GO_TO, "L3")
+PASSED = HEAD.replace("{kind: position_stable, for_s: 1.0}", "{kind: door_open}")
+"""The floor that is told may be the one last passed."""
 FLOORS = {"L1": 1, "L2": 2, "L3": 3}
 
 
@@ -47,7 +50,7 @@ def test_a_car_that_people_sent_up_before_the_press_does_not_confirm_it_by_going
         await elapse(1.0)
         assert (outcome.result().result, outcome.result().proof) == (Result.CONFIRMED, Proof.EFFECT)
 
-    on_rig(check, MAP, floors=FLOORS)
+    on_rig(check, MAP, head=PASSED, floors=FLOORS)
 
 
 def test_a_car_that_never_stood_again_leaves_the_press_unconfirmed() -> None:
@@ -60,7 +63,7 @@ def test_a_car_that_never_stood_again_leaves_the_press_unconfirmed() -> None:
         await elapse(31.0)
         assert outcome.result().result is Result.UNCONFIRMED
 
-    on_rig(check, MAP, floors=FLOORS)
+    on_rig(check, MAP, head=PASSED, floors=FLOORS)
 
 
 def test_a_shut_car_that_has_told_one_floor_for_long_confirms_by_going_to_the_next() -> None:
@@ -74,4 +77,4 @@ def test_a_shut_car_that_has_told_one_floor_for_long_confirms_by_going_to_the_ne
         await elapse(1.0)
         assert outcome.result().proof is Proof.EFFECT
 
-    on_rig(check, MAP, floors=FLOORS)
+    on_rig(check, MAP, head=PASSED, floors=FLOORS)

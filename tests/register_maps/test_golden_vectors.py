@@ -290,7 +290,9 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
                     await lift.read()
                     await elapse(POLL_S)
 
-            await poll(loop.time() + 1.0)
+            # so long that the car is known to stand, where the map says how long that takes
+            still_s = compiled(golden).map.at_floor_evidence.for_s
+            await poll(loop.time() + max(1.0, (still_s or 0.0) + POLL_S))
             if vector.before is not None:
                 bench.extend(vector.before_by, after=vector.poll_before)
                 give(lift, vector.before)
