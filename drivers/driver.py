@@ -9,7 +9,12 @@ from typing import Protocol
 from drivers.model import Capabilities, Command, LiftReading, Outcome, SignalValue, Written
 
 Permit = Callable[[], str | None]
-"""Called immediately before the bytes of a press leave; a text refuses it and says why."""
+"""Called immediately before the bytes of a press leave, and before that as often as anybody wants to know; a text refuses it and says why."""
+
+
+def always() -> str | None:
+    """Refuse nothing."""
+    return None
 
 
 class WriteLog(Protocol):
@@ -55,8 +60,11 @@ class LiftDriver(Protocol):
         """Carry out presses, holds and releases until cancelled."""
         ...
 
-    def press(self, command: Command, permit: Permit) -> Future[Outcome]:
-        """Give a command once. It is never repeated, whatever happens to it."""
+    def press(self, command: Command, permit: Permit, begins: Permit = always) -> Future[Outcome]:
+        """Give a command once. It is never repeated, whatever happens to it.
+
+        `begins` is asked with the permit when bytes leave, but no more once the press was answered: what is on then may stay.
+        """
         ...
 
     def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:

@@ -86,8 +86,11 @@ def _goes(expected: Expectation, now: LiftValues) -> bool:
     target, before = expected.command.floor, expected.before
     if target is None:
         return False
+    ends = (expected.floors[0], expected.floors[-1])
     if now.floor == target:
-        return before is None or before.floor != target or not _may_leave(now)
+        # a car that was under way already may only pass it, but for an end of its shaft
+        came = before is None or (before.floor != target and (expected.stood or target in ends))
+        return came or not _may_leave(now)
     if before is None or before.floor is None or not expected.stood:
         return False
     upwards = expected.floors.index(target) > expected.floors.index(before.floor)
@@ -95,7 +98,7 @@ def _goes(expected: Expectation, now: LiftValues) -> bool:
         return (now.motion is Motion.UP) is upwards
     if now.floor is None:
         shut = all(door is Door.CLOSED for door in now.doors.values())
-        return shut and before.floor in (expected.floors[0], expected.floors[-1])  # there is one way only from there
+        return shut and before.floor in ends  # there is one way only from there
     return (
         now.floor != before.floor
         and (expected.floors.index(now.floor) > expected.floors.index(before.floor)) is upwards

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 
-from drivers.driver import Permit, WriteLog
+from drivers.driver import Permit, WriteLog, always
 from drivers.errors import (
     ConnectionLost,
     ControllerException,
@@ -186,14 +186,14 @@ class ModbusLift:
         """
         await self._carrier.run()
 
-    def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
+    def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
         """Give a command once; it waits until it is written down."""
         name = command.name
         if name not in self._outputs:
-            return self._presses.refuse(command, permit, f"{self._settings.name} has no command {name}")
+            return self._presses.refuse(command, f"{self._settings.name} has no command {name}")
         if self._carrier.has_failed:
-            return self._presses.refuse(command, permit, "the driver of this lift has failed")
-        press = self._presses.asked(command, permit)
+            return self._presses.refuse(command, "the driver of this lift has failed")
+        press = self._presses.asked(command, begins)
         self._drop(name, Result.UNCONFIRMED, REPLACED)
         self._ask(Wish(command, permit, asyncio.get_running_loop().time(), press))
         return press.future
@@ -211,9 +211,11 @@ class ModbusLift:
         if self._outputs.wanted(name):
             self._permissions.note(name, permit)
             self._outputs.hold(name, now, begin=begin)
+        elif not begin:
+            self._drop(name, Result.REJECTED, NOT_SENT)
         elif (wish := self._rows.waiting(name)) is not None:
             wish.permit, wish.at = permit, now
-        elif begin and self._rows.may_ask(name, now):
+        elif self._rows.may_ask(name, now):
             self._ask(Wish(command, permit, now))
 
     def adopt(self, command: Command, permit: Permit) -> None:

@@ -65,7 +65,7 @@ class Output:
     paused: bool = False
     """Between two pulses of a hold that is made of pulses."""
     unwanted: bool = False
-    """Let go of while its press was on its way, and ended by the device if it has arrived."""
+    """Nobody wants it any more, and its press was on its way: what has left stays (only kept, or until the device ends it), the rest does not leave."""
     failures: int = 0
     """Of the release under way."""
     leave_by: float = math.inf
@@ -228,6 +228,8 @@ class Output:
         if self.phase is Phase.DUE:
             self.release()
         elif self.phase in (Phase.LEAVING, Phase.ON):
+            # handed out, its bytes may wait behind an answer still: then they do not leave
+            self.unwanted = self.phase is Phase.LEAVING
             self.only_kept = self.can_be_adopted
 
     def release(self) -> None:

@@ -137,6 +137,9 @@ class Permissions:
             return "the connection is new and has not been read yet"
         if missing := self.missing(name):
             return f"{name} needs {', '.join(missing)}"
+        press = self._presses.of(name)
+        if press is not None and press.expected is None and (reason := press.begins()) is not None:
+            return reason
         values = self.values()
         if values is not None and name in ended({name: self._commands[name]}, values, self._signals):
             return "the door is shut or opens, or something is in its way"

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from drivers.driver import Permit
+from drivers.driver import Permit, always
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.notes import hex_part
 from drivers.modbus.standing import Standing
@@ -24,7 +24,8 @@ class Press:
     """One press."""
 
     command: Command
-    permit: Permit
+    begins: Permit
+    """Asked until the write was echoed, when bytes of it leave."""
     future: asyncio.Future[Outcome]
     frames: list[str] = field(default_factory=list)
     expected: Expectation | None = None
@@ -58,9 +59,9 @@ class Presses:
         """Commands whose press was not written yet."""
         return tuple(name for name, press in self._of.items() if press.expected is None)
 
-    def asked(self, command: Command, permit: Permit) -> Press:
+    def asked(self, command: Command, begins: Permit = always) -> Press:
         """Make a press that has not begun: it ends no other yet."""
-        return Press(command, permit, asyncio.get_running_loop().create_future())
+        return Press(command, begins, asyncio.get_running_loop().create_future())
 
     def begin(self, press: Press) -> None:
         """Take a new press."""
@@ -71,9 +72,9 @@ class Presses:
         """Return the press of a command, if it has no outcome yet."""
         return self._of.get(name)
 
-    def refuse(self, command: Command, permit: Permit, reason: str) -> asyncio.Future[Outcome]:
+    def refuse(self, command: Command, reason: str) -> asyncio.Future[Outcome]:
         """End a press at once."""
-        press = self.asked(command, permit)
+        press = self.asked(command)
         self.finish(press, Result.REJECTED, reason)
         return press.future
 

@@ -68,9 +68,12 @@ class Outputs:
     def hold(self, name: str, now: float, *, begin: bool = True) -> None:
         """Want a hold, or renew it until `max_hold_s` from now; what is only kept is pressed again once it may `begin`."""
         output = self._outputs[name]
-        output.only_kept = output.only_kept and not begin
+        output.only_kept, output.unwanted = output.only_kept and not begin, output.unwanted and not begin
         if output.awaits_look:
             output.adopt_by = now + (output.spec.max_hold_s or 0.0)
+            return
+        if not begin and output.phase is not Phase.ON:
+            output.keep()
             return
         output.fall_at = now + (output.spec.max_hold_s or 0.0)
         if output.phase is Phase.REST:

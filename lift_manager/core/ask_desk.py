@@ -38,6 +38,8 @@ class AskDesk:
             return refused
         self._line.leave(ask.holder)
         keeper.take(answer, now)
+        if offline:
+            self._leave_call(now)
         return Accepted()
 
     def refused(self, ask: Ask, answer: Refused) -> None:
@@ -49,10 +51,14 @@ class AskDesk:
         mine = session is not None and session.ending and ask.stays and session.holder == ask.holder
         if session is None or not mine or not self._passes(ask, answer):
             return
-        call = keeper.serving.call
+        self._leave_call(now)
+        keeper.take(replace(session, heard_at=now, over_at=None), now, anew=False)
+
+    def _leave_call(self, now: float) -> None:
+        """Leave a call that was not pressed to the next request: nobody knows how long the lift cannot be read, nor who still wants it then."""
+        call = self._keeper.serving.call
         if call.now is not None and call.now.phase is CallPhase.WANTED:
             call.restore(call.now.floor, pressed=False, now=now)
-        keeper.take(replace(session, heard_at=now, over_at=None), now, anew=False)
 
     def end(self, holder: Holder, grace_s: float) -> Accepted | Refused:
         """End the session at its holder's word, after the grace; one that is over already is over. No line is left by it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.driver import Permit
+from drivers.driver import Permit, always
 from drivers.model import CommandKind
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Ask
@@ -18,20 +18,16 @@ def last_word(session: Session | None, options: LiftOptions) -> Ask | None:
     return Ask(options.name, session.holder, session.floor or options.floors[0], hold_door=False)
 
 
-def before_the_end(kind: CommandKind, permit: Permit, session: Callable[[], Session | None]) -> Permit:
-    """Return a permit that lets nothing begin for a session that is about to end; what is on already stays.
+def before_the_end(kind: CommandKind, session: Callable[[], Session | None]) -> Permit:
+    """Return what is asked when a press begins: nothing does for a session that is about to end. What is on already stays.
 
     That a robot left is told in any case: it is what ends a session.
     """
-    begun = kind is CommandKind.ROBOT_LEFT
+    if kind is CommandKind.ROBOT_LEFT:
+        return always
 
-    def allowed() -> str | None:
-        nonlocal begun
+    def begins() -> str | None:
         now = session()
-        refusal = permit()
-        if refusal is None and not begun and now is not None and now.ending:
-            return f"{now.holder} has ended its session"
-        begun = begun or refusal is None
-        return refusal
+        return f"{now.holder} has ended its session" if now is not None and now.ending else None
 
-    return allowed
+    return begins

@@ -290,7 +290,7 @@ class SessionKeeper:
             self._used()
         # what is pressed was pressed if a restart comes between: its row, and with it the press, waits for this
         self.note(_now(), pressed=command.kind in CALLS)
-        future = self._driver.press(command, before_the_end(command.kind, permit, lambda: self.session))
+        future = self._driver.press(command, permit, before_the_end(command.kind, lambda: self.session))
         future.add_done_callback(self._ended)
         return future
 

@@ -37,8 +37,20 @@ def test_without_a_word_about_motion_a_shut_car_may_be_leaving_and_an_open_one_i
     assert effect("L2", before, LiftValues(floor="L2", doors={Side.FRONT: Door.OPENING}))
 
 
-def test_a_car_that_comes_to_its_floor_from_another_one_has_come_even_before_it_stands() -> None:
-    assert effect("L2", LiftValues(floor="L1", motion=Motion.UP), LiftValues(floor="L2", motion=Motion.UP))
+def test_a_car_that_set_out_from_another_floor_has_come_even_before_it_stands() -> None:
+    assert effect(
+        "L2", LiftValues(floor="L1", motion=Motion.STOPPED), LiftValues(floor="L2", motion=Motion.UP), stood=True
+    )
+
+
+def test_a_car_that_was_under_way_already_has_come_once_it_stands_or_is_at_an_end_of_its_shaft() -> None:
+    up = LiftValues(floor="L1", motion=Motion.UP)
+    assert not effect("L2", up, LiftValues(floor="L2", motion=Motion.UP))
+    assert effect("L2", up, LiftValues(floor="L2", motion=Motion.STOPPED))
+    assert effect("L3", up, LiftValues(floor="L3", motion=Motion.UP))
+    shut = LiftValues(floor="L1", doors=SHUT)
+    assert not effect("L2", shut, replace(shut, floor="L2"))
+    assert effect("L2", shut, LiftValues(floor="L2", doors={Side.FRONT: Door.OPENING}))
 
 
 def test_a_car_that_sets_out_the_right_way_has_taken_the_call_and_one_that_goes_the_other_way_has_not() -> None:
@@ -56,7 +68,6 @@ def test_a_car_that_was_under_way_already_goes_on_for_somebody_else() -> None:
     assert not effect("L3", up, up)
     assert not effect("L3", up, LiftValues(floor="L2", motion=Motion.UP))
     assert not effect("L3", LiftValues(floor="L1", doors=SHUT), LiftValues(floor="L2", doors=SHUT))
-    assert effect("L3", up, LiftValues(floor="L3", motion=Motion.UP))
 
 
 def test_a_car_that_left_its_floor_without_a_word_which_way_can_only_go_one_way_from_an_end_of_its_shaft() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.driver import Permit
+from drivers.driver import Permit, always
 from drivers.model import Command, LiftReading, LiftValues, Outcome
 from lift_manager import app
 from lift_manager.config.load import load_site
@@ -76,7 +76,7 @@ class Hanging(ScriptedDriver):
             await asyncio.Event().wait()
         return await super().read()
 
-    def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
+    def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
         raise AssertionError("nothing is pressed here")
 
 

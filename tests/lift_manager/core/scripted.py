@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 
-from drivers.driver import Permit
+from drivers.driver import Permit, always
 from drivers.errors import DriverError, Sent
 from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Result, SignalValue
 from lift_manager.core.bus import Bus, Subscription
@@ -107,14 +107,14 @@ class ScriptedDriver:
     async def run(self) -> None:
         await asyncio.Event().wait()
 
-    def press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
+    def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
         loop = asyncio.get_running_loop()
         future: asyncio.Future[Outcome] = loop.create_future()
         self._end(command, Result.UNCONFIRMED, "replaced by a newer command")
         self._flying[command.name] = future
         self.permits[command.name] = permit
         self.on.add(command.name)
-        loop.call_later(self.delay_s, self._write, command, permit, future)
+        loop.call_later(self.delay_s, self._write, command, lambda: begins() or permit(), future)
         return future
 
     def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
