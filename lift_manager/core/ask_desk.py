@@ -38,7 +38,7 @@ class AskDesk:
             return refused
         self._line.leave(ask.holder)
         keeper.take(answer, now)
-        if offline:
+        if keeper.sight(now) is None:
             self._leave_call(now)
         return Accepted()
 

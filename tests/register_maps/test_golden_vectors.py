@@ -19,6 +19,7 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
+from drivers.modbus.standing import STILL_S
 from drivers.model import Command, CommandKind, Outcome, Result
 from register_maps.codec import Codec, Point, compile_map
 from register_maps.load import Changes, load, shipped
@@ -290,9 +291,10 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
                     await lift.read()
                     await elapse(POLL_S)
 
-            # so long that the car is known to stand, where the map says how long that takes
-            still_s = compiled(golden).map.at_floor_evidence.for_s
-            await poll(loop.time() + max(1.0, (still_s or 0.0) + POLL_S))
+            # so long that the car is known to stand; a lift with an alive counter, which stands still here, tells motion
+            codec = compiled(golden)
+            still_s = codec.map.at_floor_evidence.for_s or (0.0 if "alive" in codec.signals else STILL_S)
+            await poll(loop.time() + max(1.0, still_s + POLL_S))
             if vector.before is not None:
                 bench.extend(vector.before_by, after=vector.poll_before)
                 give(lift, vector.before)
