@@ -345,10 +345,11 @@ async def _let_go(manager: LiftManager) -> bool:
     except TimeoutError:
         _log.error("not every output could be verified as let go within %g s; look at the lift", RELEASE_WITHIN_S)
         return False
-    for state in states:
-        if state is not None and state.quality is Quality.OFFLINE:
-            _log.warning("%s: is offline, so nobody could look at what its controller holds", state.lift)
-    _log.info("everything we held is let go and verified")
+    unseen = [state.lift for state in states if state is not None and state.quality is Quality.OFFLINE]
+    for lift in unseen:
+        _log.warning("%s: is offline, so nobody could look at what its controller holds", lift)
+    if len(unseen) < len(states):
+        _log.info("everything we held%s is let go and verified", " on the other lifts" if unseen else "")
     return True
 
 

@@ -194,6 +194,7 @@ async def _request(settings: RosSettings, errand: Errand, within_s: float) -> En
     asking = _Asking(settings.requests_topic)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
     onlooker = joined(lambda: Onlooker(settings, asking, deliver))
+    say_aside(f"asking in {where_in_rmf(settings)}")
     asking.attempt = attempt = Attempt(
         errand,
         lambda: onlooker.listeners(direct=True),

@@ -59,4 +59,5 @@ def failure(error: ClientError, manager: str) -> typer.Exit:
         )
     if isinstance(error, Refused) and error.status == 401:
         return fail(f"{error}; here, with --key-file FILE or in the variable {KEY_VARIABLE}")
-    return fail(str(error))
+    # what the body of a request has to be is for programs
+    return fail(str(error).partition("; expected {")[0])

@@ -9,6 +9,7 @@ from ipaddress import ip_address
 from pathlib import Path
 
 from lift_manager.config.check import check_site
+from lift_manager.config.check_rmf import is_in_rmf, unheld_doors
 from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, links
 from lift_manager.config.maps import is_value_table, load_maps, tables
 from lift_manager.config.site import Api, Controller, Lift, Site
@@ -145,7 +146,9 @@ def _about(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
         return
     if not source.commands.keys() & set(CALLS):
         yield f"{name}: map {source.name} has no command that calls the car; nothing here can send for it"
-    yield f"{name}: is commanded without a checkout record for map {source.name} ({source.provenance.trust})"
+    yield f"{name}: is commanded without a checkout record for map {source.name} ({source.provenance.trust}): nobody has written down that it was tried at this lift"
+    if is_in_rmf(lift):
+        yield from unheld_doors(name, lift, source)
     if lift.accept_latching is not None and any(c.on_link_loss == "latches" for c in source.commands.values()):
         yield f"{name}: outputs stay on when this manager is lost; accepted: {lift.accept_latching}"
 

@@ -79,6 +79,7 @@ class Attempt:
         self._direct = errand.direct
         self._is_passed_on = False
         self._sent_at = -math.inf
+        self._began_asking = math.inf
         self._is_sent = False
         self._others: dict[str, None] = {}
         self._state: LiftState | None = None
@@ -141,12 +142,18 @@ class Attempt:
                 self.end = End.REFUSED
                 return
             self._send(self._end_of(other, wall_s), False)
+        self._began_asking = min(self._began_asking, now)
         self._sent_at, self._is_sent = now, True
         self._send(self._request(wall_s), self._direct)
 
     def _choose_way(self, now: float, found_at: float) -> Iterator[str]:
         """A supervisor decides whose turn it is; where there is none, nobody passes anything on (open-rmf 1.2)."""
-        if now < found_at + PASSED_ON_WITHIN_S or self._is_anothers() or self._errand.instead_of is not None:
+        if self._errand.instead_of is not None:
+            if now >= self._began_asking + PASSED_ON_WITHIN_S:
+                yield f"not passed on within {PASSED_ON_WITHIN_S:g} s: {self._why()}"
+                self.end = End.TOO_LATE
+            return
+        if now < found_at + PASSED_ON_WITHIN_S or self._is_anothers():
             return
         if not self._listeners():
             yield "nobody hears it: neither a lift supervisor nor a lift adapter reads requests here; are domain, namespace and topics right?"
@@ -217,7 +224,7 @@ class Attempt:
         if state is None:
             return "the lift is not heard"
         if errand.instead_of is not None and not self._is_passed_on:
-            return f"no lift supervisor passed it on: is {short(errand.instead_of)} what it serves? `lift-manager rmf watch` shows that"
+            return f"either there is no lift supervisor, or {short(errand.instead_of)} is not what it serves; `lift-manager rmf watch` shows that"
         if errand.floor is not None and self._is_anothers():
             return f"{short(state.session_id)} holds the lift; it is another's turn once that session has ended"
         if errand.floor is not None and not state.session_id:

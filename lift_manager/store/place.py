@@ -58,8 +58,8 @@ def claim(path: Path) -> int | None:
     except (BlockingIOError, PermissionError) as error:
         os.close(lock)
         raise StateUnusable(
-            f"{path} is in use by another manager that runs on this computer, and each would wipe out what people said to the"
-            " other: stop that one first, or give this site another `name`"
+            f"another manager that runs on this computer serves a site of this name: stop that one first, for each would wipe out what people"
+            f" said to the other in {path}; another site, with controllers of its own, needs another `name`"
         ) from error
     except OSError:
         os.close(lock)

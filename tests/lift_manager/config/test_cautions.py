@@ -18,7 +18,7 @@ def about(folder: Path, text: str, words: str, *edits: tuple[str, str]) -> list[
 
 def test_a_commanded_lift_is_cautioned_about_at_every_start(tmp_path: Path) -> None:
     assert about(tmp_path, GENERIC, "checkout") == [
-        "main: is commanded without a checkout record for map generic-registers (template)"
+        "main: is commanded without a checkout record for map generic-registers (template): nobody has written down that it was tried at this lift"
     ]
 
 
@@ -51,7 +51,7 @@ def test_a_commanded_lift_with_everything_visible_on_a_map_taken_from_a_lift_nee
 ) -> None:
     my_map(tmp_path, ("trust: template", "trust: vendor-manual"))
     assert list(load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).cautions()) == [
-        "main: is commanded without a checkout record for map generic-registers (vendor-manual)"
+        "main: is commanded without a checkout record for map generic-registers (vendor-manual): nobody has written down that it was tried at this lift"
     ]
 
 
@@ -59,7 +59,7 @@ def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp
     cautions = list(load(tmp_path, TWO_STOP).cautions())
     assert [caution.split(":")[1].strip() for caution in cautions] == [
         "fire is not visible on this interface",
-        "is commanded without a checkout record for map two-stop-agv (integration-code)",
+        "is commanded without a checkout record for map two-stop-agv (integration-code): nobody has written down that it was tried at this lift",
         "outputs stay on when this manager is lost; accepted",
     ]
     assert cautions[-1].endswith("accepted: a person stands beside it")

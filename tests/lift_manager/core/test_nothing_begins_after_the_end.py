@@ -1,6 +1,5 @@
 """END comes while a press is on its way: what has not left does not leave."""
 
-
 import pytest
 
 from drivers.model import Command, CommandKind

@@ -162,7 +162,9 @@ def test_two_managers_do_not_share_a_file(path: Path) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "open\n"
-        with pytest.raises(StateUnusable, match="is in use by another manager that runs on this computer"):
+        with pytest.raises(
+            StateUnusable, match="another manager that runs on this computer serves a site of this name"
+        ):
             state(path)
         other.communicate("", timeout=10)
     assert state(path).recall("east") == Remembered()
