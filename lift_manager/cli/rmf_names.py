@@ -8,6 +8,7 @@ from pathlib import Path
 import typer
 
 from lift_manager.cli.common import say
+from lift_manager.config.check_rmf import is_in_rmf, unheld_doors
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.rmf.building import SiteLift, compare
 from lift_manager.rmf.building_file import read_building, read_graph
@@ -22,9 +23,9 @@ def check_names(site: Path, building_map: Path, nav_graphs: Sequence[Path]) -> N
     data = read(site, number_keys=lambda _: True).data
     if isinstance(data, dict) and "lifts" not in data:
         raise typer.BadParameter(f"{site} is no site file, and has no names to compare", param_hint="--building-map")
-    found = compare(
-        tuple(_lifts(load_site(site))), read_building(building_map), [read_graph(graph) for graph in nav_graphs]
-    )
+    loaded = load_site(site)
+    found = compare(tuple(_lifts(loaded)), read_building(building_map), [read_graph(graph) for graph in nav_graphs])
+    say(f"caution: {caution}" for caution in _cautions(loaded))
     say(f"note: {note}" for note in found.notes)
     block = list(found.block())
     if block:
@@ -33,6 +34,13 @@ def check_names(site: Path, building_map: Path, nav_graphs: Sequence[Path]) -> N
         raise MapFileError(found.mistakes)
     lifts = ", ".join(f"{own} is {name}" if own != name else name for name, own in found.pairs.items())
     say([f"{building_map}: the names match: {lifts or 'no lift of the map is on this site'}"])
+
+
+def _cautions(loaded: LoadedSite) -> Iterator[str]:
+    """Yield those of lifts that RMF calls as the site does; the others are cautioned about at every start."""
+    for lift, spec in loaded.site.lifts.items():
+        if not is_in_rmf(spec):
+            yield from unheld_doors(lift, spec, loaded.maps[lift].map)
 
 
 def _lifts(loaded: LoadedSite) -> Iterator[SiteLift]:

@@ -1,11 +1,16 @@
-"""Whether every lift and every floor has a name of its own in RMF's building map, and what is told of a fire makes sense."""
+"""Whether every lift and every floor has a name of its own in RMF's building map, what is told of a fire makes sense, and doors stay open."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from lift_manager.config.problem import Key, Problem
-from lift_manager.config.site import Lift, Rmf, Site
+from lift_manager.config.site import Lift, LiftRmf, Rmf, Site
+from register_maps.schema import CALLS, RegisterMap
+from register_maps.words import Side
+
+_WHILE_ABOARD = ("robot_in_place", "robot_left")
+"""A call that ends with one of these words of the robot is what keeps the door open until then."""
 
 
 def check_rmf(site: Site) -> Iterator[Problem]:
@@ -24,6 +29,27 @@ def check_rmf(site: Site) -> Iterator[Problem]:
             yield Problem(where, message)
         named.setdefault(in_rmf, name)
         yield from _floors(key, name, lift)
+
+
+def is_in_rmf(lift: Lift) -> bool:
+    """Whether the site says what RMF calls a lift or its floors."""
+    return lift.rmf != LiftRmf()
+
+
+def unheld_doors(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
+    """Yield what an installer has to know of doors that RMF is told are open, and that nothing here keeps open."""
+    if lift.access == "monitor" or any(
+        command in source.commands and source.commands[command].until in _WHILE_ABOARD for command in CALLS
+    ):
+        return
+    served = {side for floor in lift.floors.values() for side in floor.doors or tuple(Side)}
+    shown = [side for side in Side if side in served and f"door.{side}" in source.signals]
+    if missing := [f"hold_door.{side}" for side in shown if f"hold_door.{side}" not in source.commands]:
+        yield (
+            f"{name}: map {source.name} has no {' and no '.join(missing)}: RMF sends robots in when the door is open, and it closes"
+            " by its own timer, perhaps on a robot in the doorway; connect an output to the door-open button and add the"
+            " command, or set the timer longer than the slowest robot needs"
+        )
 
 
 def _floors(key: Key, name: str, lift: Lift) -> Iterator[Problem]:

@@ -110,7 +110,7 @@ class Adapter:
         if self._lost_why is not None or self._site is None:
             _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
         self._lost_why, self._site = None, site
-        self._forget_gone(site)
+        self._forget_gone(site, now)
         for place, view in enumerate(site.lifts):
             lift = self._lifts.get(view.name)
             if lift is None or lift.contract.view.lift != view.lift:
@@ -191,11 +191,17 @@ class Adapter:
                 lift.contract.end(session, now)
         self._early_ends.clear()
 
-    def _forget_gone(self, site: Site) -> None:
+    def _forget_gone(self, site: Site, now: float) -> None:
         names = {view.name for view in site.lifts}
         for name in [one for one in self._lifts if one not in names]:
             _log.warning("the manager has no lift %s any more", name)
-            del self._lifts[name]
+            lift = self._lifts.pop(name)
+            # whoever keeps the last state would see an open door for ever
+            self._out.publish(offline(lift.message(now, self._ros_time())))
+            if sessions := lift.contract.undelivered:
+                ended = ", ".join(map(quoted, sessions))
+                text = "%s: the manager has not answered that %s has ended its session; with the lift that is forgotten"
+                _log.warning(text, name, ended)
 
     def _count(self, lift: str, done: Done) -> None:
         self.counts.requests[lift, done.value] += 1

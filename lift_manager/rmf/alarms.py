@@ -47,9 +47,8 @@ class FireAlarm:
     def heard(self, site: Site, now: float) -> None:
         """Take the manager's answer."""
         if site.alarms != self._alarms:
-            self._alarms = site.alarms
-            self._out.offer(site.alarms)
-        if not (self._alarms.fire_alarm or self._alarms.emergency_signal):
+            self._change(site.alarms, now)
+        if not _ways(self._alarms):
             return
         burns = {view.name for view in site.lifts if view.fire_latched or view.mode == "fire"}
         gone = self._burning - {view.name for view in site.lifts}
@@ -58,6 +57,24 @@ class FireAlarm:
         elif self._on and not burns:
             self._is_over(gone, now)
         self._burning = burns | (gone if burns else set())
+
+    def _change(self, alarms: Alarms, now: float) -> None:
+        """Take another site file. What is not to be told any more is no history for whoever joins, and no `false` either."""
+        fewer = not _ways(self._alarms) <= _ways(alarms)
+        self._alarms = alarms
+        self._out.offer(alarms)
+        if not fewer:
+            return
+        if self._on:
+            _log.warning(
+                "the site tells RMF of fires in another way: what was told of this one is forgotten, not cleared"
+            )
+        self._forget_at = math.inf
+        self._out.forget()
+        if self._on and _ways(alarms):
+            self._say(now)
+        else:
+            self._on, self._again_at, self._burning = False, math.inf, set()
 
     def _begins(self, burns: set[str], now: float) -> None:
         _log.warning("there was a fire, in %s: RMF is told", ", ".join(sorted(burns)))
@@ -87,3 +104,9 @@ class FireAlarm:
     def _say(self, now: float) -> None:
         self._again_at = now + AGAIN_S
         self._out.say(self._alarms, on=True)
+
+
+def _ways(alarms: Alarms) -> set[str]:
+    """Return the topics on which a fire is told."""
+    said = {"fire_alarm": alarms.fire_alarm, "emergency_signal": alarms.emergency_signal}
+    return {topic for topic, wanted in said.items() if wanted}

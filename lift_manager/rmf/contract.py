@@ -18,6 +18,8 @@ _OFFLINE = "offline"
 """The manager's word for a lift that cannot be read."""
 _STOPPING = "stopping"
 """And for itself, when it ends; it knows the session again when it is back."""
+_NOTHING_TO_END = ("held", "unknown_lift")
+"""Its answers to an end besides yes. Every other no is about the key, its disk or what is in between: the session goes on there."""
 
 REPLAY_S = 5.0
 """So long after a writer of requests appeared, what comes may be a replay of old ones: up to 100 per fleet adapter, in a burst."""
@@ -131,10 +133,14 @@ class LiftContract:
         return self._had
 
     @property
+    def undelivered(self) -> tuple[str, ...]:
+        """Sessions whose end the manager has not heard."""
+        return tuple(self._ends)
+
+    @property
     def settled(self) -> bool:
         """Whether the manager holds the lift for the session that RMF is told of, for what that wants."""
-        is_current = self._seen[0] == self._as_of[0] and self._seen[1] >= self._as_of[1]
-        held = self._is_held_by(self.session) and not self.view.ending and is_current
+        held = self._is_held_by(self.session) and not self.view.ending and self._is_current()
         return self.granted and held and (self.wish is None or self.wish == self._told)
 
     def requested(self, request: LiftRequest, now: float, *, replay: bool) -> Done:
@@ -295,7 +301,9 @@ class LiftContract:
         return self._is_rmf() and not self._is_held_by(self.session)
 
     def _end_answered(self, asked: Ended, answer: Answer, now: float) -> None:
-        if answer.code in (UNREACHABLE, _STOPPING):
+        heard = answer.yes or answer.code in _NOTHING_TO_END
+        reached = answer.code not in (UNREACHABLE, _STOPPING)
+        if not heard and not (reached and self._is_current() and not self._is_held_by(asked.session)):
             self._end_from = now + REFUSED_S
         elif asked.session in self._ends:
             self._ends.remove(asked.session)
@@ -364,6 +372,10 @@ class LiftContract:
 
     def _is_held_by(self, session: str) -> bool:
         return bool(session) and self.view.holder == HeldBy(FACE, session)
+
+    def _is_current(self) -> bool:
+        """Whether the view shows what the manager said last."""
+        return self._seen[0] == self._as_of[0] and self._seen[1] >= self._as_of[1]
 
     def _is_rmf(self) -> bool:
         return self.view.holder is not None and self.view.holder.face == FACE

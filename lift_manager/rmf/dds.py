@@ -115,7 +115,7 @@ class Dds:
         self._inbox = Inbox(deliver)
         self._names: set[str] = set()
         self._states = settings.resolved(settings.states_topic)
-        self._wire = _wire(settings, self._open)
+        self._wire = _wire(settings, self._open, deliver)
         self.alarm = DdsAlarm(settings, self._wire)
 
     def _open(self, wire: Wire) -> None:
@@ -178,7 +178,7 @@ class Onlooker:
         self._settings = settings
         self._hears = hears
         self._inbox = Inbox(deliver)
-        self._wire = _wire(settings, self._open)
+        self._wire = _wire(settings, self._open, deliver)
 
     def _open(self, wire: Wire) -> None:
         settings = self._settings
@@ -221,12 +221,21 @@ def _text_of(request: LiftRequest) -> int:
     return len(request.lift_name) + len(request.session_id) + len(request.destination_floor)
 
 
+def _fail(error: Exception) -> None:
+    """Let a bug of the thread that hears end the adapter, which would go on without hearing: its own thread is the one that can."""
+    raise error
+
+
 def _nothing() -> None:
     """An onlooker does not care who publishes."""
 
 
-def _wire(settings: RosSettings, opened: Callable[[Wire], None]) -> Wire:
+def _wire(settings: RosSettings, opened: Callable[[Wire], None], deliver: Deliver) -> Wire:
     """Load Cyclone DDS, join the domain, open what is needed and begin to listen."""
+
+    def failed(error: Exception) -> None:
+        deliver(partial(_fail, error))
+
     try:
         module = import_module("lift_manager.rmf.dds_wire")
     except Exception as error:
@@ -234,7 +243,7 @@ def _wire(settings: RosSettings, opened: Callable[[Wire], None]) -> Wire:
         if isinstance(error, ImportError) or type(error).__module__.startswith("cyclonedds"):
             raise DdsMissing(error) from error
         raise
-    wire: Wire = module.Wire(settings)
+    wire: Wire = module.Wire(settings, failed)
     opened(wire)
     wire.start()
     return wire

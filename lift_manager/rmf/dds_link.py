@@ -139,7 +139,9 @@ class _Source:
 class DdsLink:
     """Readers and writers by topic. Raises DdsFailed. Everything but the thread is for one thread."""
 
-    def __init__(self, settings: RosSettings) -> None:
+    def __init__(self, settings: RosSettings, failed: Callable[[Exception], None]) -> None:
+        """`failed` is called in the thread, at its end, with a bug that ended it: from then on nothing is heard."""
+        self._failed = failed
         self._domain = _domain(settings)
         with _refusals(f"domain {settings.domain} cannot be joined"):
             self._participant = DomainParticipant(settings.domain)
@@ -213,14 +215,20 @@ class DdsLink:
         return self._topics[name]
 
     def _run(self) -> None:
-        while not self._stopping.is_set():
-            try:
-                self._waitset.wait(duration(infinite=True))
-                for source in self._sources:
-                    source.drain()
-            except DDSException:
-                _log.exception("Cyclone DDS failed; trying again")
-                self._stopping.wait(_PAUSE_S)
+        try:
+            while not self._stopping.is_set():
+                self._hear()
+        except Exception as error:  # noqa: BLE001  raised again in the adapter's thread
+            self._failed(error)
+
+    def _hear(self) -> None:
+        try:
+            self._waitset.wait(duration(infinite=True))
+            for source in self._sources:
+                source.drain()
+        except DDSException:
+            _log.exception("Cyclone DDS failed; trying again")
+            self._stopping.wait(_PAUSE_S)
 
 
 def _domain(settings: RosSettings) -> Domain:

@@ -59,7 +59,7 @@ def message(contract: LiftContract, asked_at: float, now: float, ros_time: float
     view = contract.view
     age = age_s(view.age_s, asked_at, now)
     live = not contract.lost and view.live and not is_too_old(age, view.max_age_s)
-    floor = view.floors.get(view.floor, "") if live and view.floor is not None else ""
+    floor = _floor(contract, view) if live else ""
     return LiftState(
         lift_time=Time() if age is None else Time.of(ros_time - age),
         lift_name=view.name,
@@ -137,6 +137,16 @@ class Cadence:
         """Return when to look again, if nothing happens before."""
         changed = self._sent is None or not same_but_for_time(state, self._sent)
         return min(self._due, self._last + AT_LEAST_S) if changed else self._due
+
+
+def _floor(contract: LiftContract, view: LiftView) -> str:
+    """Return where the car is, but not where it only passes for whoever wants to go there.
+
+    Iron takes its destination in `current_floor` for the arrival, whatever the door says (open-rmf 1.6.3), and the manager hides
+    only what it was told already.
+    """
+    passes = contract.granted and contract.wish is not None and contract.wish.floor == view.floor and not view.standing
+    return "" if passes or view.floor is None else view.floors.get(view.floor, "")
 
 
 def _door(contract: LiftContract, view: LiftView) -> int:

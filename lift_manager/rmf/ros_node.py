@@ -20,6 +20,7 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -73,9 +74,18 @@ STATES_QOS = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
+    lifespan=Duration(seconds=1),
 )
-"""The one offer that every reader takes, and for requests the one wish that every writer meets without a replay (open-rmf 1.3)."""
-REQUESTS_QOS = STATES_QOS
+"""The one offer that every reader takes (open-rmf 1.3). The lifespan is two publications: after a break of the network a reader gets
+all that could not be delivered, and OPEN would be believed (`dds_wire` has what was measured)."""
+REQUESTS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10_000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""The one wish that every writer meets without a replay. Deep: iron and jazzy send a request of each waiting robot for each state of
+any lift, and humble says an END once."""
 ALARMS_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -133,7 +143,7 @@ class _Rivals:
     def look(self) -> None:
         several = len(self._node.get_publishers_info_by_topic(self._topic)) > 1
         if several and self._subscription is None:
-            self._subscription = self._node.create_subscription(RosLiftState, self._topic, self._heard, STATES_QOS)
+            self._subscription = self._node.create_subscription(RosLiftState, self._topic, self._heard, REQUESTS_QOS)
         elif not several and self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
@@ -181,12 +191,15 @@ class AdapterNode:
         )
         self._adapter = Adapter(manager, Out(self._publish, alarms), self._ros_time)
         self._writers: _Writers | None = None
+        self._requests: deque[RosLiftRequest] = deque()
+        """Taken, and not looked at before the timer's turn, which comes within SOON_S: a burst is one look at the lifts."""
         self._subscribe(topics["requests_topic"])
         self._guard = node.create_guard_condition(self._drain)
         self._inbox = _Inbox(self._guard.trigger)
         self._began = self._monotonic()
         self._look_at = self._began
         self._told_no_clock = False
+        self._comes_at = self._began + SOON_S
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(SOON_S, self._on_time, clock=steady)
 
@@ -224,11 +237,16 @@ class AdapterNode:
             self._writers = _Writers(self._node, requests.topic_name, self._writer_matched)
 
     def _request(self, message: RosLiftRequest) -> None:
-        if self._writers is not None:
+        self._requests.append(message)
+        if self._comes_at > self._monotonic() + SOON_S:
+            self._come_in(SOON_S)
+
+    def _take_requests(self) -> None:
+        if self._writers is not None and self._requests:
             # what a new writer sends first is a replay, and the next look would come too late to know it
             self._writers.look()
-        self._adapter.requested(request_of(message), self._monotonic())
-        self._tick()
+        while self._requests:
+            self._adapter.requested(request_of(self._requests.popleft()), self._monotonic())
 
     def _matched(self, event: Any) -> None:
         if event.total_count_change > 0:
@@ -252,8 +270,12 @@ class AdapterNode:
         self._tick()
 
     def _tick(self) -> None:
+        self._take_requests()
         now = self._monotonic()
-        pause_s = min(max(self._adapter.tick(now) - now, SOON_S), LATE_S)
+        self._come_in(min(max(self._adapter.tick(now) - now, SOON_S), LATE_S))
+
+    def _come_in(self, pause_s: float) -> None:
+        self._comes_at = self._monotonic() + pause_s
         self._timer.timer_period_ns = int(pause_s * 1e9)
         self._timer.reset()
 

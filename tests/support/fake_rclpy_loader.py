@@ -67,8 +67,15 @@ class Ros:
         self.shell.deliver(lambda: self.shell.heard(site, now, self.world.monotonic()))
         self.spin(0.01)
 
-    def offer(self, depth: int = 100, *, reliable: bool = True, transient_local: bool = False) -> Any:
-        return importlib.import_module("ros_world").Offer(depth, reliable, transient_local)
+    def offer(
+        self,
+        depth: int = 100,
+        *,
+        reliable: bool = True,
+        transient_local: bool = False,
+        lifespan_s: float | None = None,
+    ) -> Any:
+        return importlib.import_module("ros_world").Offer(depth, reliable, transient_local, lifespan_s)
 
     def reader(self, topic: str = "/lift_states", **offer: Any) -> Any:
         """Another program reads a topic."""

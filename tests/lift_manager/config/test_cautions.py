@@ -59,7 +59,7 @@ def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp
     cautions = list(load(tmp_path, TWO_STOP).cautions())
     assert [caution.split(":")[1].strip() for caution in cautions] == [
         "fire is not visible on this interface",
-        "is commanded without a checkout record for map two-stop-agv (integration-code): nobody has written down that it was tried at this lift",
+        "is commanded without a checkout record for map two-stop-agv (integration-code)",
         "outputs stay on when this manager is lost; accepted",
     ]
     assert cautions[-1].endswith("accepted: a person stands beside it")

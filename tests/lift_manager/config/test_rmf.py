@@ -6,6 +6,7 @@ import pytest
 
 from lift_manager.config.site import LiftRmf, Rmf
 from lift_manager.domain.rmf import RmfRules
+from register_maps.load import MAPS
 from tests.lift_manager.config.site_files import (
     GENERIC,
     SECOND_LIFT,
@@ -146,3 +147,44 @@ def test_a_lift_that_has_to_hear_of_robots_is_none_for_rmf_unless_that_may_be_in
     assert load(tmp_path, told + inferred + named).site.lifts["goods"].rmf.name == "goods_1"
     for fine in (told, TWO_STOP + named, told.replace("access: control", "access: monitor") + named):
         load(tmp_path, fine)
+
+
+NO_HOLD = ("map: generic-registers", "map: ./mine.yaml")
+
+
+def without_hold(folder: Path) -> None:
+    """A map whose door nothing keeps open."""
+    text = (MAPS / "generic-registers.yaml").read_text("utf-8")
+    begin, end = text.index("  hold_door.front:"), text.index("  close_door.front:")
+    text = (text[:begin] + text[end:]).replace("    excludes: [hold_door.front]\n", "")
+    (folder / "mine.yaml").write_text(text.replace("at_same_floor: open_button", "at_same_floor: call"), "utf-8")
+
+
+def cautions(folder: Path, text: str, *edits: tuple[str, str]) -> list[str]:
+    return [caution for caution in load(folder, text, *edits).cautions() if "hold_door" in caution]
+
+
+def test_a_lift_of_rmf_whose_door_closes_by_its_timer_is_cautioned_about(tmp_path: Path) -> None:
+    without_hold(tmp_path)
+    (caution,) = cautions(tmp_path, of_main(NAMES), NO_HOLD)
+    assert caution.startswith(
+        "main: map generic-registers has no hold_door.front: RMF sends robots in when the door is open"
+    )
+    assert "set the timer longer than the slowest robot needs" in caution
+
+
+def test_a_lift_that_holds_its_door_that_rmf_does_not_name_or_that_is_only_watched_is_not(tmp_path: Path) -> None:
+    without_hold(tmp_path)
+    assert cautions(tmp_path, of_main(NAMES)) == []
+    assert cautions(tmp_path, GENERIC, NO_HOLD) == []
+    assert cautions(tmp_path, of_main(NAMES), NO_HOLD, ("    access: control\n", "")) == []
+
+
+def test_a_lift_whose_call_keeps_the_door_open_is_not_cautioned_about(tmp_path: Path) -> None:
+    latches = "    access: control\n    accept_latching: somebody watches\n    infer_occupancy: true\n"
+    edits = (
+        ("generic-registers", "seer-siemens-chengdu"),
+        ("{B1: -1, L1: 1, L2: 2}", "{B1: 1, L1: 2, L2: 3}"),
+        ("    access: control\n", latches),
+    )
+    assert cautions(tmp_path, of_main(NAMES), *edits) == []

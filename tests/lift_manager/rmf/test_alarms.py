@@ -101,6 +101,44 @@ def test_a_burning_lift_that_is_told_of_no_more_was_acknowledged_by_nobody(other
     assert False not in ride.alarm.said
 
 
+def test_a_fire_that_the_site_tells_no_more_is_forgotten_and_not_cleared(caplog: pytest.LogCaptureFixture) -> None:
+    """The last word is kept for whoever joins: an adapter beside goes on while its manager starts with another file."""
+    ride = bench(alarms=CLEARED)
+    ride.change(fire_latched=True)
+    told = len(ride.alarm.said)
+    ride.boot, ride.alarms = "second", Alarms()
+    ride.hear()
+    assert ride.alarm.forgotten_after == [told]
+    assert caplog.messages[-1].startswith("the site tells RMF of fires in another way")
+    ride.elapse(10)
+    ride.change(fire_latched=False)
+    ride.elapse(60)
+    assert (ride.alarm.forgotten_after, len(ride.alarm.said)) == ([told], told)
+
+
+def test_a_fire_that_the_site_tells_in_one_way_less_is_forgotten_there_and_goes_on_in_the_other() -> None:
+    ride = bench(alarms=Alarms(fire_alarm=True, emergency_signal=True))
+    ride.change(fire_latched=True)
+    told = len(ride.alarm.said)
+    ride.alarms = WANTED
+    ride.hear()
+    assert (ride.alarm.offered[-1], ride.alarm.forgotten_after) == (WANTED, [told])
+    assert ride.alarm.said[told:] == [True], "forgetting takes both back"
+    ride.elapse(10)
+    assert len(ride.alarm.said) > told + 3
+
+
+def test_a_site_that_begins_to_tell_of_fires_while_there_is_one_tells_of_it() -> None:
+    ride = bench(alarms=WANTED)
+    ride.change(fire_latched=True)
+    ride.alarms = Alarms()
+    ride.elapse(5)
+    told = len(ride.alarm.said)
+    ride.alarms = WANTED
+    ride.hear()
+    assert ride.alarm.said[told:] == [True]
+
+
 def test_who_reads_the_log_finds_why_robots_left(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     ride = bench(alarms=CLEARED)

@@ -98,6 +98,26 @@ def test_names_that_do_not_match_are_mistakes_and_the_part_to_write_is_printed_r
     assert call("check", site, "--building-map", files / "map.yaml").returncode == 0
 
 
+def test_a_door_that_closes_by_its_timer_is_told_of_where_rmf_has_the_sites_own_names(files: Path) -> None:
+    site = files / "site.yaml"
+    text = (
+        (MAPS / "generic-registers.yaml")
+        .read_text("utf-8")
+        .replace("at_same_floor: open_button", "at_same_floor: call")
+    )
+    begin, end = text.index("  hold_door.front:"), text.index("at_floor_evidence:")
+    (files / "mine.yaml").write_text(text[:begin] + text[end:], "utf-8")
+    own = SITE.replace("PORT", "5020").replace("map: generic-registers", "map: ./mine.yaml")
+    own = own.replace("    rmf: {name: Lift1, floors: {G: L1, First: L2}}\n", "").replace(
+        "{G: 1, First: 2}", "{L1: 1, L2: 2}"
+    )
+    site.write_text(own.replace("  main:", "  Lift1:"), "utf-8")
+    assert "hold_door" not in call("check", site).stdout
+    done = call("check", site, "--building-map", files / "map.yaml")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "caution: Lift1: map generic-registers has no hold_door.front" in done.stdout
+
+
 def test_a_navigation_graph_is_compared_too(files: Path) -> None:
     done = call("check", files / "site.yaml", "--building-map", files / "map.yaml", "--nav-graph", files / "0.yaml")
     assert done.returncode == 2

@@ -13,7 +13,7 @@ from lift_manager.rmf.messages import (
     DOOR_OPEN,
     MODE_OFFLINE,
 )
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.publishing import PERIOD_S
 from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
@@ -537,6 +537,47 @@ def test_an_end_that_nobody_answered_is_said_again() -> None:
     lift.over()
     lift.elapse(20)
     assert len(lift.ended()) == said
+
+
+@pytest.mark.parametrize("code", ["bad_key", "internal_error", "not_recorded", "overloaded"])
+def test_an_end_that_was_refused_for_no_reason_of_the_lift_is_said_again_soon(code: str) -> None:
+    """A key that was replaced, a full disk, or something in between that lets nothing through: the session goes on there."""
+    lift = riding()
+    lift.slow = True
+    lift.say(ends(A))
+    asked = lift.waiting.pop()
+    lift.adapter.answered(Answer(asked, yes=False, code=code, reason="not now"), lift.now)
+    lift.elapse(REFUSED_S + 0.2)
+    assert lift.ended() == [A, A]
+
+
+def test_an_end_that_the_key_does_not_allow_is_said_no_longer_than_the_session_lasts() -> None:
+    """With two adapters at one manager each hears of the other's sessions."""
+    lift = bench(slow=True)
+    lift.change(holder=HeldBy("rmf", B))
+    lift.say(ends(B))
+    said = []
+    for holder in (HeldBy("rmf", B), None):
+        lift.change(holder=holder)
+        for _ in range(100):
+            lift.step()
+            while lift.waiting:
+                lift.adapter.answered(Answer(lift.waiting.pop(), yes=False, code="not_allowed"), lift.now)
+        said.append(len(lift.ended()))
+    assert said == [pytest.approx(10 / REFUSED_S, abs=2), pytest.approx(said[0], abs=1)]
+
+
+@pytest.mark.parametrize("code", ["held", "unknown_lift"])
+def test_an_end_that_has_nothing_to_end_is_answered(code: str) -> None:
+    lift = riding()
+    lift.slow = True
+    lift.say(ends(A))
+    asked = lift.waiting.pop()
+    lift.adapter.answered(Answer(asked, yes=False, code=code, reason="nothing to end"), lift.now)
+    lift.slow = False
+    lift.over()
+    lift.elapse(20)
+    assert lift.ended() == [A]
 
 
 def test_a_session_that_stays_with_the_manager_after_its_end_is_ended_again() -> None:

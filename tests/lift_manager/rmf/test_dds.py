@@ -318,6 +318,31 @@ def test_it_can_be_closed_twice_and_opened_again_and_leaves_no_thread(settings: 
         assert threading.active_count() == before
 
 
+def test_a_bug_in_the_thread_that_hears_is_raised_in_the_adapters_own(settings: RosSettings) -> None:
+    """The adapter would go on publishing and hear no request and no END any more."""
+    delivered: list[Callable[[], None]] = []
+    broke = threading.Event()
+    handed_over = threading.Event()
+
+    def deliver(call: Callable[[], None]) -> None:
+        if not broke.is_set():
+            broke.set()
+            raise ZeroDivisionError("a bug")
+        delivered.append(call)
+        handed_over.set()
+
+    dds = Dds(settings, Heard(), deliver)
+    partner = Partner(settings.domain)
+    partner.offer(REQUESTS, "request", Offer())
+    partner.write(REQUESTS, ORACLE.request(request()))
+    assert handed_over.wait(LIMIT_S)
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        delivered[0]()
+    partner.close()
+    dds.close()
+    assert "dds" not in {thread.name for thread in threading.enumerate()}
+
+
 def test_nothing_is_delivered_after_closing(settings: RosSettings) -> None:
     calls: list[Callable[[], None]] = []
     asked = threading.Event()

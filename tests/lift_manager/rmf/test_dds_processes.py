@@ -88,9 +88,10 @@ def test_an_adapter_that_starts_again_is_found_and_hears_nothing_of_before(setti
 def test_a_subscriber_that_stands_still_holds_up_nobody(
     settings: RosSettings, caplog: pytest.LogCaptureFixture
 ) -> None:
+    failures: list[Exception] = []
     large = wire_state(state(floors=tuple(f"floor {n}" * 20 for n in range(60))))
     keeps_all = Qos(Policy.History.KeepAll, Policy.Reliability.Reliable(0), Policy.DataRepresentation(True, False))
-    link = DdsLink(settings)
+    link = DdsLink(settings, failures.append)
     link.open_writer("lift_states", WireLiftState, keeps_all)
     link.start()
     with process(settings.domain, config(settings)) as supervisor:
@@ -101,6 +102,7 @@ def test_a_subscriber_that_stands_still_holds_up_nobody(
         for _ in range(300):
             link.write("lift_states", large)
     link.close()
+    assert failures == []
     assert [record.getMessage() for record in caplog.records] == [
         "lift_states: the network does not take it as fast as it comes: some of it is left out"
     ]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 from cyclonedds.qos import Policy
+from cyclonedds.util import duration
 
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.ros_settings import RosSettings
@@ -188,3 +189,17 @@ def test_everything_has_the_names_types_hashes_and_qos_of_ros() -> None:
     depths = {key: end.qos[Policy.History].depth for key, end in ends.items()}
     assert depths[("reader", REQUESTS)] >= 100
     assert depths[("writer", STATES)] >= 100
+
+
+def test_a_state_that_could_not_be_delivered_in_a_second_never_is(settings: RosSettings) -> None:
+    """After a break of the network all of its states came at once, and one that says OPEN sends a robot in (open-rmf 1.5)."""
+    with adapter(settings) as (dds, _):
+        dds.alarm.say(Alarms(fire_alarm=True, emergency_signal=True), on=True)
+        partner = Partner(settings.domain)
+        ends = [end for what, end in partner.endpoints() if what == "writer" and end.topic_name.startswith("rt/")]
+        partner.close()
+    assert {end.topic_name: end.qos[Policy.Lifespan].lifespan for end in ends} == {
+        STATES: duration(seconds=1),
+        FIRE: duration(infinite=True),
+        EMERGENCY: duration(infinite=True),
+    }

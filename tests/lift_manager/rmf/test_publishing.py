@@ -9,7 +9,7 @@ import pytest
 from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, LiftState, Time
 from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
 from lift_manager.rmf.views import HeldBy
-from tests.lift_manager.rmf.bench import EPOCH, A, Bench, bench, ends, lift, riding, wants
+from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
 
 HUMAN, AGV, FIRE, OFFLINE, EMERGENCY = 1, 2, 3, 4, 5
 
@@ -151,6 +151,24 @@ def test_the_destination_stays_what_was_asked_for() -> None:
         assert ride.state.destination_floor == "Level 3"
 
 
+@pytest.mark.parametrize("session", [A, B])
+def test_a_floor_that_is_only_passed_is_not_told_to_whoever_wants_to_go_there(session: str) -> None:
+    """Iron takes its destination in `current_floor` for the arrival, whatever the door says (open-rmf 1.6.3)."""
+    ride = bench()
+    ride.say(wants(A, "Level 3"))
+    ride.change(floor="L2", motion="up", standing=False, destination="L3")
+    assert ride.state.current_floor == "Level 2"
+    if session == B:
+        ride.say(ends(A))
+    sent = len(ride.sent)
+    ride.say(wants(session, "Level 2"))
+    told = [state for state in ride.sent[sent:] if state.session_id == session]
+    assert {(state.current_floor, state.destination_floor) for state in told[-1:]} == {("", "Level 2")}
+    assert not [state for state in told if state.current_floor == state.destination_floor]
+    ride.change(motion="stopped", standing=True)
+    assert (ride.state.session_id, ride.state.current_floor) == (session, "Level 2")
+
+
 def test_an_idle_lift_with_an_open_door_is_told_as_it_is() -> None:
     ride = bench()
     ride.change(door="open")
@@ -213,6 +231,29 @@ def test_a_lift_that_left_the_site_file_is_told_no_more() -> None:
     sent = len(ride.sent)
     ride.elapse(2)
     assert {state.lift_name for state in ride.sent[sent:]} == {"east_rmf"}
+
+
+def test_the_last_word_about_a_lift_that_left_the_site_file_is_that_it_is_offline() -> None:
+    """It would be OPEN for ever to whoever keeps the last state, as rmf-web does."""
+    ride = riding(views={"lift": lift(), "other": lift("other")})
+    del ride.views["lift"]
+    ride.hear()
+    told = [state for state in ride.sent if state.lift_name == "lift_rmf"]
+    assert (told[-2].door_state, told[-2].session_id) == (DOOR_OPEN, A)
+    assert (told[-1].door_state, told[-1].current_mode, told[-1].session_id) == (DOOR_MOVING, OFFLINE, A)
+
+
+def test_an_end_of_a_lift_that_left_the_site_file_is_let_go_of_with_a_word(caplog: pytest.LogCaptureFixture) -> None:
+    ride = riding(views={"lift": lift(), "other": lift("other")})
+    ride.adapter.lost("connection refused", ride.now)
+    ride.adapter.requested(ends(A), ride.now)
+    del ride.views["lift"]
+    caplog.clear()
+    ride.elapse(10)
+    assert ride.ended() == []
+    assert [text for text in caplog.messages if A in text] == [
+        f"lift_rmf: the manager has not answered that '{A}' has ended its session; with the lift that is forgotten"
+    ]
 
 
 def test_another_writer_of_a_lift_is_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:

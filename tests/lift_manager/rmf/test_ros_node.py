@@ -42,8 +42,10 @@ def test_topics_types_and_quality_of_service_are_those_of_the_contract(ros: Ros)
     assert ros.node.get_name() == "lift_adapter"
     assert set(ros.world.topics) == {"/lift_states", "/lift_requests"}
     states, requests = ros.world.topics["/lift_states"], ros.world.topics["/lift_requests"]
-    assert [(one.kind, one.offer) for one in states.writers] == [(ros.lift_msgs.LiftState, ros.offer())]
-    assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, ros.offer())]
+    # one that could not be delivered in a second says what is over, and OPEN would be believed
+    offer, wish = ros.offer(depth=100, lifespan_s=1.0), ros.offer(depth=10_000)
+    assert [(one.kind, one.offer) for one in states.writers] == [(ros.lift_msgs.LiftState, offer)]
+    assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, wish)]
     assert not states.readers
     assert not requests.writers
 
@@ -104,7 +106,7 @@ def test_each_lift_is_published_twice_a_second_and_not_in_answer_to_requests(jaz
     jazzy.start()
     reader, supervisor = jazzy.reader(), jazzy.writer()
     jazzy.hear(lift())
-    jazzy.spin(0.99)
+    jazzy.spin(0.9)
     reader.got.clear()
     for _ in range(40):
         supervisor.publish(jazzy.request(session_id="", request_type=0))
@@ -289,6 +291,22 @@ def test_a_middleware_without_the_event_is_asked_who_writes(ros: Ros) -> None:
     assert [asked.floor for asked in ros.manager.asked if isinstance(asked, Wanted)] == ["ground"]
 
 
+def test_the_end_before_a_burst_of_other_requests_is_not_lost(ros: Ros) -> None:
+    """Iron and jazzy send one request of each waiting robot for each state of any lift."""
+    ros.start()
+    ros.hear(lift(holder=held("fleet/robot1")))
+    supervisor = ros.writer()
+    ros.spin(6.0)
+    looks, ticks = ros.world.looks, ros.node.timers[0].resets
+    supervisor.publish(ros.request(request_type=0, destination_floor="", door_state=0))
+    for _ in range(500):
+        supervisor.publish(ros.request(session_id="fleet/robot2"))
+    ros.spin(0.005)
+    assert ros.manager.asked == [Ended("east", "fleet/robot1", 3.0)]
+    assert ros.world.looks - looks <= 3
+    assert ros.node.timers[0].resets - ticks <= 8, "one look at the lifts for all of them"
+
+
 def test_the_event_is_used_wherever_it_is_there(ros: Ros) -> None:
     ros.start()
     assert [bool(one.matched) for one in ros.node.subscriptions] == [ros.world.distro in WITH_EVENT]
@@ -301,6 +319,7 @@ def test_another_program_that_publishes_the_same_lift_is_told_once(ros: Ros, cap
     assert not ros.world.topics["/lift_states"].readers
     rival = ros.writer("/lift_states", node="lift_adapter")
     ros.spin(1.5)
+    assert [reader.offer.lifespan_s for reader in ros.world.topics["/lift_states"].readers] == [None]
     for _ in range(5):
         rival.publish(ros.lift_msgs.LiftState(lift_name="Lift 1"))
         ros.spin(1.0)

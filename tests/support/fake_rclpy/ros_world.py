@@ -23,6 +23,8 @@ class Offer:
     depth: int
     reliable: bool
     transient_local: bool
+    lifespan_s: float | None = None
+    """None for ever. It decides no match."""
 
     def serves(self, wish: Offer) -> bool:
         return (self.reliable or not wish.reliable) and (self.transient_local or not wish.transient_local)
@@ -111,6 +113,8 @@ class World:
         self.signal_handlers = "none yet"
         self.thread = threading.get_ident()
         self.wakes = threading.Condition()
+        self.looks = 0
+        """How often somebody asked who publishes on a topic, which costs rclpy a query of the graph."""
         self._next_gid = 0
 
     def has(self, distro: str) -> bool:

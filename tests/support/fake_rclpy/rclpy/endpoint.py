@@ -85,6 +85,7 @@ class Timer:
         self.callback = callback
         self._period_ns = period_ns
         self.next_ns = world.steady() + period_ns
+        self.resets = 0
 
     @property
     def timer_period_ns(self) -> int:
@@ -97,6 +98,7 @@ class Timer:
         self._period_ns = value
 
     def reset(self) -> None:
+        self.resets += 1
         self.next_ns = world.steady() + self._period_ns
 
     def called(self) -> None:

@@ -129,6 +129,7 @@ class Node:
         return True
 
     def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
+        world.looks += 1
         writers = world.topics[_whole(topic_name)].writers
         return [
             TopicEndpointInfo(writer.node, writer.namespace, writer.kind.__name__, writer.gid) for writer in writers

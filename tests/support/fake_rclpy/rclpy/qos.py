@@ -4,6 +4,8 @@ from enum import IntEnum
 
 from ros_world import Offer
 
+from rclpy.duration import Duration
+
 
 class InvalidQoSProfileException(Exception):
     pass
@@ -31,7 +33,7 @@ class DurabilityPolicy(IntEnum):
 
 
 class QoSProfile:
-    """With the four policies that the adapter names; rclpy has more, and reads the type of each."""
+    """With the five policies that the adapter names; rclpy has more, and reads the type of each."""
 
     def __init__(
         self,
@@ -40,14 +42,18 @@ class QoSProfile:
         depth: int,
         reliability: ReliabilityPolicy,
         durability: DurabilityPolicy,
+        lifespan: Duration | None = None,
     ) -> None:
         kinds = (type(history), type(depth), type(reliability), type(durability))
         if kinds != (HistoryPolicy, int, ReliabilityPolicy, DurabilityPolicy):
             raise InvalidQoSProfileException(f"policies of the wrong types: {kinds}")
+        if lifespan is not None and not isinstance(lifespan, Duration):
+            raise InvalidQoSProfileException(f"a lifespan is a Duration, and no {type(lifespan)}")
         self.history = history
         self.depth = depth
         self.reliability = reliability
         self.durability = durability
+        self.lifespan = lifespan
 
     def offer(self) -> Offer:
         if self.history is not HistoryPolicy.KEEP_LAST or self.depth < 1:
@@ -56,4 +62,5 @@ class QoSProfile:
             self.depth,
             self.reliability is ReliabilityPolicy.RELIABLE,
             self.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+            None if self.lifespan is None else self.lifespan.nanoseconds * 1e-9,
         )

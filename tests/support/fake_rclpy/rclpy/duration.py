@@ -1,0 +1,7 @@
+class Duration:
+    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
+        self._nanoseconds = int(seconds * 1_000_000_000) + int(nanoseconds)
+
+    @property
+    def nanoseconds(self) -> int:
+        return self._nanoseconds
