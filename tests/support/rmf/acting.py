@@ -262,7 +262,7 @@ class Actors:
                 judge.excuse(world.now, "down", on=True)
                 await world.kill_manager()
                 await elapse(down_s)
-                world.start_manager()
+                await world.start_manager()
                 judge.excuse(world.now, "down", on=False, lasts_s=3.0)
             case happens.WayCut(for_s=for_s):
                 judge.excuse(world.now, "down", on=True)

@@ -14,7 +14,7 @@ from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.rmf.adapter import Adapter
 from register_maps.load import Changes, load
-from tests.support.rmf.acting import GAVE_UP, PERSON, Actors
+from tests.support.rmf.acting import PERSON, Actors
 from tests.support.rmf.events import AdapterRestarts, Ends, Event, Fire, LockedOut, SupervisorRestarts, WebEnd
 from tests.support.rmf.judge import Found, Judge, kept_for
 from tests.support.rmf.world import MakeAdapter, RmfWorld, Setting
@@ -146,11 +146,11 @@ async def _help(world: RmfWorld, actors: Actors, played: Played) -> None:
     Humble sends an END once only, and a supervisor that was restarted may serve a robot that waits outside before the one in the
     car: it drops every request of the other for as long as the first one asks.
     """
-    steps, since = 0, world.now
+    got, since = (0, ""), world.now
     while True:
         await elapse(5.0)
-        if actors.steps != steps or set(actors.rides.values()) <= {GAVE_UP}:
-            steps, since = actors.steps, world.now
+        if (actors.steps, actors.waiting) != got or not actors.rides:
+            got, since = (actors.steps, actors.waiting), world.now
         if world.now - since < PATIENCE_S or not world.states:
             continue
         shown, supervisor = world.states[-1][1].session_id, world.site.supervisor

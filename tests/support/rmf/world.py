@@ -11,6 +11,7 @@ from typing import Protocol
 
 from lift_manager.commissioning.detection import detections
 from lift_manager.config.load import LoadedSite
+from lift_manager.lab.virtual_time import elapse
 from lift_manager.lab.world.world import World
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.inside import Inside
@@ -165,9 +166,10 @@ class RmfWorld:
         self._leave_manager()
         await self.plant.kill()
 
-    def start_manager(self) -> None:
-        """Start it again with what it had written down."""
+    async def start_manager(self) -> None:
+        """Start it again with what it had written down, which it takes up before any face is served."""
         self.plant.revive()
+        await elapse(LEAST_S)
         self.mend_way()
 
     def cut_way(self, reason: str) -> None:
