@@ -23,6 +23,7 @@ from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World
 from tests.campaigns.playing import LIFT, Played, act, loaded_site
 from tests.campaigns.schedules import LASTS_S, Event, PeopleCome, RobotRides, Schedule, draw
+from tests.campaigns.story import Story
 from tests.campaigns.truth import maps, quiet
 from tests.support.trip_sites import NO_TRIP
 
@@ -84,7 +85,8 @@ def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] =
     lasts_s = hours * 3600
 
     async def main() -> None:
-        world = World(loaded, (oracle, Rules(oracle), day.played.aboard), seed=seed, look_s=POLL_S)
+        story = Story(oracle.findings, {name: judged.controllers for name, judged in oracle.judges.items()})
+        world = World(loaded, (oracle, Rules(oracle), day.played.aboard, story), seed=seed, look_s=POLL_S)
         async with world.running():
             busy = [
                 asyncio.ensure_future(_busy(world, name, seed * 1000 + n, day)) for n, name in enumerate(world.lifts)
@@ -96,8 +98,10 @@ def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] =
                 gc.collect()
                 day.memory.append((hours * part / 32, _resident()))
                 tell(f"{hours * part / 32:g} h, {day.memory[-1][1] / 1e6:.0f} MB, {len(oracle.findings)} findings")
-                for found in oracle.findings[told:]:
+                for number, found in enumerate(oracle.findings[told:], start=told):
                     tell(f"  {found}")
+                    for line in story.of(number):
+                        tell(f"    {line}")
             for task in busy:
                 task.cancel()
             for error in await asyncio.gather(*busy, return_exceptions=True):

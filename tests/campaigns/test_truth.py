@@ -13,6 +13,7 @@ from tests.campaigns.truth import AT_A_TIME, ROOT, Tally, maps, report, run
 FIRST_HALF = range(1, 101, AT_A_TIME)
 
 
+@pytest.mark.timeout(180)  # ten seconds of a whole processor; what hangs ends by the limits of virtual time
 @pytest.mark.parametrize("first", FIRST_HALF)
 def test_nothing_that_must_never_happen_happens(first: int) -> None:
     tally = run(range(first, first + AT_A_TIME))

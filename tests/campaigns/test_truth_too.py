@@ -7,6 +7,7 @@ from tests.campaigns.truth import AT_A_TIME, report, run
 SECOND_HALF = range(101, 201, AT_A_TIME)
 
 
+@pytest.mark.timeout(180)  # ten seconds of a whole processor; what hangs ends by the limits of virtual time
 @pytest.mark.parametrize("first", SECOND_HALF)
 def test_nothing_that_must_never_happen_happens_in_the_second_half(first: int) -> None:
     tally = run(range(first, first + AT_A_TIME))

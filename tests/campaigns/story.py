@@ -1,0 +1,88 @@
+"""What happened before a finding: the last words about each lift, kept until something must never happen and did."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterator, Mapping, Sequence
+
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event
+from lift_manager.domain.state import LiftState
+from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import Struck
+from simulator.wire_faults import Exchange
+
+WORDS = 60
+"""That are kept of each lift. Chosen: a ride with its troubles."""
+LONGEST = 240
+MOST_STORIES = 20
+
+
+class Story:
+    """A witness that remembers the newest words of every lift, and keeps them once there is a finding about it."""
+
+    def __init__(self, findings: Sequence[Finding], controllers: Mapping[str, Sequence[str]]) -> None:
+        """`controllers` are those of each lift, whose faults are its own."""
+        self._findings = findings
+        self._controllers = controllers
+        self._words: dict[str, deque[str]] = defaultdict(lambda: deque(maxlen=WORDS))
+        self._last: dict[tuple[str, str], object] = {}
+        self._told = 0
+        self._stories: dict[int, tuple[str, ...]] = {}
+        """By the number of the finding."""
+
+    def of(self, number: int) -> Iterator[str]:
+        """Yield what happened before a finding, oldest first; nothing for late ones of many."""
+        yield from self._stories.get(number, ())
+
+    def looked(self, at: float, lift: str, truth: Truth) -> None:
+        """Note what the car does."""
+        self._change(
+            at, lift, "is", (truth.at, truth.passed, truth.heading, truth.open_at, truth.doors_shut, truth.mode)
+        )
+        self._change(at, lift, "has", (sorted(truth.calls), truth.robot_mode, truth.given))
+
+    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """Note what was newly asked for over the wire."""
+        self._note(at, lift, f"pressed {', '.join(sorted(commands))}")
+
+    def published(self, at: float, lift: str, state: LiftState) -> None:
+        """Note what is said of it."""
+        said = (str(state.quality), state.floor, str(state.robot_door), str(state.mode), str(state.holder))
+        self._change(at, lift, "is said to be", (*said, state.restrictions.waiting_for))
+
+    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+        """Too much to be kept."""
+
+    def heard(self, at: float, event: Event) -> None:
+        """Note what the manager tells."""
+        self._note(at, event.lift, f"tells {event}")
+
+    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+        """Note a request; one that is refused as the one before it was is no news."""
+        word = f"{ask.holder} asks for {ask.floor}, hold {ask.hold_door}, {ask.robot}: "
+        if isinstance(answer, Accepted):
+            self._note(at, ask.lift, f"{word}accepted")
+        else:
+            self._change(at, ask.lift, f"refuses {ask.holder}", f"{word}{answer.code}")
+
+    def struck(self, at: float, struck: Struck) -> None:
+        """Note a fault of the lift or of its wires, or of everything."""
+        for lift, controllers in self._controllers.items():
+            if struck.where in (lift, *controllers) or struck.where not in self._places:
+                self._note(at, lift, f"fault {struck.fault} {'begins' if struck.began else 'ends'}")
+
+    @property
+    def _places(self) -> set[str]:
+        return {*self._controllers, *(one for several in self._controllers.values() for one in several)}
+
+    def _change(self, at: float, lift: str, what: str, value: object) -> None:
+        if self._last.get((lift, what)) != value:
+            self._last[lift, what] = value
+            self._note(at, lift, f"{what} {value}")
+
+    def _note(self, at: float, lift: str, text: str) -> None:
+        self._words[lift].append(f"{at:10.3f} {text}"[:LONGEST])
+        for number in range(self._told, len(self._findings)):
+            if len(self._stories) < MOST_STORIES:
+                self._stories[number] = tuple(self._words[self._findings[number].lift])
+        self._told = len(self._findings)

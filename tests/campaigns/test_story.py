@@ -1,0 +1,48 @@
+"""A finding comes with what happened before it."""
+
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
+from lift_manager.domain.state import Holder
+from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.witness import Struck
+from tests.campaigns.story import MOST_STORIES, WORDS, Story
+
+ASK = Ask("lift1", Holder("api", "amr"), "L2", hold_door=True)
+
+
+def test_the_words_before_a_finding_are_kept_whatever_happens_after_it() -> None:
+    findings: list[Finding] = []
+    story = Story(findings, {"lift1": ("plc1",), "lift2": ("plc2",)})
+    story.struck(1.0, Struck("plc2", "a cut", began=True))
+    story.struck(1.0, Struck("plc1", "noise", began=True))
+    story.asked(2.0, ASK, Accepted())
+    findings.append(Finding(2.5, "lift1", "pressed by a restart", "call"))
+    story.pressed(2.5, "lift1", frozenset({"call"}))
+    for number in range(2 * WORDS):
+        story.pressed(3.0 + number, "lift1", frozenset({"go"}))
+    assert [line.split(maxsplit=1)[1] for line in story.of(0)] == [
+        "fault noise begins",
+        "api:amr asks for L2, hold True, None: accepted",
+        "pressed call",
+    ]
+    assert list(story.of(1)) == []
+
+
+def test_a_restart_is_in_the_story_of_every_lift_and_a_refusal_in_it_once() -> None:
+    findings: list[Finding] = []
+    story = Story(findings, {"lift1": ("plc1",)})
+    story.struck(1.0, Struck("the manager", "restart", began=True))
+    for second in range(5):
+        story.asked(2.0 + second, ASK, Refused(Refusal.HELD, "held"))
+    findings.append(Finding(9.0, "lift1", "any", "thing"))
+    story.pressed(9.0, "lift1", frozenset({"go"}))
+    assert len(list(story.of(0))) == 3
+
+
+def test_of_many_findings_the_first_have_a_story() -> None:
+    findings: list[Finding] = []
+    story = Story(findings, {"lift1": ("plc1",)})
+    for number in range(MOST_STORIES + 1):
+        findings.append(Finding(float(number), "lift1", "any", "thing"))
+        story.pressed(float(number), "lift1", frozenset({"go"}))
+    assert list(story.of(MOST_STORIES - 1))
+    assert not list(story.of(MOST_STORIES))
