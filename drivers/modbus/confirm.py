@@ -98,7 +98,8 @@ def _goes(expected: Expectation, now: LiftValues) -> bool:
         return (now.motion is Motion.UP) is upwards
     if now.floor is None:
         shut = all(door is Door.CLOSED for door in now.doors.values())
-        return shut and before.floor in ends  # there is one way only from there
+        # there is one way only from an end of the shaft, and of a motion without a word for its direction nobody learns more
+        return shut and (before.floor in ends or now.motion is Motion.MOVING)
     return (
         now.floor != before.floor
         and (expected.floors.index(now.floor) > expected.floors.index(before.floor)) is upwards

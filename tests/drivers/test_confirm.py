@@ -77,6 +77,12 @@ def test_a_car_that_left_its_floor_without_a_word_which_way_can_only_go_one_way_
     assert not effect("L1", LiftValues(floor="L2", doors=SHUT), between, stood=True)
 
 
+def test_a_motion_that_never_tells_its_direction_is_all_that_can_be_seen() -> None:
+    stood = LiftValues(floor="L2", motion=Motion.STOPPED)
+    assert effect("L1", stood, LiftValues(floor=None, motion=Motion.MOVING), stood=True)
+    assert not effect("L1", LiftValues(floor="L2", motion=Motion.MOVING), LiftValues(motion=Motion.MOVING))
+
+
 @pytest.mark.parametrize(
     ("values", "stands"),
     [

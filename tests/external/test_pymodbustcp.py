@@ -222,6 +222,8 @@ def test_a_whole_ride_on_generic_registers() -> None:
 def test_a_whole_ride_on_two_stop_agv() -> None:
     async def check(made: Bench) -> None:
         lift = made.lift
+        made.inputs(21)
+        await made.reads(floor="4F", doors={Side.FRONT: Door.OPEN})
         # the call is a level: the coil stays on while the car travels
         call = lift.press(go_to("5F"), allowed)
         await until(lambda: made.coils() == [False, True, False, False])
