@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 from collections.abc import Iterable
 from typing import Any
 
@@ -17,6 +18,9 @@ UNDER_CI = os.environ.get("CI", "").lower() not in ("", "0", "false")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # a shell has what it starts in the background ignore Ctrl-C, and so would every program that a test starts
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.stash[DESELECTED] = {}
 
 

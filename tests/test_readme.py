@@ -47,7 +47,7 @@ def with_interpreter(command: str) -> str:
 
 def shell(command: str) -> bytes:
     """What a command prints that is typed into bash."""
-    done = subprocess.run(["bash", "-c", command], capture_output=True, timeout=10, check=False)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, timeout=30, check=False)
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout
 

@@ -23,7 +23,7 @@ from drivers.modbus.wire import PymodbusWire
 from register_maps import frames
 from register_maps.words import Table
 from tests.support.certificates import Authority, Shown
-from tests.support.programs import Program, Started, eventually, free_port, run, started
+from tests.support.programs import Program, Started, eventually, free_port, run, run_anew, started
 
 pytestmark = pytest.mark.external("stunnel4", "openssl")
 
@@ -243,7 +243,7 @@ lifts:
 
 
 def test_the_role_in_a_certificate_reaches_the_controller_and_is_shown_by_check(recipe: Path) -> None:
-    done = run("check", site(recipe, 802))
+    done = run_anew("check", site(recipe, 802))
     assert (done.returncode, done.stderr) == (0, "")
     assert "plc: Modbus/TCP Security, as 'LiftManager', certificate until 20" in done.stdout
     # openssl's own server, which prints what it was shown

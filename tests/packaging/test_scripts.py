@@ -35,11 +35,15 @@ case "$*" in
         cp "$FAKES/lift-manager" "${0%/python}/lift-manager"
         exit "${PIP_EXITS:-0}"
         ;;
+    "-m pytest -n"*)
+        [ -z "${PYTEST_ENDS_THE_RUN:-}" ] || { until grep -q mypy "$LOG"; do :; done; kill "$PPID"; }
+        exit "${PYTEST_EXITS:-0}"
+        ;;
 esac
 """
 FAKE_TOOL = """#!/bin/sh
 echo "${0##*/} $*" >>"$LOG"
-[ "${0##*/}" != "${FAILING_TOOL:-}" ]
+[ "${0##*/}" != "${FAILING_TOOL:-}" ] || { echo "${0##*/} complains"; exit 1; }
 """
 FAKE_LIFT_MANAGER = """#!/bin/sh
 for word in "$@"; do echo "[$word]"; done
@@ -236,16 +240,14 @@ def test_the_interpreter_can_be_chosen_even_in_a_folder_with_a_space(machine: Ma
     assert (machine.repo / ".venv" / "stamp").read_text().startswith("demo 3.12 ")
 
 
+PYTEST = "venv -m pytest -n 3 --dist loadfile --no-loadscope-reorder"
+
+
 def test_test_runs_the_linters_and_then_the_tests(machine: Machine) -> None:
     assert machine.run("test").returncode == 0
     ran = machine.log.read_text().splitlines()[-5:]
-    assert ran == [
-        "ruff check --quiet",
-        "ruff format --check --quiet",
-        "mypy ",
-        "lint-imports ",
-        "venv -m pytest -n 2 --dist loadfile --no-loadscope-reorder",
-    ]
+    assert ran[:3] == ["ruff check --quiet", "ruff format --check --quiet", "lint-imports "]
+    assert sorted(ran[3:]) == ["mypy ", PYTEST], "beside each other"
 
 
 def test_test_with_arguments_hands_them_to_the_tests_alone(machine: Machine) -> None:
@@ -254,11 +256,31 @@ def test_test_with_arguments_hands_them_to_the_tests_alone(machine: Machine) -> 
     assert machine.lines("ruff") == []
 
 
-def test_a_linter_that_complains_does_not_hide_the_tests_but_fails_the_run(machine: Machine) -> None:
-    done = machine.run("test", more={"FAILING_TOOL": "mypy"})
+@pytest.mark.parametrize("tool", ["ruff", "mypy", "lint-imports"])
+def test_a_linter_that_complains_does_not_hide_the_tests_but_fails_the_run(machine: Machine, tool: str) -> None:
+    done = machine.run("test", more={"FAILING_TOOL": tool})
     assert done.returncode == 1
-    assert done.stderr.endswith("Failed: mypy\n")
-    assert machine.lines("venv -m pytest") == ["venv -m pytest -n 2 --dist loadfile --no-loadscope-reorder"]
+    assert f"{tool} complains\n" in done.stdout
+    assert done.stderr.splitlines()[-1].startswith(f"Failed: {tool}")
+    assert machine.lines("venv -m pytest") == [PYTEST]
+
+
+def test_tests_that_fail_fail_the_run_and_what_mypy_says_stands_after_what_they_say(machine: Machine) -> None:
+    done = machine.run("test", more={"PYTEST_EXITS": "1", "FAILING_TOOL": "mypy"})
+    assert done.returncode == 1
+    assert done.stderr.endswith("Failed: python -m, mypy\n")
+    assert done.stdout.splitlines()[-1] == "mypy complains"
+
+
+def test_a_run_that_is_ended_leaves_no_mypy_behind(machine: Machine) -> None:
+    machine.run("test", "tests")  # makes the environment
+    slow = machine.repo / ".venv" / "bin" / "mypy"
+    slow.write_text('#!/bin/sh\necho "mypy $$" >>"$LOG"\nexec tail -f /dev/null\n')
+    done = machine.run("test", more={"PYTEST_ENDS_THE_RUN": "yes"})
+    assert done.returncode == 143
+    (running,) = machine.lines("mypy")
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(running.split()[1]), 0)
 
 
 def test_what_ros_puts_into_the_environment_does_not_reach_the_program(machine: Machine) -> None:

@@ -16,6 +16,8 @@ from tests.support.starter import Order
 
 STARTER = Path(__file__).with_name("starter.py")
 STARTS_WITHIN_S = 15.0
+TERMINAL = {"COLUMNS": "100", "TERM": "dumb"}
+"""Of all that the starter starts: the program reads how wide it is when it is imported."""
 
 
 class Forked:
@@ -72,6 +74,7 @@ def _starter() -> socket.socket:
         # a session of its own, for Ctrl-C at the terminal of the tests is not meant for it
         process = subprocess.Popen(
             [sys.executable, "-I", str(STARTER)],
+            env=os.environ | TERMINAL,
             stdin=theirs.fileno(),
             stdout=subprocess.DEVNULL,
             start_new_session=True,

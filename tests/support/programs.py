@@ -137,7 +137,19 @@ class Started(ExitStack):
 
 
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run `lift-manager` to its end; findings must survive the narrowest and dumbest of terminals."""
+    """Run `lift-manager` to its end, forked by the starter."""
+    words = tuple(map(str, arguments))
+    with TemporaryDirectory() as folder:
+        program = Program(words, Path(folder), cwd, forked=True)
+        try:
+            code = program.ended(15.0)
+        finally:
+            program.end()
+        return subprocess.CompletedProcess(words, code, program.out, program.err)
+
+
+def run_anew(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run `lift-manager` to its end from its very start; findings must survive the narrowest and dumbest of terminals."""
     return subprocess.run(
         [*LIFT_MANAGER, *map(str, arguments)],
         cwd=cwd,
@@ -177,7 +189,7 @@ for number, call in enumerate(json.load(sys.stdin)):
     runpy.run_module("lift_manager", run_name="__main__", alter_sys=True)
     break
 """
-"""Imports everything once, and forks for each call where `run` starts anew, which takes a second."""
+"""Imports everything once, and forks for each call where `run_anew` starts anew, which takes a second."""
 
 
 def run_each(calls: Sequence[tuple[str, ...]], cwd: Path) -> list[subprocess.CompletedProcess[str]]:
