@@ -40,6 +40,8 @@ class Judged:
     arrive_within_s: float
     detections: Mapping[str, Detection]
     """What becomes of each fault, by its name; without any, nothing is excused."""
+    told_by_doors: bool = False
+    """Only an open door tells where the car is."""
     blocks: frozenset[Read] = frozenset()
     """What a poll reads; a state is no fresher than the oldest of them."""
     poll_s: float = 0.2

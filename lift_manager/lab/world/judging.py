@@ -31,6 +31,7 @@ def _judged(loaded: LoadedSite, name: str) -> Judged:
         max_session_hold_s=spec.max_session_hold_s,
         arrive_within_s=max(calls, default=ARRIVES_WITHIN_S),
         detections={one.fault: one for one in detections(codec, max_age_s=max_age_s)},
+        told_by_doors=codec.map.at_floor_evidence.kind == "door_limit",
         blocks=_blocks(loaded, name, codec),
         poll_s=loaded.poll_s(name),
         between_sessions_s=spec.between_sessions_s,

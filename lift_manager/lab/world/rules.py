@@ -183,9 +183,11 @@ class Rules:
         if ask.floor != book.floor:
             book.floor = ask.floor
             book.calls.clear()
-        lets_go = not ask.hold_door and book.truth is not None and book.truth.at in (ask.floor, None)
+        truth = book.truth
+        here = None if truth is None else truth.open_at if book.about.told_by_doors else truth.at
+        lets_go = not ask.hold_door and truth is not None and here in (ask.floor, None)
         # between floors it is a call, if the manager has not seen the car where it is let go of; a robot inside lets go of nothing
-        between = book.truth is not None and book.truth.at is None
+        between = truth is not None and here is None
         book.asked_since |= not lets_go or between or ask.robot is RobotWord.IN_PLACE
         if lets_go or ask.robot is not None:
             return

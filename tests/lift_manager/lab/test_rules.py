@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import (
     HandedOver,
@@ -241,6 +243,18 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
     rules.asked(5.0, replace(ask("L2"), hold_door=False, robot=RobotWord.LEFT), Accepted())
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
+
+
+@pytest.mark.parametrize("told_by_doors", [True, False])
+def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_the_car_is_there(
+    told_by_doors: bool,
+) -> None:
+    oracle, rules = book(told_by_doors=told_by_doors)
+    rules.looked(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(5.0, replace(ask("L2"), hold_door=False), Accepted())
+    rules.pressed(6.0, "lift", frozenset({"call"}))
+    assert found(oracle) == ([] if told_by_doors else ["pressed by a restart"])
 
 
 def test_the_same_holder_may_go_on_after_a_restart_and_nobody_else() -> None:
