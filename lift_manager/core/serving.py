@@ -23,6 +23,10 @@ from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
 from lift_manager.domain.sight import Sight, barred, left
 
+UNGRANTED_S = 30.0
+"""So long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through it, and
+than a controller takes to grant the mode again."""
+
 End = tuple[EndReason, str]
 """Why a session is over, as a code and in words."""
 
@@ -53,6 +57,8 @@ class Serving:
         self._handshake = handshake
         self._say = say
         self._used = used
+        self._ungranted: tuple[tuple[int, FloorName], float] | None = None
+        """At which stop of which session a door was to be held without robot mode, and since when."""
         self._found_held = False
         """A door hold of before a restart waits until the car is seen to stand there."""
 
@@ -246,7 +252,7 @@ class Serving:
         if ends_at is not None and now >= ends_at and not session.hold_spent:
             session = replace(session, hold_spent=True, holding_since=None)
             self._say.hold_spent(session.holder, self._options.max_session_hold_s)
-        is_barred = barred(sight.values, self._able) is not None
+        is_barred = barred(sight.values, self._able) is not None or self._is_for_nobody(session, sight, floor, now)
         if session.hold_spent or is_barred:
             self._let_go_of_doors()
             if session.hold_spent:
@@ -259,6 +265,24 @@ class Serving:
         self._button.keep_on(permit)
         self.doors.hold(floor, permit, begin=begin and session.may_begin)
         return session
+
+    def _is_for_nobody(self, session: Session, sight: Sight, floor: FloorName, now: float) -> bool:
+        """Whether a held door has invited no robot for long, because the lift has no robot mode: it would keep the lift from people.
+
+        And from the mode: a controller that grants it once its calls are served waits for the door in turn.
+        """
+        if "robot_mode_on" not in self._able.signals or sight.values.flags.get("robot_mode_on", False):
+            self._ungranted = None
+            return False
+        stop = (session.number, floor)
+        if self._ungranted is None or self._ungranted[0] != stop:
+            self._ungranted = stop, now
+        if now - self._ungranted[1] <= UNGRANTED_S:
+            return False
+        self.awaits = (
+            f"robot_mode_on, which the lift has not granted for {UNGRANTED_S:g} s; its door is not held meanwhile"
+        )
+        return True
 
 
 def _awaited(session: Session, call: Call, *, is_hold: bool) -> str:

@@ -221,9 +221,9 @@ class Judge:
     def drove(self, since: float, at: float, session: str, floor: str) -> None:
         """Judge a robot's way through the door; it began because a LiftState let it."""
         excuses = {"down", "offline", "fire", "kept off"}
-        if self.silent_driving:
-            excuses.add("ended")
-        if self._is_excused(*excuses, at=at, lately_s=at - since):
+        # one that somebody else has ended is over while it drives, and it does not ask
+        was_ended = self.silent_driving and self.excused_until["ended"] >= since
+        if was_ended or self._is_excused(*excuses, at=at, lately_s=at - since):
             return
         site = next(name for name, rmf in self.floors.items() if rmf == floor)
         for began, truth in self.truth.spans(since, at):
