@@ -219,6 +219,18 @@ class Output:
         self.refresh_at = min(now, self.refresh_at)
         return self.verified or not (self.codec.is_call or self.only_kept)
 
+    def renewed(self, until: float, *, begin: bool) -> bool:
+        """Want it as a hold until then. Returns whether that is all: it has its first look before it, or may not `begin`."""
+        self.only_kept, self.unwanted = self.only_kept and not begin, self.unwanted and not begin
+        if self.awaits_look:
+            self.adopt_by = until
+        elif begin or self.phase is Phase.ON:
+            self.fall_at = until
+            return False
+        else:
+            self.keep()
+        return True
+
     def keep(self) -> None:
         """Want it no more than it is there; one that was not pressed yet is not wanted at all.
 

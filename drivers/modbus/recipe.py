@@ -68,14 +68,8 @@ class Outputs:
     def hold(self, name: str, now: float, *, begin: bool = True) -> None:
         """Want a hold, or renew it until `max_hold_s` from now; what is only kept is pressed again once it may `begin`."""
         output = self._outputs[name]
-        output.only_kept, output.unwanted = output.only_kept and not begin, output.unwanted and not begin
-        if output.awaits_look:
-            output.adopt_by = now + (output.spec.max_hold_s or 0.0)
+        if output.renewed(now + (output.spec.max_hold_s or 0.0), begin=begin):
             return
-        if not begin and output.phase is not Phase.ON:
-            output.keep()
-            return
-        output.fall_at = now + (output.spec.max_hold_s or 0.0)
         if output.phase is Phase.REST:
             self._clear_excluded(name)
             output.phase, output.code, output.leave_by = Phase.DUE, 1, math.inf

@@ -40,6 +40,15 @@ async def written_after_the_end(map_name: str, since_poll_s: float) -> list[str]
         return [str(request) for request in after if str(request) not in before]
 
 
+async def handed_out(made: Rig) -> None:
+    """Want the door held, while the answer to a poll is on its way."""
+    made.device.delay_s = ANSWERS_S
+    while not made.links[""].in_flight:
+        await elapse(0.01)
+    made.lift.hold(HOLD_FRONT, allowed)
+    await elapse(0.02)
+
+
 @pytest.mark.parametrize(
     "map_name", ["moxa-e1212", "waveshare-relay", "adam-io", "thingweb-elevator", "generic-coils", "generic-registers"]
 )
@@ -82,11 +91,7 @@ def test_a_beginning_is_not_asked_about_once_the_press_was_answered() -> None:
 
 def test_a_hold_that_may_not_begin_any_more_does_not_leave_and_one_that_is_on_stays() -> None:
     async def check(made: Rig) -> None:
-        made.device.delay_s = ANSWERS_S
-        while not made.links[""].in_flight:
-            await elapse(0.01)
-        made.lift.hold(HOLD_FRONT, allowed)
-        await elapse(0.02)
+        await handed_out(made)
         made.lift.hold(HOLD_FRONT, allowed, begin=False)
         await elapse(1.0)
         assert made.writes() == []
@@ -102,11 +107,7 @@ def test_a_hold_that_may_not_begin_any_more_does_not_leave_and_one_that_is_on_st
 
 def test_a_hold_that_is_wanted_again_before_its_bytes_would_leave_leaves() -> None:
     async def check(made: Rig) -> None:
-        made.device.delay_s = ANSWERS_S
-        while not made.links[""].in_flight:
-            await elapse(0.01)
-        made.lift.hold(HOLD_FRONT, allowed)
-        await elapse(0.02)
+        await handed_out(made)
         made.lift.hold(HOLD_FRONT, allowed, begin=False)
         made.lift.hold(HOLD_FRONT, allowed)
         await elapse(1.0)
