@@ -114,10 +114,8 @@ class Actors:
     async def _board(self, ride: Ride, fleet: Fleet, robot: FleetRobot, floor: str) -> bool:
         """Call the lift and get in; False for a robot that gave up outside."""
         fleet.do(robot, robot.request_lift(floor, inside=False, now=self.world.now))
-        if ride.replans_outside:
-            await elapse(ride.drives_s)
-            if robot.phase is not Phase.NONE:
-                fleet.do(robot, robot.request_lift(floor, inside=False, now=self.world.now))
+        if ride.replans_outside and not await self._over(robot, "outside", ride.drives_s):
+            fleet.do(robot, robot.request_lift(floor, inside=False, now=self.world.now))
         if not await self._over(robot, "outside", ride.gives_up_after_s):
             return False
         await self._drive(ride, robot, floor)

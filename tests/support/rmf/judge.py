@@ -221,8 +221,9 @@ class Judge:
     def drove(self, since: float, at: float, session: str, floor: str) -> None:
         """Judge a robot's way through the door; it began because a LiftState let it."""
         excuses = {"down", "offline", "fire", "kept off"}
-        # one that somebody else has ended is over while it drives, and it does not ask
-        was_ended = self.silent_driving and self.excused_until["ended"] >= since
+        # one that somebody else has ended is over while it drives, if it does not ask, or somebody else was quicker
+        others = any(one is not None and one.session_id not in ("", session) for one in self.said.during(since, at))
+        was_ended = self.excused_until["ended"] >= since and (self.silent_driving or others)
         if was_ended or self._is_excused(*excuses, at=at, lately_s=at - since):
             return
         site = next(name for name, rmf in self.floors.items() if rmf == floor)

@@ -163,7 +163,8 @@ async def _help(world: RmfWorld, actors: Actors, played: Played) -> None:
         elif ending and (current is None or current.session_id != shown):
             world.plant.manager.force_release(world.lift, PERSON, "its robot is gone")
         elif current is not None and current.session_id != shown:
-            actors.serve_instead(shown, current.session_id)
+            kept = shown if doubt is None else doubt.name  # a robot that a fire or a lockout has left in the car
+            actors.serve_instead(kept, current.session_id)
         else:
             continue
         played.helped += 1
