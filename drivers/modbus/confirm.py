@@ -77,8 +77,12 @@ def _may_leave(now: LiftValues) -> bool:
     Where no motion is told, a car with its doors shut may stand or drive.
     """
     if now.motion is None:
-        return all(door is Door.CLOSED for door in now.doors.values())
+        return _is_shut(now)
     return now.motion in _MOVES
+
+
+def _is_shut(now: LiftValues) -> bool:
+    return all(door is Door.CLOSED for door in now.doors.values())
 
 
 def _goes(expected: Expectation, now: LiftValues) -> bool:
@@ -97,9 +101,8 @@ def _goes(expected: Expectation, now: LiftValues) -> bool:
     if now.motion in (Motion.UP, Motion.DOWN):
         return (now.motion is Motion.UP) is upwards
     if now.floor is None:
-        shut = all(door is Door.CLOSED for door in now.doors.values())
         # there is one way only from an end of the shaft, and of a motion without a word for its direction nobody learns more
-        return shut and (before.floor in ends or now.motion is Motion.MOVING)
+        return _is_shut(now) and (before.floor in ends or now.motion is Motion.MOVING)
     return (
         now.floor != before.floor
         and (expected.floors.index(now.floor) > expected.floors.index(before.floor)) is upwards

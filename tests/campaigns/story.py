@@ -24,6 +24,7 @@ class Story:
         """`controllers` are those of each lift, whose faults are its own."""
         self._findings = findings
         self._controllers = controllers
+        self._places = {*controllers, *(one for several in controllers.values() for one in several)}
         self._words: dict[str, deque[str]] = defaultdict(lambda: deque(maxlen=WORDS))
         self._last: dict[tuple[str, str], object] = {}
         self._told = 0
@@ -70,10 +71,6 @@ class Story:
         for lift, controllers in self._controllers.items():
             if struck.where in (lift, *controllers) or struck.where not in self._places:
                 self._note(at, lift, f"fault {struck.fault} {'begins' if struck.began else 'ends'}")
-
-    @property
-    def _places(self) -> set[str]:
-        return {*self._controllers, *(one for several in self._controllers.values() for one in several)}
 
     def _change(self, at: float, lift: str, what: str, value: object) -> None:
         if self._last.get((lift, what)) != value:

@@ -318,9 +318,12 @@ class Oracle:
         fault = "foreign_writer" if at <= watched.foreign.get(name, -math.inf) else "left on unseen"
         if fault == "left on unseen" and name not in watched.stuck:
             return False
-        key = (lift, "output on too long", fault)
-        self.excused[key] = self.excused.get(key, 0) + 1
+        self._let_pass(lift, "output on too long", fault)
         return True
+
+    def _let_pass(self, lift: str, rule: str, why: str) -> None:
+        key = (lift, rule, why)
+        self.excused[key] = self.excused.get(key, 0) + 1
 
     def _is_wanted(self, watched: _Watched, name: str, truth: Truth, at: float) -> bool:
         state = watched.state
@@ -338,8 +341,7 @@ class Oracle:
         text = f"{outcome.command} is said to be confirmed by {outcome.proof}, and had no effect"
         by_motion = outcome.proof is Proof.EFFECT and outcome.command.kind in _CALLS
         if by_motion and self._set_out(watched, outcome.command, pressed_at, claimed_at):
-            key = (lift, "confirmed without effect", FOR_OTHERS)
-            self.excused[key] = self.excused.get(key, 0) + 1
+            self._let_pass(lift, "confirmed without effect", FOR_OTHERS)
             return
         since = min(pressed_at, watched.floor_asked_at)
         only = MISREAD if by_motion else None
@@ -378,8 +380,7 @@ class Oracle:
         for excuse in (*watched.active, *watched.excuses):
             may = only is None or excuse.fault in only
             if may and lie in excuse.lies and excuse.since - ROUNDING_S <= at and began <= excuse.until:
-                key = (lift, rule, excuse.fault)
-                self.excused[key] = self.excused.get(key, 0) + 1
+                self._let_pass(lift, rule, excuse.fault)
                 return
         self.findings.append(Finding(at, lift, rule, text, lie))
 
