@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from register_maps.errors import BadRequest, ExceptionAnswer, FrameError, Mismatch
 from register_maps.words import READ_FUNCTION, Table
@@ -217,9 +218,12 @@ def parse_request(frame: bytes, *, timed_coils: bool = False) -> Request:
 
     Raises BadRequest, with the exception code to answer, or FrameError.
     """
-    unit, pdu = _open(frame)
-    function = pdu[0]
-    if function not in _TABLE:
+    return _parsed(*_open(frame), timed_coils)
+
+
+@lru_cache(1024)  # a client asks the same few questions again and again; a refusal is not remembered
+def _parsed(unit: int, pdu: bytes, timed_coils: bool) -> Request:  # noqa: FBT001 - part of the key
+    if (function := pdu[0]) not in _TABLE:
         raise BadRequest(f"function {function} is none of 1 to 6, 15, 16, 22", code=1)
     if len(pdu) < 5:
         raise BadRequest(f"a request with function {function} and {len(pdu) - 1} bytes of data")

@@ -103,13 +103,19 @@ def picture(state: State, parameters: Parameters) -> Picture:
 
 def _scan(state: State, inputs: Inputs, ticks: int, parameters: Parameters) -> State:
     dt = parameters.scan_s * parameters.speed / ticks
-    for tick in range(1, ticks + 1):
+    tick, rests = 0, False
+    while tick < ticks:
+        # a tick that changed nothing: what the next ones would do is the same, until the inputs are looked at
+        tick = ticks if rests else tick + 1
+        before = state
         moved = shaft.step(state.shaft, _orders(state, parameters), dt, parameters.shaft)
         if moved is not state.shaft:
             state = state._replace(shaft=moved)
         landing = levelling.landing(state.shaft, parameters.shaft)
         if tick == ticks:
             state = _sample(state, inputs, landing, parameters)
+            if rests and state is before:
+                break
         state = _serve(state, landing, parameters)
         state = _dispatch(state, landing, parameters)
         state = _time_doors(state, landing, dt, parameters)
@@ -117,6 +123,7 @@ def _scan(state: State, inputs: Inputs, ticks: int, parameters: Parameters) -> S
             state = state._replace(
                 levelling=levelling.step(state.levelling, state.acting.relevelling, state.shaft, dt, parameters.shaft)
             )
+        rests = state is before
     return state
 
 
@@ -145,13 +152,13 @@ def _sample(state: State, inputs: Inputs, landing: int | None, parameters: Param
         state, forgets = _suffer(state, inputs)
     robot_mode = state.mode is Mode.ROBOT
     heard = network.listen(state.heard, inputs.asked, inputs.signs_of_life, parameters, robot_mode=robot_mode)
-    if changed or heard.given != state.heard.given:
+    if changed or (heard is not state.heard and heard.given != state.heard.given):
         image = _image(inputs, heard.given, parameters)
         if state.acting is not NOTHING:
             image = machine_faults.upon(image, state.acting)
         called = next((heard.given[name] for name in CALLS if name in heard.given), state.called)
         state = state._replace(inputs=inputs, heard=heard, image=image, called=called)
-    elif heard != state.heard:
+    elif heard is not state.heard and heard != state.heard:
         state = state._replace(heard=heard)
     state = _change_mode(state, parameters)
     forgets = forgets or state.homes_from is not None
@@ -310,13 +317,14 @@ def _dispatch(state: State, landing: int | None, parameters: Parameters) -> Stat
 
 def _time_doors(state: State, landing: int | None, dt: float, parameters: Parameters) -> State:
     """Which doors are to be open, and for how long still."""
+    if landing is None:
+        return state._replace(dwell_s={}) if state.dwell_s else state
     dwell_s: dict[Side, float] = {}
-    if landing is not None:
-        for side in state.shaft.doors:
-            if side in parameters.doors_at[landing]:
-                left_s = _dwell(state, side, landing, dt, parameters)
-                if left_s is not None:
-                    dwell_s[side] = left_s
+    for side in state.shaft.doors:
+        if side in parameters.doors_at[landing]:
+            left_s = _dwell(state, side, landing, dt, parameters)
+            if left_s is not None:
+                dwell_s[side] = left_s
     return state if dwell_s == state.dwell_s else state._replace(dwell_s=dwell_s)
 
 

@@ -262,7 +262,7 @@ class People:
         wanted = person.to if person.rides else person.at
         lit = wanted in (picture.car_calls if person.rides else picture.landing_calls)
         # nobody calls a full car back
-        there = wanted in (picture.door_open_floor, picture.level_floor if self._is_full else None)
+        there = wanted == picture.door_open_floor or (wanted == picture.level_floor and self._is_full)
         mistaken = person.first if person.rides else frozenset()
         if person.walks or now < person.presses_next or not (mistaken or not (lit or there)):
             return

@@ -79,16 +79,20 @@ class RegisterFace:
         self._homes = False
         """The program has begun, and does not know yet where its car is."""
         self._watchers: list[Callable[[], None]] = []
-        self._pictured: tuple[State, Picture] | None = None
-        """The picture of a state that has not changed since is the same one."""
+        self._pictured: tuple[State, object, Picture] | None = None
+        """The picture last made, of which state, and of what in it: one that has not changed since is the same one."""
         self._show()
 
     @property
     def picture(self) -> Picture:
         """What the lift really does, by its own physics."""
-        if self._pictured is None or self._pictured[0] is not self._state:
-            self._pictured = self._state, controller.picture(self._state, self.parameters)
-        return self._pictured[1]
+        state, last = self._state, self._pictured
+        if last is not None and last[0] is state:
+            return last[2]
+        made_of = _remembered(state)
+        picture = last[2] if last is not None and last[1] == made_of else controller.picture(state, self.parameters)
+        self._pictured = state, made_of, picture
+        return picture
 
     @property
     def inputs(self) -> Inputs:

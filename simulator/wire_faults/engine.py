@@ -317,8 +317,8 @@ class Connection:
     def _tell(self, plan: _Plan, replies: Iterable[Reply], *, since: float = 0.0, executed: bool | None = None) -> None:
         if self._ledger.on_exchange is None:
             return
-        answers = tuple(sorted((since + delay_s, data) for delay_s, data in replies if data is not None))
-        came = b"".join(data for _, data in answers)
+        answers = tuple(sorted([(since + delay_s, data) for delay_s, data in replies if data is not None]))
+        came = answers[0][1] if len(answers) == 1 else b"".join([data for _, data in answers])
         self._ledger.on_exchange(
             Exchange(
                 sent_at=plan.sent_at,

@@ -2,7 +2,7 @@
 
 import asyncio
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -73,6 +73,13 @@ class Played:
 
 
 @cache
+def loaded_map(name: str) -> tuple[LoadedMap, Mapping[str, int]]:
+    """Return a shipped map, completed where a site has to, and codes of the floors of a lift on it."""
+    added = COMPLETIONS.get(name, Completion())
+    return load(name, changes=Changes(added.parameters, added.override)), site_of(name).floors
+
+
+@cache
 def loaded_site(
     name: str,
     max_session_hold_s: float,
@@ -81,13 +88,12 @@ def loaded_site(
     patience: Patience = AS_THE_MAP_SAYS,
 ) -> LoadedSite:
     """Return a site with one lift of a shipped map; its devices are where nothing is."""
-    added = COMPLETIONS.get(name, Completion())
-    loaded: LoadedMap = load(name, changes=Changes(added.parameters, added.override))
+    loaded, floors = loaded_map(name)
     endpoints = loaded.map.endpoints
     lift = {
         "controller": "plc",
         "access": "control",
-        "floors": dict(site_of(name).floors),
+        "floors": dict(floors),
         "poll_s": max(POLL_S, loaded.map.link.min_poll_s),
         "endpoints": {endpoint: {"controller": endpoint} for endpoint in endpoints},
         "infer_occupancy": True,

@@ -54,7 +54,6 @@ _CALLS = frozenset({CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO})
 DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 """Faults under which nobody can let go of an output, as nobody can on a wire that fails."""
 
-
 MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped"})
 """Faults under which a car may look like one that goes, or has come, although it does not."""
 FOR_OTHERS = "a car that set out for somebody else"
@@ -128,25 +127,15 @@ class Oracle:
     def looked(self, at: float, lift: str, truth: Truth) -> None:
         """Take the truth, and see to outputs that stay on."""
         watched = self._lifts[lift]
-        before = watched.history.last
-        watched.history.add(at, truth)
-        watched.history.forget(at - KEPT_S)
-        if before is None or before.mode is not truth.mode:
-            watched.mode_since = at
-        for name in truth.commands - watched.on_since.keys():
-            watched.on_since[name] = at
-        for name in watched.on_since.keys() - truth.commands:
-            del watched.on_since[name]
-            watched.unwanted_since.pop(name, None)
-            watched.stuck.discard(name)
+        if truth is not watched.history.last:
+            self._changed(at, watched, truth)
         disobeyed = any(excuse.fault in DISOBEYS for excuse in watched.active)
         if disobeyed or self._is_cut_off(watched, at):
             watched.clean_since = at
         if watched.on_since:
             self._outputs(at, lift, watched, truth)
-        for claim in [claim for claim in watched.claims if at - claim[0] > REGISTERS_WITHIN_S]:
-            watched.claims.remove(claim)
-            self._claimed(lift, watched, at, claim)
+        while watched.claims and at - watched.claims[0][0] > REGISTERS_WITHIN_S:
+            self._claimed(lift, watched, at, watched.claims.pop(0))
 
     def published(self, at: float, lift: str, state: LiftState) -> None:
         """Compare what is said with what is so."""
@@ -239,6 +228,20 @@ class Oracle:
         return self._lifts[lift].floor_asked_at
 
     # -- how it is judged
+
+    def _changed(self, at: float, watched: _Watched, truth: Truth) -> None:
+        """Take a truth that may be another one than the last."""
+        before = watched.history.last
+        watched.history.add(at, truth)
+        watched.history.forget(at - KEPT_S)
+        if before is None or before.mode is not truth.mode:
+            watched.mode_since = at
+        for name in truth.commands - watched.on_since.keys():
+            watched.on_since[name] = at
+        for name in watched.on_since.keys() - truth.commands:
+            del watched.on_since[name]
+            watched.unwanted_since.pop(name, None)
+            watched.stuck.discard(name)
 
     def _is_faulty(self, watched: _Watched, struck: Struck, at: float) -> None:
         name = fault_name(struck.fault)

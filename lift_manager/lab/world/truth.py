@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.model import FloorName
 from register_maps.words import Door, Mode
@@ -31,11 +31,11 @@ class Truth:
     """The floor in whose door zone the car was last: it may have come and gone between two looks."""
     heading: int = 0
     """1 upwards, -1 downwards, 0 for a car that stands."""
+    commands: frozenset[str] = field(init=False, repr=False, compare=False)
+    """Names of the commands that are present."""
 
-    @property
-    def commands(self) -> frozenset[str]:
-        """Names of the commands that are present."""
-        return frozenset(name for name, _ in self.given)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "commands", frozenset(name for name, _ in self.given))
 
 
 def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:

@@ -29,7 +29,7 @@ from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.device import Device, MemoryController
 from lift_manager.lab.world.rules import RESTART, STOP
-from lift_manager.lab.world.truth import truth_of
+from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
 from register_maps.codec import Codec, compile_map
@@ -76,6 +76,19 @@ class SimulatedLift:
     inputs: Inputs
     """What people and keys do."""
     people: Passengers | None = None
+    _seen: tuple[Picture, Mapping[str, int], Truth] | None = None
+
+    @property
+    def truth(self) -> Truth:
+        """What it really does, at its own time; a lift in which nothing has changed has the same truth still."""
+        picture, asked = self.face.picture, self.face.asked
+        if self._seen is not None and self._seen[0] is picture and self._seen[1] is asked:
+            return self._seen[2]
+        truth = truth_of(self.face, self.floors)
+        if self._seen is not None and self._seen[2] == truth:
+            truth = self._seen[2]
+        self._seen = picture, asked, truth
+        return truth
 
 
 class World:
@@ -270,7 +283,7 @@ class World:
         for name in lifts:
             lift = self.lifts[name]
             lift.face.advance(now)
-            truth = truth_of(lift.face, lift.floors)
+            truth = lift.truth
             self._commands[name] = truth.commands
             for witness in self._witnesses:
                 witness.looked(now, name, truth)
