@@ -19,6 +19,8 @@ class Aboard:
         self._robots: dict[str, Holder] = {}
         """Whose robot stands in each car."""
         self._at: dict[str, FloorName | None] = {}
+        self._asked: dict[str, Ask] = {}
+        """The last request for each lift that was accepted."""
 
     def entered(self, lift: str, holder: Holder) -> None:
         """A robot is in the car."""
@@ -35,11 +37,22 @@ class Aboard:
                 self.left(lift)
             case SessionEnded(lift=lift, holder=holder, reason=EndReason.RELEASED) if self._robots.get(lift) == holder:
                 self.left(lift)
+            case SessionEnded(lift=lift, holder=holder, reason=EndReason.ARRIVED) if self._is_where_it_wanted(
+                lift, holder
+            ):
+                self.left(lift)
             case SessionOpened(lift=lift, holder=holder) if self._robots.get(lift, holder) != holder:
                 text = f"{holder} is given a lift in which a robot of {self._robots[lift]} stands"
                 self._findings.append(Finding(at, lift, "given to another with a robot aboard", text))
             case _:
                 pass
+
+    def _is_where_it_wanted(self, lift: str, holder: Holder) -> bool:
+        """Whether the car is where its robot wanted no more than to be, with the door left as it is: it gets out by itself."""
+        asked = self._asked.get(lift)
+        if asked is None or self._robots.get(lift) != holder or asked.holder != holder:
+            return False
+        return asked.robot is None and not asked.hold_door and self._at.get(lift) == asked.floor
 
     def looked(self, at: float, lift: str, truth: Truth) -> None:
         """Know where the car is."""
@@ -56,6 +69,8 @@ class Aboard:
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
         """Believe a holder that lets go of the lift where it stands: that is its word that it is out."""
+        if isinstance(answer, Accepted):
+            self._asked[ask.lift] = ask
         lets_go = ask.robot is RobotWord.LEFT or (not ask.hold_door and self._at.get(ask.lift) == ask.floor)
         if isinstance(answer, Accepted) and lets_go and self._robots.get(ask.lift) == ask.holder:
             self.left(ask.lift)

@@ -1,0 +1,82 @@
+"""The judge of who stands in the car believes a robot's own word, and no more than that."""
+
+from collections.abc import Callable
+
+import pytest
+
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
+from lift_manager.domain.events import SessionEnded, SessionOpened
+from lift_manager.domain.service import EndReason
+from lift_manager.domain.state import Holder
+from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.truth import Truth
+from register_maps.words import Mode
+from tests.campaigns.aboard import Aboard
+
+R1, R2 = Holder("fleet", "r1"), Holder("fleet", "r2")
+
+
+def found(then: Callable[[Aboard], None]) -> list[Finding]:
+    """Let a robot of R1 get in at L2, then something happen, and give the lift to R2."""
+    findings: list[Finding] = []
+    judge = Aboard(findings)
+    judge.looked(1.0, "lift", standing_at("L2"))
+    judge.entered("lift", R1)
+    then(judge)
+    judge.heard(9.0, SessionOpened("lift", R2, "L1"))
+    return findings
+
+
+def standing_at(floor: str) -> Truth:
+    none = frozenset[str]()
+    return Truth(floor, None, standing=True, doors_shut=True, mode=Mode.NORMAL, robot_mode=False, calls=none, given=())
+
+
+def ends(judge: Aboard, reason: EndReason) -> None:
+    judge.heard(3.0, SessionEnded("lift", R1, reason, "over", None))
+
+
+def test_the_lift_is_not_given_to_another_while_a_robot_stands_in_it() -> None:
+    assert len(found(lambda judge: ends(judge, EndReason.LEASE))) == 1
+
+
+def test_a_release_is_the_word_that_it_is_out() -> None:
+    assert not found(lambda judge: ends(judge, EndReason.RELEASED))
+
+
+def test_who_wanted_no_more_than_to_be_where_the_car_is_now_is_out() -> None:
+    def then(judge: Aboard) -> None:
+        judge.looked(2.0, "lift", standing_at("L1"))
+        judge.asked(2.0, Ask("lift", R1, "L2", hold_door=False), Accepted())
+        judge.looked(3.0, "lift", standing_at("L2"))
+        ends(judge, EndReason.ARRIVED)
+
+    assert not found(then)
+
+
+@pytest.mark.parametrize(
+    ("ask", "at"),
+    [
+        (Ask("lift", R1, "L2", hold_door=False), "L1"),
+        (Ask("lift", R1, "L1", hold_door=True), "L1"),
+        (Ask("lift", R1, "L1", hold_door=False, robot=RobotWord.IN_PLACE), "L1"),
+    ],
+    ids=["the car is elsewhere", "the door is to be held", "it says that it is in the car"],
+)
+def test_an_arrival_is_not_believed_where(ask: Ask, at: str) -> None:
+    def then(judge: Aboard) -> None:
+        judge.looked(2.0, "lift", standing_at("L3"))
+        judge.asked(2.0, ask, Accepted())
+        judge.looked(3.0, "lift", standing_at(at))
+        ends(judge, EndReason.ARRIVED)
+
+    assert len(found(then)) == 1
+
+
+def test_a_request_that_was_refused_is_no_word() -> None:
+    def then(judge: Aboard) -> None:
+        judge.looked(2.0, "lift", standing_at("L1"))
+        judge.asked(2.0, Ask("lift", R1, "L1", hold_door=False), Refused(Refusal.HELD, "held"))
+        ends(judge, EndReason.ARRIVED)
+
+    assert len(found(then)) == 1
