@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ipaddress import ip_address
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -110,6 +111,31 @@ def _zone(name: str) -> str:
     return name
 
 
+def _host(text: str) -> str:
+    """Refuse what can be neither a name nor an address, though it looks like one."""
+    if "/" in text or " " in text:
+        raise PydanticCustomError("host", "must be a name or an address alone, such as 192.0.2.5 or lift-plc.example")
+    name, colon, port = text.partition(":")
+    if colon and port.isdecimal():
+        message = "must be a name or an address alone: write `host: {name}` and `port: {port}`"
+        raise PydanticCustomError("host", message, {"name": name, "port": port})
+    if set(text) <= set("0123456789.") and not _is_address(text):
+        raise PydanticCustomError(
+            "host", "{text} is no IPv4 address: it has four numbers from 0 to 255", {"text": text}
+        )
+    return text
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ip_address(text)
+    except ValueError:
+        return False
+    return True
+
+
+Host = Annotated[Text, AfterValidator(_host)]
+
 if TYPE_CHECKING:
     SomeHours = Hours
 else:
@@ -129,7 +155,7 @@ class ApiTls(_Part):
 class Api(_Part):
     """Where the manager listens."""
 
-    host: Text = "127.0.0.1"
+    host: Host = "127.0.0.1"
     port: Port = 5003
     """5003 is where clients of the Open-RMF workshop look."""
     tls: ApiTls | None = None
@@ -153,7 +179,7 @@ class ControllerTls(_Part):
 class Controller(_Part):
     """One device at one address. What is left out comes from its map."""
 
-    host: Text
+    host: Host
     tls: ControllerTls | None = None
     said_port: Port | None = Field(default=None, alias="port")
     map: Text | None = None

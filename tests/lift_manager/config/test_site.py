@@ -114,6 +114,26 @@ KEYS: list[Mistake] = [
 
 CONTROLLERS: list[Mistake] = [
     (
+        "an address that is none",
+        [("10.0.0.5", "10.0.0.500")],
+        [said(4, "controllers.plc.host", "10.0.0.500 is no IPv4 address", "0 to 255")],
+    ),
+    (
+        "an address with three numbers",
+        [("10.0.0.5", "10.0.5")],
+        [said(4, "controllers.plc.host", "10.0.5 is no IPv4 address", "four numbers")],
+    ),
+    (
+        "an address with its port",
+        [("10.0.0.5", '"10.0.0.5:502"')],
+        [said(4, "controllers.plc.host", "alone", "`host: 10.0.0.5` and `port: 502`")],
+    ),
+    (
+        "an address as a browser has it",
+        [("10.0.0.5", '"http://10.0.0.5"')],
+        [said(4, "controllers.plc.host", "alone", "192.0.2.5")],
+    ),
+    (
         "a controller that is not there",
         [("controller: plc", "controller: plk")],
         [said(7, "lifts.main.controller", "no controller 'plk'", "there is plc")],
