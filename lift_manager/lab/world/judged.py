@@ -49,6 +49,8 @@ class Judged:
     holds: frozenset[str] = frozenset()
     """Door holds that the map has, for every door of every floor."""
     tells_robot_mode: bool = False
+    tells_motion: bool = False
+    """Something tells that the car has left a floor before it tells another one."""
     repeated: frozenset[str] = frozenset()
     """Commands that the map itself has pressed again and again."""
     fleeting: frozenset[str] = frozenset()

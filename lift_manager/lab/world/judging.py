@@ -37,6 +37,7 @@ def _judged(loaded: LoadedSite, name: str) -> Judged:
         between_sessions_s=spec.between_sessions_s,
         holds=frozenset(command for command in codec.commands if command.startswith("hold_door.")),
         tells_robot_mode="robot_mode_on" in codec.signals,
+        tells_motion=not codec.signals.keys().isdisjoint({"motion", "level"}),
         repeated=frozenset(n for n, command in codec.commands.items() if command.spec.repeat_pulse_s is not None),
         fleeting=frozenset(command for command, its in codec.commands.items() if its.spec.ends_itself),
     )

@@ -18,7 +18,7 @@ from lift_manager.domain.events import CommandEnded, Event
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judged import Finding, Judged, Read
-from lift_manager.lab.world.truth import History, Truth, sets_out
+from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
 from lift_manager.lab.world.witness import Struck
 from lift_manager.web.workshop import DOOR_OPEN, state_data
 from register_maps.frames import parse_request
@@ -54,7 +54,7 @@ _CALLS = frozenset({CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO})
 DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
 """Faults under which nobody can let go of an output, as nobody can on a wire that fails."""
 
-MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped"})
+MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped", "homing", "reboot"})
 """Faults under which a car may look like one that goes, or has come, although it does not."""
 FOR_OTHERS = "a car that set out for somebody else"
 """Where nothing but the car itself tells of a call, one that sets out the right way after a press is all that anybody can see."""
@@ -81,8 +81,8 @@ class _Watched:
     mode_since: float = -math.inf
     on_since: dict[str, float] = field(default_factory=dict)
     """Commands that are present at the controller, with the time since when."""
-    unwanted_since: dict[str, float] = field(default_factory=dict)
-    """Of these, those that nobody wants."""
+    unwanted_since: dict[str, tuple[float, Lie]] = field(default_factory=dict)
+    """Of these, those that nobody wants, with the time since when, and whether it is for the mode alone."""
     excuses: list[_Excuse] = field(default_factory=list)
     active: list[_Excuse] = field(default_factory=list)
     newest: dict[Read, deque[tuple[float, float]]] = field(default_factory=dict)
@@ -273,7 +273,7 @@ class Oracle:
         truths = list(watched.history.during(since, at))
         if floor is None or not any(truth.open_at == floor for truth in truths):
             was = truths[-1]
-            text = f"said open at {floor}, {state.age_s:.2f} s old; the car was {_words(was)}"
+            text = f"said open at {floor}, {state.age_s:.2f} s old; the car was {in_words(was)}"
             self.find(at, lift, "said open and was not", text, Lie.OPEN)
         if all(truth.mode in ROBOT_FORBIDDEN_MODES for truth in truths):
             self.find(at, lift, "said open in a forbidden mode", f"the mode was {truths[0].mode}", Lie.MODE)
@@ -296,16 +296,19 @@ class Oracle:
             if self._is_wanted(watched, name, truth, at):
                 watched.unwanted_since.pop(name, None)
                 continue
-            since = watched.unwanted_since.setdefault(name, at)
+            held = watched.state is not None and watched.state.holder is not None
+            why = Lie.MODE if held and truth.mode in ROBOT_FORBIDDEN_MODES else Lie.OUTPUT
+            since, before = watched.unwanted_since.setdefault(name, (at, why))
+            if before is Lie.MODE and why is Lie.OUTPUT:
+                # the manager may not know of the mode; that the session is over it knows from now on
+                since, _ = watched.unwanted_since[name] = at, why
             if name == "robot_mode" and not truth.standing:
                 watched.under_way_at = at
             if at - max(since, watched.clean_since, watched.under_way_at) > self._limit_s(watched, name, truth):
                 text = f"{name} is on, and nobody has wanted it for {at - since:.1f} s"
-                held = watched.state is not None and watched.state.holder is not None
-                by_mode = held and truth.mode in ROBOT_FORBIDDEN_MODES
                 if not self._is_let_pass(watched, lift, name, at):
-                    self.find(at, lift, "output on too long", text, Lie.MODE if by_mode else Lie.OUTPUT)
-                watched.unwanted_since[name] = at
+                    self.find(at, lift, "output on too long", text, why)
+                watched.unwanted_since[name] = at, why
 
     @staticmethod
     def _limit_s(watched: _Watched, name: str, truth: Truth) -> float:
@@ -352,8 +355,14 @@ class Oracle:
 
     @staticmethod
     def _set_out(watched: _Watched, command: Command, pressed_at: float, claimed_at: float) -> bool:
-        """Whether the car stood, from the reading before a press on, and set out for there before the claim."""
-        truths = list(watched.history.during(pressed_at - watched.about.max_age_s, claimed_at))
+        """Whether the car stood, from the reading before a press on, and set out for there before the claim.
+
+        One whose motion nobody tells looks like one that stands until it comes to another floor.
+        """
+        since = pressed_at - watched.about.max_age_s
+        if not watched.about.tells_motion:
+            since = watched.history.floor_since(since)
+        truths = list(watched.history.during(since, claimed_at))
         return command.floor is not None and sets_out(reversed(truths), command.floor, watched.about.floors)
 
     def _had_effect(self, watched: _Watched, command: Command, since: float, at: float) -> bool:
@@ -386,15 +395,3 @@ class Oracle:
                 self._let_pass(lift, rule, excuse.fault)
                 return
         self.findings.append(Finding(at, lift, rule, text, lie))
-
-
-def _words(truth: Truth) -> str:
-    where = f"at {truth.at}" if truth.at is not None else "between floors"
-    doors = (
-        "doors shut"
-        if truth.doors_shut
-        else "doors fully open"
-        if truth.open_at is not None
-        else "doors not fully open"
-    )
-    return f"{where}, {'standing' if truth.standing else 'moving'}, {doors}"

@@ -58,6 +58,13 @@ def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:
     )
 
 
+def in_words(truth: Truth) -> str:
+    """Say where the car is, and what it does."""
+    where = f"at {truth.at}" if truth.at is not None else "between floors"
+    doors = "doors fully open" if truth.open_at is not None else "doors not fully open"
+    return f"{where}, {'standing' if truth.standing else 'moving'}, {'doors shut' if truth.doors_shut else doors}"
+
+
 def sets_out(truths: Iterable[Truth], target: FloorName, floors: Sequence[FloorName]) -> bool:
     """Whether a car stood, and then went towards a floor. `truths` is oldest first, `floors` lowest first."""
     stood = False
@@ -97,6 +104,14 @@ class History:
             if self._times[index] <= since:
                 return
             index -= 1
+
+    def floor_since(self, when: float) -> float:
+        """Since when the car was last in the zone of no other floor than at this moment."""
+        index = max(bisect_right(self._times, when) - 1, 0)
+        passed = self._truths[index].passed
+        while index > 0 and self._truths[index - 1].passed == passed:
+            index -= 1
+        return self._times[index]
 
     def forget(self, before: float) -> None:
         """Drop what was over by then."""

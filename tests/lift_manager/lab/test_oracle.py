@@ -14,7 +14,7 @@ from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
 from register_maps import frames
 from register_maps.words import Mode, Motion, Side, Table
-from simulator.faults import FrozenRegisters, LostPress
+from simulator.faults import FrozenRegisters, InMode, LostPress
 from simulator.wire_faults import Exchange
 
 STANDS_OPEN = Truth(
@@ -341,6 +341,36 @@ def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_ou
     oracle.heard(7.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, STANDS_OPEN, since=8.0)
     assert rules(oracle) == found
+
+
+@pytest.mark.parametrize("tells_motion", [True, False])
+def test_a_car_that_set_out_before_a_press_is_let_pass_only_where_nobody_could_see_that_it_had(
+    *, tells_motion: bool
+) -> None:
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
+    oracle = judge(tells_motion=tells_motion)
+    polled(oracle, 5.0, replace(STANDS_OPEN, open_at=None, doors_shut=True, passed="L2"))
+    polled(oracle, 7.0, replace(DRIVES, passed="L2", heading=-1), since=5.2)
+    oracle.pressed(7.0, "lift", frozenset({"go_to"}))
+    oracle.heard(7.1, CommandEnded("lift", outcome))
+    polled(oracle, 9.0, replace(DRIVES, passed="L2", heading=-1), since=7.2)
+    assert rules(oracle) == (["confirmed without effect"] if tells_motion else [])
+
+
+def test_a_session_that_ends_in_a_mode_nobody_can_see_leaves_its_outputs_the_usual_time() -> None:
+    unseen = {"in_mode.fire": Detection("in_mode.fire", None, (Lie.MODE,), "")}
+    called = replace(STANDS_OPEN, given=(("go_to", 1),))
+    oracle = judge(detections=unseen)
+    oracle.exchanged(0.0, "plc", answered(0.0))
+    oracle.published(0.0, "lift", state(robot_door=RobotDoor.MOVING))
+    polled(oracle, 2.0, called)
+    oracle.struck(2.0, Struck("lift", InMode(Mode.FIRE), began=True))
+    polled(oracle, 7.9, replace(called, mode=Mode.FIRE), since=2.2)
+    oracle.published(7.9, "lift", state(robot_door=RobotDoor.MOVING, holder=None))
+    polled(oracle, 13.0, replace(called, mode=Mode.FIRE), since=8.0)
+    assert rules(oracle) == []
+    polled(oracle, 15.0, replace(called, mode=Mode.FIRE), since=13.2)
+    assert rules(oracle) == ["output on too long"]
 
 
 def test_what_a_fault_left_on_unseen_is_let_pass_only_until_it_has_been_off_once() -> None:
