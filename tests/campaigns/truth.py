@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,6 +25,8 @@ from tests.campaigns.schedules import Schedule, draw, shrink
 ROOT = Path(__file__).parents[2]
 AT_A_TIME = 25
 """Schedules that a process is given at once."""
+TELLS_EVERY = 500
+"""Schedules between two words of a long campaign about how far it is."""
 
 
 @cache
@@ -99,12 +101,16 @@ def _chunks(first: int, count: int) -> Iterator[range]:
         yield range(start, min(start + AT_A_TIME, first + count))
 
 
-def campaign(first: int, count: int, *, processes: int, stop_at: int) -> Tally:
-    """Play many schedules on several processes; ends early after so many failures."""
+def campaign(
+    first: int, count: int, *, processes: int, stop_at: int, tell: Callable[[Tally], object] = lambda _: None
+) -> Tally:
+    """Play many schedules on several processes; ends early after so many failures. `tell` hears now and then how far it is."""
     tally = Tally()
     with ProcessPoolExecutor(processes) as pool:
         for done in pool.map(run, _chunks(first, count)):
             tally.merge(done)
+            if tally.schedules % TELLS_EVERY == 0:
+                tell(tally)
             if len(tally.failed) >= stop_at:
                 pool.shutdown(cancel_futures=True)
                 break
@@ -122,6 +128,10 @@ def report(tally: Tally, took_s: float) -> list[str]:
     ]
     lines += [f"FAILED seed {seed}: {text}" for seed, text in sorted(tally.failed)]
     return lines
+
+
+def _tell(tally: Tally) -> None:
+    sys.stderr.write(f"{tally.schedules} schedules, {len(tally.failed)} failed\n")
 
 
 def main() -> int:
@@ -142,7 +152,7 @@ def main() -> int:
         sys.stdout.write("\n".join([str(schedule), *map(str, played.findings), ""]))
         return 1 if played.failed else 0
     began = time.monotonic()
-    tally = campaign(given.seed, given.schedules, processes=given.processes, stop_at=given.stop_at)
+    tally = campaign(given.seed, given.schedules, processes=given.processes, stop_at=given.stop_at, tell=_tell)
     sys.stdout.write("\n".join([*report(tally, time.monotonic() - began), ""]))
     return 1 if tally.failed else 0
 
