@@ -17,13 +17,12 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.settings import LinkSettings
 from drivers.model import Command, CommandKind, LiftReading, LiftValues, Outcome
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Door, Mode, Motion, Side
 from tests.campaigns.answer_memory import LIMIT_S
 from tests.campaigns.answer_rig import Device, Finding, Report, history, together, unhandled_in_loop
 from tests.campaigns.answers import data_length
 from tests.campaigns.judge_answers import Payload, Question
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import VirtualTimeError, elapse, run_virtual
 
 LIFTS = 4
@@ -161,7 +160,7 @@ class _Poller:
 
 async def _batch(seed: int, batch: int, cases: int, report: Report, where: str) -> None:
     unhandled_in_loop(report, where)
-    codec = compile_map(load("generic-registers").map)
+    codec = compiled("generic-registers")
     devices, links, asking, running = [], [], [], []
     for number in range(LIFTS):
         rng = Random(f"{seed}/{batch}/{number}")

@@ -14,11 +14,11 @@ from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind, LiftReading, Result
-from register_maps.codec import Codec, compile_map
-from register_maps.load import load
+from register_maps.codec import Codec
 from register_maps.words import Table
 from tests.drivers.linked import now, virtual
 from tests.drivers.rig import SIGNALS, allowed
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse
 from tests.support.written_maps import HEAD, written_map
 
@@ -53,7 +53,7 @@ class Watched:
 
 @asynccontextmanager
 async def watched(codec: Codec | None = None, *, control: bool = False) -> AsyncIterator[Watched]:
-    codec = codec or compile_map(load("generic-registers").map)
+    codec = codec or compiled("generic-registers")
     devices = {name: MemoryDevice() for name in ("", *codec.map.endpoints)}
     devices[""].values[Table.HOLDING].update({1: 1, 2: 1, 3: 1, 4: 1, 5: 0b101})
     devices[""].values[Table.INPUT][1] = 1
@@ -155,7 +155,7 @@ async def test_a_new_connection_to_another_device_of_the_lift_asks_for_no_beat()
 
 @virtual
 async def test_a_map_without_a_counter_waits_for_none() -> None:
-    async with watched(compile_map(load("two-stop-agv").map)) as made:
+    async with watched(compiled("two-stop-agv")) as made:
         await elapse(1)
         assert made.since(0.05)[0][0] <= 2 * POLL_S
 

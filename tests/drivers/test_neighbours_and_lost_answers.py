@@ -6,10 +6,9 @@ import pytest
 
 from drivers.modbus.memory import Fault, MemoryDevice, exception, silence
 from drivers.model import Command, CommandKind, Result
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Side, Table
 from tests.drivers.rig import CLOSE_FRONT, HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig, rig
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import HEAD, written_map
 
@@ -37,7 +36,7 @@ def test_a_cycle_does_not_repeat_a_call_whose_release_was_not_answered() -> None
     async def main() -> None:
         device = MemoryDevice(unit=0)
         device.values[Table.HOLDING][8] = 1
-        async with rig(compile_map(load("seer-siemens-chengdu-block").map), {"": device}) as made:
+        async with rig(compiled("seer-siemens-chengdu-block"), {"": device}) as made:
             call = Command(CommandKind.CALL, "L2")
             _ = made.lift.press(call, allowed)
             await elapse(1.2)
@@ -56,7 +55,7 @@ def test_a_refresh_does_not_press_a_neighbour_whose_release_was_not_answered() -
     async def main() -> None:
         device, floors = MemoryDevice(), {"L1": 0, "L2": 1, "L3": 2}
         device.values[Table.HOLDING][0] = 1
-        async with rig(compile_map(load("robotnik-il-eth").map), {"": device}, floors) as made:
+        async with rig(compiled("robotnik-il-eth"), {"": device}, floors) as made:
             made.lift.hold(MODE, allowed)
             await elapse(0.5)
             made.lift.hold(HOLD_FRONT, allowed)

@@ -1,7 +1,6 @@
 """The guard behind every write: what no command of a loaded map consists of does not leave, whatever bug asks for it."""
 
 import asyncio
-import functools
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
@@ -19,12 +18,13 @@ from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind
 from lift_manager.commissioning.maps_plan import example_floors
 from register_maps import frames
-from register_maps.codec import Cell, Codec, compile_map
+from register_maps.codec import Cell, Codec
 from register_maps.frames import MASK_WRITE, WRITES, Request
-from register_maps.load import load, shipped
+from register_maps.load import shipped
 from register_maps.words import Side, Table
 from tests.drivers.linked import linked, virtual
 from tests.drivers.rig import HOLD, HOLD_FRONT, SIGNALS, allowed
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import written_map
 
@@ -65,11 +65,6 @@ REFUSED = {
     "another time": frames.pulse_coil(513, 0x7FFF),
     "a time for a coil that is not timed": frames.pulse_coil(8, 5),
 }
-
-
-@functools.cache
-def compiled(name: str) -> Codec:
-    return compile_map(load(name).map)
 
 
 def declared(codec: Codec, unit: int = 1) -> Declared:

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled
 from drivers.modbus.reading import lift_mode, lift_values
-from register_maps.codec import Block, Point, compile_map
-from register_maps.load import load
+from register_maps.codec import Block, Point
 from register_maps.words import Door, Mode, Motion, Side, Table
+from tests.support.shipped_maps import compiled
 
 SERVED: dict[str, tuple[range, ...]] = {Table.HOLDING: (range(40), range(100, 140)), Table.DISCRETE: (range(16),)}
 
@@ -86,7 +86,7 @@ def test_what_cannot_be_read_is_unknown_and_what_the_map_lacks_is_none() -> None
 
 
 def test_a_door_is_read_before_the_floor_where_they_take_two_reads() -> None:
-    codec = compile_map(load("generic-registers").map)
+    codec = compiled("generic-registers")
     plan = plan_poll(codec, max_registers=2, max_bits=2000)
     door, floor = (
         next(number for number, block in enumerate(plan) if block.holds(codec.signals[name].points[0]))
@@ -99,7 +99,7 @@ def test_a_door_is_read_before_the_floor_where_they_take_two_reads() -> None:
 
 
 def test_a_poll_whose_door_and_floor_come_together_is_read_in_the_order_of_addresses() -> None:
-    codec = compile_map(load("wago-750").map)
+    codec = compiled("wago-750")
     plan = plan_poll(codec, max_registers=125, max_bits=2000)
     assert plan == plan_reads(polled(codec), codec.served, max_registers=125, max_bits=2000)
     assert len(plan) > 1

@@ -7,13 +7,12 @@ import pytest
 from drivers.modbus.output import RETRY_S
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import Phase, Step, StepKind
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Table
+from tests.support.shipped_maps import compiled
 
 
 def outputs(name: str = "generic-registers") -> Outputs:
-    return Outputs(compile_map(load(name).map).commands)
+    return Outputs(compiled(name).commands)
 
 
 def carry_out(made: Outputs, now: float) -> Step:

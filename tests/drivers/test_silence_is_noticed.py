@@ -18,10 +18,9 @@ from lift_manager.core.lift import LiftTask
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Quality
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Side, Table
 from tests.drivers.linked import now, virtual
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse
 
 POLL_S, ANSWER_S, MAX_AGE_S = 0.2, 0.02, 1.0
@@ -56,9 +55,7 @@ async def polled(settings: LinkSettings) -> AsyncIterator[Made]:
     device = MemoryDevice(delay_s=ANSWER_S)
     device.values[Table.DISCRETE].update({1: 1, 2: 1, 4: 1})
     link = Link(device.wire, settings, name="plc")
-    lift = ModbusLift(
-        compile_map(load("two-stop-agv").map), link, LiftSettings(name="lift", floors=FLOORS, control=True)
-    )
+    lift = ModbusLift(compiled("two-stop-agv"), link, LiftSettings(name="lift", floors=FLOORS, control=True))
     options = LiftOptions(
         name="lift", floors=tuple(FLOORS), doors_at=dict.fromkeys(FLOORS, (Side.FRONT,)), control=True, poll_s=POLL_S
     )

@@ -19,9 +19,8 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.wire import PymodbusWire
 from drivers.model import Command, CommandKind, LiftValues, Outcome, Proof, Result
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Door, Mode, Motion, Side
+from tests.support.shipped_maps import compiled
 
 POLL_S = 0.03
 LOOK_S = 0.01
@@ -120,7 +119,7 @@ async def bench(map_name: str, floors: Mapping[str, int]) -> AsyncIterator[Bench
     bank = DataBank()
     server = ModbusServer("127.0.0.1", free_port(), no_block=True, data_bank=bank)
     link = Link(lambda: PymodbusWire("127.0.0.1", server.port), LinkSettings(), name="plc")
-    codec = compile_map(load(map_name).map)
+    codec = compiled(map_name)
     lift = ModbusLift(codec, link, LiftSettings(name="lift", floors=floors, control=True))
     made = Bench(bank, server, lift, link, beats="alive" in codec.signals)
     await made.start()

@@ -21,9 +21,8 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice, MemoryWire, exception
 from drivers.modbus.wire import Wire
 from drivers.model import Command, CommandKind
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Side, Table
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 
 pytestmark = pytest.mark.external("tshark")
@@ -196,7 +195,7 @@ def recorded(
 
         link = Link(tapped, LinkSettings(), name="plc")
         settings = LiftSettings(name="lift", floors=floors, control=True)
-        lift = ModbusLift(compile_map(load(map_name).map), link, settings)
+        lift = ModbusLift(compiled(map_name), link, settings)
         tasks = [asyncio.ensure_future(link.run()), asyncio.ensure_future(lift.run())]
         await link.wait_up()
         await ride(device, lift)

@@ -20,11 +20,11 @@ from lift_manager.domain.service import Remembered
 from lift_manager.domain.state import Holder, Quality
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.web.server import listen
-from register_maps.codec import compile_map
 from register_maps.load import load
 from register_maps.words import Door, Side
 from simulator.controller import Inputs
 from simulator.server import SimulatedController
+from tests.support.shipped_maps import compiled
 
 
 def site_of(port: int, **controller: object) -> LoadedSite:
@@ -39,7 +39,7 @@ def site_of(port: int, **controller: object) -> LoadedSite:
 
 
 def controller() -> SimulatedController:
-    codec = compile_map(load("generic-registers").map)
+    codec = compiled("generic-registers")
     return SimulatedController({1: simulated_lift(codec, {"L1": 1, "L2": 2})})
 
 
@@ -152,7 +152,7 @@ class WatchedMemory(ShortMemory):
 
 async def ended_by_a_fire(*, broken: bool) -> WatchedMemory:
     """Run a manager until a fire is to be kept in mind, and end it; with a broken memory it ends by itself."""
-    codec = compile_map(load("generic-registers").map)
+    codec = compiled("generic-registers")
     face = simulated_lift(codec, {"L1": 1, "L2": 2})
     plc = SimulatedController({1: face})
     await plc.start()

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from register_maps.codec import Codec, compile_map
-from register_maps.load import load
+from register_maps.codec import Codec
 from register_maps.words import Door, Side, Table
 from simulator import shaft
 from simulator.controller import Inputs, Parameters, Picture
 from simulator.modes import Key
 from simulator.registers import Endpoint, RegisterFace
+from tests.support.shipped_maps import compiled
 
 SCAN_S = 0.05
 
@@ -70,10 +70,10 @@ def faced(
     like: Parameters | None = None,
 ) -> Faced:
     """A lift of this map, or of the shipped map of this name, with these floors; `like` are settings beside its building."""
-    compiled = compile_map(load(codec).map) if isinstance(codec, str) else codec
+    codec = compiled(codec) if isinstance(codec, str) else codec
     building = shaft.Parameters(heights_m=shaft.even_heights(len(codes)), doors_at=(sides,) * len(codes))
     parameters = replace(like or Parameters(), shaft=building)
-    return Faced(RegisterFace(compiled, codes, parameters, start=start, key=key))
+    return Faced(RegisterFace(codec, codes, parameters, start=start, key=key))
 
 
 def is_open(picture: Picture) -> bool:

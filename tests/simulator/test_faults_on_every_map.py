@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from lift_manager.lab.plant import default_floors, simulated_lift
-from register_maps.codec import CommandCodec, compile_map
+from register_maps.codec import CommandCodec
 from register_maps.command_codec import payload_counts
-from register_maps.load import load
 from simulator.faults import (
     ContradictingLimits,
     Fault,
@@ -25,6 +24,7 @@ from simulator.faults import (
     Stopped,
 )
 from tests.simulator.faces import Faced
+from tests.support.shipped_maps import compiled
 
 MAPS = sorted(path.stem for path in (Path(__file__).parents[2] / "register_maps" / "maps").glob("*.yaml"))
 
@@ -36,7 +36,7 @@ class Rider:
     name: str
 
     def __post_init__(self) -> None:
-        self.codec = compile_map(load(self.name).map)
+        self.codec = compiled(self.name)
         self.floors = default_floors(self.codec.map)
         self.lift = Faced(simulated_lift(self.codec, self.floors))
         self.call = next(command for command in self.codec.commands.values() if command.is_call)

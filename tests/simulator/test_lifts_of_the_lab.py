@@ -16,6 +16,7 @@ from register_maps.load import load
 from register_maps.words import Side
 from simulator.controller import Parameters
 from tests.support.good_map import HANDSHAKE
+from tests.support.shipped_maps import compiled
 from tests.support.written_maps import HEAD, written_map
 
 MAPS = sorted(path.stem for path in (Path(__file__).parents[2] / "register_maps" / "maps").glob("*.yaml"))
@@ -24,10 +25,6 @@ commands:
   go_to: {at: "holding:100", as: floor, action: pulse, width_s: 0.5, rest: REST, confirm: {any_of: [effect], within_s: 30}}
 """
 WHERE = {"": "127.0.0.1:5020", "sensor": "127.0.0.1:5021"}
-
-
-def compiled(name: str) -> Codec:
-    return compile_map(load(name).map)
 
 
 def handshake(folder: Path) -> Codec:

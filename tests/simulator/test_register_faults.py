@@ -6,8 +6,6 @@ from itertools import pairwise
 import pytest
 
 from lift_manager.lab.plant import simulated_lift
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Door, Motion, Side, Table
 from simulator.controller import Inputs, Parameters
 from simulator.faults import (
@@ -30,6 +28,7 @@ from simulator.modes import Key
 from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_VALUE, Objection
 from tests.simulator.faces import SCAN_S, Faced, faced, is_closed, is_open, stands_open_at
 from tests.support.good_map import HANDSHAKE
+from tests.support.shipped_maps import compiled
 from tests.support.written_maps import written_map
 
 COIL, DISCRETE, HOLDING, INPUT = Table.COIL, Table.DISCRETE, Table.HOLDING, Table.INPUT
@@ -545,7 +544,7 @@ def held_for(lift: Faced) -> bool:
 def test_the_watchdog_of_a_map_can_be_set_and_taken_out(limit_s: float | None, *, held: bool) -> None:
     lift = generic(like=Parameters(hold_watchdog_s=limit_s))
     assert held_for(lift) is held
-    codec = compile_map(load("generic-registers").map)
+    codec = compiled("generic-registers")
     floors = {"L1": 1, "L2": 2}
     assert held_for(Faced(simulated_lift(codec, floors, like=Parameters(hold_watchdog_s=limit_s)))) is held
 

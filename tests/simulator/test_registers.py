@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import pytest
 
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import shaft
 from simulator.controller import Inputs, Parameters, Picture
 from simulator.modes import Key
 from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, Objection, RegisterFace
+from tests.support.shipped_maps import compiled
 
 SCAN_S = 0.05
 FRONT = frozenset({Side.FRONT})
@@ -90,12 +89,12 @@ class Lift:
 
 def generic(*, start: int = 0, key: Key = Key.NORMAL, scan_s: float = SCAN_S) -> Lift:
     building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(3)), scan_s=scan_s)
-    return Lift(RegisterFace(compile_map(load("generic-registers").map), CODES, building, start=start, key=key))
+    return Lift(RegisterFace(compiled("generic-registers"), CODES, building, start=start, key=key))
 
 
 def two_stop(*, start: int = 0, key: Key = Key.ROBOT) -> Lift:
     building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(2)))
-    return Lift(RegisterFace(compile_map(load("two-stop-agv").map), (0, 1), building, start=start, key=key))
+    return Lift(RegisterFace(compiled("two-stop-agv"), (0, 1), building, start=start, key=key))
 
 
 def is_open(picture: Picture) -> bool:
@@ -504,4 +503,4 @@ def test_what_was_read_does_not_change_behind_the_readers_back() -> None:
 def test_floors_that_the_map_cannot_express_are_refused(map_name: str, codes: tuple[int, ...], said: str) -> None:
     building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(len(codes))))
     with pytest.raises(ValueError, match=said):
-        RegisterFace(compile_map(load(map_name).map), codes, building)
+        RegisterFace(compiled(map_name), codes, building)

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Table
 from simulator import shaft
 from simulator.controller import Parameters
 from simulator.registers import Objection, RegisterFace
 from simulator.server import SimulatedController
+from tests.support.shipped_maps import compiled
 
 HOST = "127.0.0.1"
 ANSWERS_WITHIN_S = 2.0
@@ -526,7 +525,7 @@ def test_two_servers_that_choose_their_ports_get_two() -> None:
 def test_each_access_is_carried_out_at_the_time_its_clock_says() -> None:
     async def main() -> None:
         building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(2)))
-        face = RegisterFace(compile_map(load("generic-registers").map), (1, 2), building)
+        face = RegisterFace(compiled("generic-registers"), (1, 2), building)
         now = 0.0
         server = SimulatedController({1: face}, clock=lambda: now)
         await server.start()

@@ -23,12 +23,12 @@ from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.plant import default_floors, simulated_lift
 from lift_manager.lab.world.device import carry_out
 from register_maps import frames
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 from register_maps.frames import Request
-from register_maps.load import load
 from simulator.controller import Inputs, Parameters
 from simulator.registers import Endpoint, Objection, RegisterFace
 from tests.support.session_calls import SessionCalls
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 
 CALL = 16
@@ -37,11 +37,6 @@ FLOORS = {"generic-registers": {"L1": 1, "L2": 2, "L3": 3}}
 """Floors of maps that could have others; the rest get those of a simulation."""
 WORKSHOP = Holder("workshop", "workshop")
 OTHER = Holder("rmf", "fleet/robot1")
-
-
-def compiled(name: str) -> Codec:
-    """A shipped map, compiled."""
-    return compile_map(load(name).map)
 
 
 def asked_of(request: Request) -> tuple[int, ...]:
@@ -136,7 +131,7 @@ class Spine(SessionCalls):
         start = loop.time()
         async with asyncio.timeout(within_s):
             while not true(self.state):
-                await elapse(0.02)
+                await elapse(0.05)
         return loop.time() - start
 
 

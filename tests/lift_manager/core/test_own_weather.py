@@ -19,12 +19,11 @@ from lift_manager.core.ticker import BEAT_S, Ticker
 from lift_manager.domain.asking import Accepted, Ask
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Holder, Quality
-from register_maps.codec import compile_map
-from register_maps.load import load
 from register_maps.words import Side, Table
+from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 
-CODEC = compile_map(load("generic-registers").map)
+CODEC = compiled("generic-registers")
 FLOORS = {"L1": 1, "L2": 2, "L3": 3}
 GOOD, BAD = ("north", "east", "south"), "west"
 ROBOT = Holder("workshop", "workshop")

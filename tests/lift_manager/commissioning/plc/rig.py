@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from lift_manager.commissioning.plc.program import PlcProgram, render
-from register_maps.codec import Codec, compile_map
+from register_maps.codec import Codec
 from register_maps.load import load
 from tests.lift_manager.commissioning.plc.structured_text import Machine
+from tests.support.shipped_maps import compiled
 
 CYCLE_S = 0.05
 ALL_WELL = (
@@ -93,7 +94,7 @@ class Rig:
 
     @property
     def codec(self) -> Codec:
-        return compile_map(load(self.layout.map_name).map)
+        return compiled(self.layout.map_name)
 
     def contacts(self, **states: bool) -> None:
         for name, state in states.items():
