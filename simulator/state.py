@@ -18,10 +18,8 @@ from simulator.modes import NO_GRANT, Key, RobotGrant
 from simulator.shaft import NEGLIGIBLE_S
 
 TICK_S = 0.1
-"""Longest stretch of mechanical time without a look at car and doors, however fast time is made to run. Chosen: the
-two
-default scans, in which a car at 1 m/s goes half as far as the zone of a floor reaches; at normal speed there is one look per
-scan."""
+"""Longest stretch of mechanical time without a look at car and doors, however fast time is made to run. Chosen: two default
+scans, in which a car at 1 m/s goes half as far as the zone of a floor reaches. At normal speed there is one look per scan."""
 
 
 @unique
