@@ -203,6 +203,10 @@ class Process:
         self._ask(do="hear", topic=topic, kind=kind, offer=vars(offer))
         self.says(lambda said: said.get("hearing") == topic)
 
+    def has_written(self, topic: str, samples: int) -> None:
+        """Wait until so many samples at once are out: whoever comes now comes after them."""
+        self.says(lambda said: said.get("written") == samples and said["topic"] == topic)
+
     def heard(self, topic: str, data: bytes) -> None:
         """Wait until it heard this on a topic."""
         self.says(lambda said: said.get("heard") == topic and said["data"] == data.hex())
@@ -279,6 +283,7 @@ def main(domain: int, config: str) -> None:
             say(hearing=topic)
         else:
             partner.write(topic, *map(bytes.fromhex, asked["samples"]))
+            say(topic=topic, written=len(asked["samples"]))
 
 
 if __name__ == "__main__":

@@ -69,6 +69,7 @@ def test_an_adapter_that_starts_again_is_found_and_hears_nothing_of_before(setti
         supervisor.hear(FIRE, "alarm", Offer(transient=True))
         supervisor.offer(REQUESTS, "request", Offer(transient=True), readers=0)
         supervisor.write(REQUESTS, *(ORACLE.request(request(floor=f"old{n}")) for n in range(30)))
+        supervisor.has_written(REQUESTS, 30)
         for turn in (1, 2):
             with adapter(settings) as (dds, heard):
                 heard.wait_for("matched")
