@@ -354,9 +354,9 @@ def test_a_controller_that_is_slow_at_arithmetic_has_longer_than_tcp_has(
 
 def test_nobody_there_is_refused_as_without_tls(run: Run, tls: LinkTls) -> None:
     async def test() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as gone:
-            port = gone.getsockname()[1]
-        error = await refusal(PymodbusWire("127.0.0.1", port, tls=tls))
+        with socket.socket() as mute:  # has the port, so that nobody else can be there, and does not listen
+            mute.bind(("127.0.0.1", 0))
+            error = await refusal(PymodbusWire("127.0.0.1", mute.getsockname()[1], tls=tls))
         assert error.problem is ConnectProblem.REFUSED
 
     run(test)

@@ -551,12 +551,12 @@ def test_it_can_be_stopped_at_any_moment_of_a_new_connection(run: Callable[[Main
 
 def test_a_client_whose_server_is_not_there_is_reset() -> None:
     async def main() -> None:
-        with socket.create_server((HOST, 0)) as free:
-            port = free.getsockname()[1]
-        async with FaultProxy(HOST, port, WireFaults()) as proxy:
-            with pytest.raises(ConnectionResetError):
-                async with client(proxy) as (reader, _):
-                    await reader.readexactly(1)
+        with socket.socket() as mute:  # has the port, so that nobody else's server can be there, and does not listen
+            mute.bind((HOST, 0))
+            async with FaultProxy(HOST, mute.getsockname()[1], WireFaults()) as proxy:
+                with pytest.raises(ConnectionResetError):
+                    async with client(proxy) as (reader, _):
+                        await reader.readexactly(1)
 
     on_asyncio(main)
 

@@ -204,7 +204,7 @@ def test_requests_that_nobody_takes_are_given_up_and_counted(settings: RosSettin
     partner.offer(REQUESTS, "request", Offer())
     data = ORACLE.request(request("flood"))
     written = 0
-    while not dds.dropped:
+    while dds.dropped < MOST_CALLS / 2:  # the first may be lost before they come here: a busy machine takes them late
         partner.write(REQUESTS, *[data] * 200)
         written += 200
     partner.close()
