@@ -69,10 +69,11 @@ class Aboard:
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
         """Believe a holder that lets go of the lift where it stands: that is its word that it is out."""
-        if isinstance(answer, Accepted):
-            self._asked[ask.lift] = ask
+        if isinstance(answer, Refused):
+            return
+        self._asked[ask.lift] = ask
         lets_go = ask.robot is RobotWord.LEFT or (not ask.hold_door and self._at.get(ask.lift) == ask.floor)
-        if isinstance(answer, Accepted) and lets_go and self._robots.get(ask.lift) == ask.holder:
+        if lets_go and self._robots.get(ask.lift) == ask.holder:
             self.left(ask.lift)
 
     def struck(self, at: float, struck: Struck) -> None:
