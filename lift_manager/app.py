@@ -27,7 +27,7 @@ from drivers.thread import in_thread
 from lift_manager.config.check import canonical_host
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
-from lift_manager.config.site import Controller
+from lift_manager.config.site import Api, Controller
 from lift_manager.config.tls import path_of, tls_cautions
 from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal, ShortJournal
@@ -50,7 +50,9 @@ from lift_manager.rmf.run import Running
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
+from lift_manager.web.accepting import connections_limit
 from lift_manager.web.app import make_app, running_version
+from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.server import serve
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.codec import compile_map
@@ -188,6 +190,7 @@ async def run(
     """
     faces = faces or Faces()
     tls = _https(loaded)
+    limits = ConnectionLimits.of(connections_limit(), loaded.site.api.trusted_proxies)
     with ExitStack() as ends:
         for controller in loaded.controllers.values():
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
@@ -211,9 +214,11 @@ async def run(
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            serving = tasks.create_task(guarded(serve(_web(building, faces.keys), sock, tls=tls)))
-            limits = patience(loaded, building.links) if systemd.is_heard else {}
-            alive = watch(systemd, limits, manager.polls, lambda: _status(manager))
+            serving = tasks.create_task(
+                guarded(serve(_web(building, loaded.site.api, faces.keys), sock, tls=tls, limits=limits))
+            )
+            patience_s_of = patience(loaded, building.links) if systemd.is_heard else {}
+            alive = watch(systemd, patience_s_of, manager.polls, lambda: _status(manager))
             running.append(tasks.create_task(guarded(alive)))
             ready()
             await stop.wait()
@@ -332,8 +337,9 @@ def _status(manager: LiftManager) -> str:
     return f"{len(states)} lift(s), {live} live, {sum(manager.polls().values())} polls"
 
 
-def _web(building: Building, keys: KeyFile | None) -> FastAPI:
-    return make_app(building.manager, keys, frames=building.sources, metrics=building.metrics.scrape)
+def _web(building: Building, api: Api, keys: KeyFile | None) -> FastAPI:
+    names = (api.host, *api.host_names)
+    return make_app(building.manager, keys, frames=building.sources, metrics=building.metrics.scrape, host_names=names)
 
 
 async def _let_go(manager: LiftManager) -> bool:

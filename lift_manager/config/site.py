@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipaddress import ip_address
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -136,6 +136,23 @@ def _is_address(text: str) -> bool:
 
 Host = Annotated[Text, AfterValidator(_host)]
 
+
+Network = IPv4Network | IPv6Network
+
+
+def _network(text: str) -> Network:
+    try:
+        return ip_network(text)
+    except ValueError:
+        message = "{text} is no address and no network, such as 192.0.2.5 or 192.0.2.0/28"
+        raise PydanticCustomError("network", message, {"text": repr(text)}) from None
+
+
+if TYPE_CHECKING:
+    SomeNetwork = Network
+else:
+    SomeNetwork = Annotated[Text, AfterValidator(_network)]
+
 if TYPE_CHECKING:
     SomeHours = Hours
 else:
@@ -162,6 +179,10 @@ class Api(_Part):
     """HTTPS, and nothing else on that port; plain HTTP when not said."""
     without_keys: Text | None = None
     """Why it is acceptable that whoever reaches another address than loopback may ask anything while there are no keys."""
+    host_names: tuple[Host, ...] = ()
+    """Names by which clients address the manager, beside its addresses and localhost: others are refused while there are no keys."""
+    trusted_proxies: tuple[SomeNetwork, ...] = ()
+    """Addresses and networks of proxies, through which many clients connect: the limit on connections of one client is none for them."""
 
 
 class ControllerTls(_Part):

@@ -7,9 +7,10 @@ import logging
 import resource
 import socket
 import ssl
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from contextlib import suppress
-from typing import NamedTuple
+
+from lift_manager.web.connections import Connections
 
 MOST_CONNECTIONS = 1000
 """Chosen: a site has tens of robots, and hundreds of pages and programs that listen."""
@@ -52,13 +53,6 @@ def allow_files(wanted: int = FILES_WANTED) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
-class _Coming(NamedTuple):
-    """A connection that has not shaken hands yet."""
-
-    protocol: asyncio.BaseProtocol
-    since: float
-
-
 class Acceptor:
     """Hands every connection that a listening socket gets to a protocol of its own, until `close`.
 
@@ -70,21 +64,19 @@ class Acceptor:
         self,
         sock: socket.socket,
         make: Callable[[], asyncio.Protocol],
-        connected: Collection[asyncio.BaseProtocol],
+        connections: Connections,
         next_context: NextContext | None,
         *,
         handshake_s: float,
-        limit: int,
     ) -> None:
-        """Begin. `connected`: the protocols whose connection is made and not lost yet, kept by them; `limit` is how many may be."""
+        """Begin. A protocol that is made takes its own place among the `connections` once it is connected, and gives it up."""
         self._loop = asyncio.get_running_loop()
         self._sock = sock
         self._make = make
-        self._connected = connected
+        self._connections = connections
         self._next_context = next_context
         self._handshake_s = handshake_s
-        self._limit = limit
-        self._coming: dict[asyncio.Task[None], _Coming] = {}
+        self._coming: set[asyncio.Task[None]] = set()
         self._again: asyncio.TimerHandle | None = None
         self._is_short = False
         self._loop.add_reader(sock, self._accept)
@@ -94,58 +86,51 @@ class Acceptor:
         if self._again is not None:
             self._again.cancel()
         self._loop.remove_reader(self._sock)
-        for task in self._coming:
+        for task in list(self._coming):
             task.cancel()
 
     def _accept(self) -> None:
         for _ in range(_AT_ONCE):
             try:
-                connection, _ = self._sock.accept()
+                connection, address = self._sock.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 return
             except OSError as error:
                 self._pause(error)
                 return
             self._is_short = False
-            if self._has_room():
-                self._take(connection)
+            if self._connections.make_room(address[0]):
+                self._take(connection, address[0])
             else:
                 connection.close()
 
-    def _has_room(self) -> bool:
-        """Whether there is a place, or one that could be cleared."""
-        # one set, because a protocol is in both for a moment
-        taken = {*(coming.protocol for coming in self._coming.values()), *self._connected}
-        if len(taken) < self._limit:
-            return True
-        for task, oldest in self._coming.items():
-            if self._loop.time() < oldest.since + YIELDS_AFTER_S:
-                return False
-            del self._coming[task]
-            task.cancel()
-            return True
-        return False
-
-    def _take(self, connection: socket.socket) -> None:
+    def _take(self, connection: socket.socket, address: str) -> None:
         connection.setblocking(False)
         protocol = self._make()
         task = self._loop.create_task(self._hand_over(connection, protocol))
-        self._coming[task] = _Coming(protocol, self._loop.time())
-        task.add_done_callback(lambda done: self._coming.pop(done, None))
+        self._connections.add(protocol, address, task.cancel, yields_after_s=YIELDS_AFTER_S)
+        self._coming.add(task)
+        task.add_done_callback(self._coming.discard)
 
     async def _hand_over(self, connection: socket.socket, protocol: asyncio.Protocol) -> None:
+        is_handed_over = False
         # whoever does not get through the handshake is told so by TLS, and is no trouble of ours
-        with suppress(OSError):
-            if self._next_context is None:
-                await self._loop.connect_accepted_socket(lambda: protocol, connection)
-                return
-            await self._loop.connect_accepted_socket(
-                lambda: protocol,
-                connection,
-                ssl=self._next_context(),
-                ssl_handshake_timeout=self._handshake_s,
-                ssl_shutdown_timeout=GOODBYE_WITHIN_S,
-            )
+        try:
+            with suppress(OSError):
+                if self._next_context is None:
+                    await self._loop.connect_accepted_socket(lambda: protocol, connection)
+                else:
+                    await self._loop.connect_accepted_socket(
+                        lambda: protocol,
+                        connection,
+                        ssl=self._next_context(),
+                        ssl_handshake_timeout=self._handshake_s,
+                        ssl_shutdown_timeout=GOODBYE_WITHIN_S,
+                    )
+                is_handed_over = True
+        finally:
+            if not is_handed_over:
+                self._connections.remove(protocol)
 
     def _pause(self, error: OSError) -> None:
         """Wait a little where this computer has no room for a connection: the socket would call again at once."""

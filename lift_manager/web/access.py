@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 from urllib.parse import unquote_plus
 
@@ -17,7 +17,7 @@ from lift_manager.domain.asking import TurnedAway
 from lift_manager.domain.keys import Key, Keys, Secret, holds_key
 from lift_manager.web.attempts import Attempts
 from lift_manager.web.body import LingeringResponse
-from lift_manager.web.faces import No, answer, is_api, is_workshop, not_found, wrong_method
+from lift_manager.web.faces import No, answer, is_workshop, not_found, wrong_method
 from lift_manager.web.origin import by_a_foreign_name
 from lift_manager.web.query import read_query
 
@@ -26,8 +26,9 @@ KEY_IN_ADDRESS = (
     " one in the header `Authorization: Bearer ...` alone"
 )
 BY_NAME = (
-    "a web browser asked this site, which has no keys, by a name; whoever owns a name may let it lead here, so a browser has to ask by"
-    " the IP address of the manager's computer, or by localhost on it; or make keys with `lift-manager keys make`"
+    "this site has no keys, and the request names a host that is not known to be the manager: the owner of any name may let it lead"
+    " here. Use the IP address of the manager's computer, or localhost on it; list the name in `api: {host_names: [...]}` of the site"
+    " file; or make keys with `lift-manager keys make`"
 )
 NO_KEY = "a key is needed: send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one"
 BAD_KEY = "this key does not count here: it may be mistyped, revoked, or of another site"
@@ -53,9 +54,17 @@ def turned_away(request: Request, code: str, text: str, lift: str) -> TurnedAway
 class Gate:
     """Passes on what is in the table of routes, and may be asked by who asks it. All else ends here."""
 
-    def __init__(self, app: ASGIApp, routes: Sequence[Route], keys: Keys, note: Callable[[TurnedAway], None]) -> None:
-        """`note` hears of everybody who may not."""
+    def __init__(
+        self,
+        app: ASGIApp,
+        routes: Sequence[Route],
+        keys: Keys,
+        note: Callable[[TurnedAway], None],
+        host_names: Collection[str] = (),
+    ) -> None:
+        """`note` hears of everybody who may not. Without keys the manager is known by `host_names`, its addresses and localhost alone."""
         self._app = app
+        self._host_names = frozenset(name.lower() for name in host_names)
         self._keys = keys
         self._note = note
         self._routes = [(compile_path(route.path)[0], route) for route in routes]
@@ -79,6 +88,9 @@ class Gate:
         if holds_key(path) or holds_key(unquote_plus(scope["query_string"].decode("latin-1"))):
             return self._turned_away(scope, No(400, "key_in_address", KEY_IN_ADDRESS), "a key in its address")
         route, lift, methods = self._find(path, scope["method"])
+        if not self._keys.needed and by_a_foreign_name(Request(scope), self._host_names):
+            no = No(403, "another_site", BY_NAME)
+            return self._turned_away(scope, no, "it names a host that is not known to be the manager", lifts=[lift])
         if route is not None and route.need is Need.NOTHING:
             return None
         if self._keys.needed:
@@ -90,8 +102,6 @@ class Gate:
             if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
                 about = f"the key {key.name} may not do this"
                 return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
-        elif route is not None and _counts(path, route) and by_a_foreign_name(Request(scope)):
-            return self._turned_away(scope, No(403, "another_site", BY_NAME), "a browser asked by a name", lifts=[lift])
         if route is None:
             return wrong_method(path, methods) if methods else not_found(path)
         return None
@@ -129,11 +139,6 @@ class Gate:
 def caller_name(path: str, key: Key) -> str:
     """Return the caller as the journal shows it: that of the workshop API is a holder."""
     return f"workshop:{key.name}" if is_workshop(path) else key.name
-
-
-def _counts(path: str, route: Route) -> bool:
-    """Whether it matters that a web page of another site may ask: all of /api, and what commands a lift."""
-    return is_api(path) or route.need is not Need.READ
 
 
 def _asked(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:

@@ -30,6 +30,7 @@ Where the site has a live key. "no" is 401 without a key and 403 with one.
 """
 _BETWEEN = """
 Where it has none. On an address that other computers reach, this needs `api: {without_keys: "<why>"}` in the site file.
+Each request has to name the manager by an address, as localhost, or by `host` or one of `host_names` under `api`.
 
 """
 

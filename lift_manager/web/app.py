@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from http import HTTPStatus
 from importlib.metadata import PackageNotFoundError, version
 
@@ -52,11 +52,12 @@ def make_app(
     frames: FrameSource | None = None,
     metrics: Scrape | None = None,
     streams: int | None = None,
+    host_names: Collection[str] = (),
 ) -> FastAPI:
     """Everything a browser or a REST client can reach; one is enough for one facade.
 
     At most so many `streams` are open at a time; where nobody says, a part of the connections that this computer has room for.
-    Without `keys` everybody is let in. What is not in `routes` cannot be reached, whatever is added to the application.
+    Without `keys` everybody is let in who addresses the manager as localhost, by an address or by one of `host_names`. What is not in `routes` cannot be reached, whatever is added to the application.
     """
     app = FastAPI(
         title="Lift manager",
@@ -79,7 +80,7 @@ def make_app(
     )
     app.add_exception_handler(HTTPException, _explain)
     keys = keys or KeyRing()
-    app.add_middleware(Gate, routes=routes, keys=keys, note=facade.turned_away)
+    app.add_middleware(Gate, routes=routes, keys=keys, note=facade.turned_away, host_names=host_names)
     app.add_middleware(LastResort)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)

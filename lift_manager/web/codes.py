@@ -108,8 +108,9 @@ OWN: Mapping[str, Code] = {
     "not_allowed": Code(403, "The key may not do this", "Its role is another, or it does not name the lift."),
     "another_site": Code(
         403,
-        "Another site's web page asked",
-        "Only programs and this manager's own pages may; where there are no keys, a browser asks by IP address or localhost.",
+        "Another site's web page, or an unknown host name",
+        "Only programs and this manager's own pages may send this. A site without keys is addressed by IP address, as localhost, or by one"
+        " of `api: {host_names: [...]}` in its site file.",
     ),
     "other_computer": Code(
         403,

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from http import HTTPStatus
+from typing import Any
 
+import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.server import ServerState
 
+from lift_manager.web.body import LINGER_BYTES, LINGER_S
+from lift_manager.web.connections import Connections
 from lift_manager.web.faces import No, answer
 
 ADVICE = (
@@ -23,6 +28,7 @@ TAKEN_WITHIN_S = 60.0
 """Chosen: what waits is some 64 KiB at most (uvicorn's high-water mark), and whoever has not taken it by then does not read."""
 
 _BAD = No(400, "not_http", ADVICE)
+_WITHOUT_HOST = No(400, "not_http", "HTTP/1.1 needs the header Host, once: the name or address that was connected to")
 _TOO_LONG = No(
     431,
     "head_too_long",
@@ -30,7 +36,7 @@ _TOO_LONG = No(
 )
 
 
-class _HeadTooLong(Exception):
+class _HeadRefused(Exception):
     pass
 
 
@@ -42,20 +48,35 @@ class JsonHttpProtocol(HttpToolsProtocol):
     _in_head = True
     _late: asyncio.TimerHandle | None = None
     _unread: asyncio.TimerHandle | None = None
+    _lingering: asyncio.TimerHandle | None = None
+    _discarded_bytes = 0
+
+    def __init__(
+        self, config: uvicorn.Config, server_state: ServerState, app_state: dict[str, Any], connections: Connections
+    ) -> None:
+        super().__init__(config, server_state, app_state)
+        self._connections = connections
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin."""
         super().connection_made(transport)
+        self._connections.wait(self, transport.abort)
         self._begin_head()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
+        self._connections.remove(self)
         self._end_head()
         self._end_unread()
+        if self._lingering is not None:
+            self._lingering.cancel()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Read on; a head that does not end is cut off."""
+        if self._lingering is not None:
+            self._discard(data)
+            return
         super().data_received(data)
         if self._in_head and not self.transport.is_closing():
             self._head_bytes += len(data)
@@ -80,22 +101,48 @@ class JsonHttpProtocol(HttpToolsProtocol):
         self._begin_head()
 
     def on_headers_complete(self) -> None:
-        """Hand the request on, unless its head is too long."""
+        """Hand the request on, unless its head is too long or does not name a host."""
         self._end_head()
         size = len(self.url) + sum(len(name) + len(value) for name, value in self.headers)
         if size > HEAD_LIMIT_BYTES or len(self.headers) > HEADERS_LIMIT:
             self._no = _TOO_LONG
-            raise _HeadTooLong
+            raise _HeadRefused
+        hosts = sum(name == b"host" for name, _ in self.headers)
+        if hosts > 1 or (not hosts and self.parser.get_http_version() == "1.1"):
+            self._no = _WITHOUT_HOST
+            raise _HeadRefused
+        self._connections.serve(self)
         super().on_headers_complete()
 
+    def on_response_complete(self) -> None:
+        """Go on with the next request, or wait for one."""
+        super().on_response_complete()
+        if self.cycle.response_complete and not self.transport.is_closing():
+            self._connections.wait(self, self.transport.abort)
+
     def send_400_response(self, msg: str) -> None:
-        """Answer in JSON where uvicorn would answer with the line `msg`, and hang up."""
+        """Answer in JSON where uvicorn would answer with the line `msg`, and hang up.
+
+        What the client still sends is discarded for a bounded time: closing with unread data resets the connection, and a client
+        that sends everything before it reads would never see the answer.
+        """
         said = answer(self._path(), self._no)
         headers = [*said.raw_headers, (b"connection", b"close")]
         status = f"HTTP/1.1 {self._no.status} {HTTPStatus(self._no.status).phrase}".encode()
         lines = [status, *(name + b": " + value for name, value in headers)]
         self.transport.write(b"\r\n".join([*lines, b"", bytes(said.body)]))
-        self.transport.close()
+        self._end_head()
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.transport.close()  # the answer to an earlier request is cut off in any case
+            return
+        self._lingering = self.loop.call_later(LINGER_S, self.transport.close)
+        if self.transport.can_write_eof():
+            self.transport.write_eof()
+
+    def _discard(self, data: bytes) -> None:
+        self._discarded_bytes += len(data)
+        if self._discarded_bytes > LINGER_BYTES:
+            self.transport.close()
 
     def _path(self) -> str:
         """Where the answer's form comes from: of what is no HTTP only /api is known with certainty."""

@@ -21,21 +21,23 @@ _SCHEME = {
     "scheme": "bearer",
     "description": (
         "A key that `lift-manager keys make` has printed. As soon as a site has one, every request needs one. A site without keys"
-        " takes requests from its own computer, and from others only where its site file says so; from a web browser only by an IP"
-        " address or localhost, for any other name may be made to lead there."
+        " takes requests from its own computer, and from others only where its site file says so; only by an IP address, as localhost or"
+        " by one of `api: {host_names: [...]}`, for any other name may be made to lead there."
     ),
 }
 
 _REFUSALS = {
     400: "This is no HTTP, or the address holds a key, where it does not belong (`key_in_address`).",
-    401: "A key is needed (`key_needed`), or the one sent is mistyped, revoked or of another site (`bad_key`).",
-    403: "The key has not the role, or does not name the lift (`not_allowed`). A browser asked a site without keys by a name"
-    " (`another_site`).",
+    403: "The site has no keys, and the request names an unknown host (`another_site`).",
     431: "Address and headers are too long.",
     500: "A bug in the manager.",
 }
 
-_OF_KEYS = {401, 403}
+_OF_KEYS = {
+    401: "A key is needed (`key_needed`), or the one sent is mistyped, revoked or of another site (`bad_key`).",
+    403: "The key has not the role, or does not name the lift (`not_allowed`).",
+}
+"""Beside these, where a route needs a key."""
 
 Document = dict[str, Any]
 _DETAIL: Document = {
@@ -86,9 +88,8 @@ def _describe(path: str, operation: Document, need: Need) -> None:
     if not is_api(path):
         content = {"application/json": {"schema": ENVELOPE if is_workshop(path) else _DETAIL}}
     responses: Document = operation["responses"]
-    for status, text in _REFUSALS.items():
-        if need is Need.NOTHING and status in _OF_KEYS:
-            continue
+    refusals = [*_REFUSALS.items()] if need is Need.NOTHING else [*_OF_KEYS.items(), *_REFUSALS.items()]
+    for status, text in refusals:
         said = responses.setdefault(str(status), {"description": "", "content": content})
         said["description"] = f"{said['description']} {text}".strip()
         if status == 401:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ipaddress import IPv6Address, ip_address
+from collections.abc import Collection
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from urllib.parse import urlsplit
 
 from starlette.requests import Request
@@ -25,14 +26,17 @@ def from_another_site(request: Request) -> bool:
     return origin is not None and origin.partition("://")[2] != request.headers.get("host")
 
 
-def by_a_foreign_name(request: Request) -> bool:
-    """Whether a browser asked by a name that is not known to be this computer's.
+def by_a_foreign_name(request: Request, names: Collection[str]) -> bool:
+    """Whether a request names a host that is neither an address, nor localhost, nor one of these names (in lower case).
 
-    A page whose name was made to lead here after it was loaded is of the same site as what it asks, as far as its browser can tell. It
-    cannot make an address its name, nor localhost. Programs send none of these headers.
+    A page whose name was made to lead here after it was loaded is of the same site as what it requests, as far as its browser can tell,
+    and with a GET over plain HTTP that browser sends neither Origin nor Sec-Fetch. It cannot make an address its name, nor
+    localhost. No browser leaves the header out.
     """
-    by_browser = any(name == "origin" or name.startswith("sec-fetch-") for name in request.headers)
-    return by_browser and not _is_address(_asked_for(request))
+    if "host" not in request.headers:
+        return False
+    host = _asked_for(request)
+    return not _is_address(host) and host not in names
 
 
 def from_this_computer(request: Request) -> bool:
@@ -75,8 +79,12 @@ def is_loopback(host: str) -> bool:
     if host == "localhost":
         return True
     try:
-        address = ip_address(host)
+        return unmapped(host).is_loopback
     except ValueError:
         return False
-    mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None
-    return (mapped or address).is_loopback
+
+
+def unmapped(address: str) -> IPv4Address | IPv6Address:
+    """Return an address, that of IPv4 where it is written as one of IPv6. Raises ValueError."""
+    found = ip_address(address)
+    return (found.ipv4_mapped if isinstance(found, IPv6Address) else None) or found

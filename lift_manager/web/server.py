@@ -12,6 +12,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from lift_manager.web.accepting import HANDSHAKE_WITHIN_S, Acceptor, NextContext, connections_limit
+from lift_manager.web.connections import ConnectionLimits, Connections
 from lift_manager.web.ending import KEY, Ending
 from lift_manager.web.errors import ListenError
 from lift_manager.web.http_protocol import JsonHttpProtocol
@@ -82,11 +83,11 @@ async def serve(
     *,
     tls: ServerCertificates | None = None,
     handshake_s: float = HANDSHAKE_WITHIN_S,
-    connections: int | None = None,
+    limits: ConnectionLimits | None = None,
 ) -> None:
     """Answer on `sock` until cancelled, then be out within a second and leave `sock` closed; HTTPS alone with `tls`.
 
-    At most so many `connections` are there at a time; where nobody says, as many as this computer has descriptors for.
+    Without `limits` there may be as many connections as this computer has descriptors for.
     Signals are left to the caller. A task that is cancelled before it ever ran closes nothing: put the socket into a
     `with` around it.
     """
@@ -104,7 +105,8 @@ async def serve(
     )
     # the annotation says int, but the number goes straight to asyncio.wait_for
     config.timeout_graceful_shutdown = CANCEL_AFTER_S  # type: ignore[assignment]
-    server = _Server(config, None if tls is None else tls.next_context, handshake_s, connections or connections_limit())
+    limits = limits or ConnectionLimits.of(connections_limit())
+    server = _Server(config, None if tls is None else tls.next_context, handshake_s, Connections(limits))
     try:
         await server.serve(sockets=[sock])
     except asyncio.CancelledError:
@@ -118,26 +120,27 @@ async def serve(
 class _Server(uvicorn.Server):
     """uvicorn's server as a part of a program, not as its owner, and with our own way of taking connections."""
 
-    def __init__(self, config: uvicorn.Config, tls: NextContext | None, handshake_s: float, connections: int) -> None:
+    def __init__(
+        self, config: uvicorn.Config, tls: NextContext | None, handshake_s: float, connections: Connections
+    ) -> None:
         super().__init__(config)
         self.servers = []
         self._tls = tls
         self._handshake_s = handshake_s
-        self._limit = connections
+        self._connections = connections
         self._ending = Ending()
         self._acceptors: list[Acceptor] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Take connections."""
-        connected = self.server_state.connections
         self._acceptors += [
-            Acceptor(sock, self._protocol, connected, self._tls, handshake_s=self._handshake_s, limit=self._limit)
+            Acceptor(sock, self._protocol, self._connections, self._tls, handshake_s=self._handshake_s)
             for sock in sockets or ()
         ]
         self.started = True
 
     def _protocol(self) -> JsonHttpProtocol:
-        return JsonHttpProtocol(self.config, self.server_state, app_state={KEY: self._ending})
+        return JsonHttpProtocol(self.config, self.server_state, {KEY: self._ending}, self._connections)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Generator[None, None, None]:
@@ -152,6 +155,7 @@ class _Server(uvicorn.Server):
         """
         for acceptor in self._acceptors:
             acceptor.close()
+        self._connections.close()
         self._ending.tell()
         for connection in list(self.server_state.connections):
             connection.shutdown()

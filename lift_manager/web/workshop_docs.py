@@ -15,7 +15,7 @@ The small API that clients of `roscon_lift_adapter` use. Three rules hold for al
 `{"data": {...}, "success": true or false, "msg": "..."}`. A failure is HTTP 200 too, with `success: false`, an empty
 `data` and a `msg` that says why and names what is allowed. Only what never got as far as a lift has another status,
 with the same envelope: 400 (not HTTP, or a key in the address), 401 (a key is needed), 403 (the key may not do this, or
-a browser asked a site without keys by a name), 404 (no such path), 405 (wrong method), 431 (address and headers too
+a site without keys was addressed by an unknown host name), 404 (no such path), 405 (wrong method), 431 (address and headers too
 long), 500 (a bug in the manager).
 
 **Accepted is not done.** A request is answered as soon as it is accepted, from memory. Poll `lift_state` to see the

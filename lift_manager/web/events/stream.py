@@ -62,4 +62,5 @@ async def _until_gone(receive: Receive, reader: Reader) -> None:
 def _full(text: str) -> Response:
     no = problem(503, "too_many_streams", text)
     no.headers["retry-after"] = str(COME_BACK_S)
+    no.headers["connection"] = "close"  # its place is for another client
     return no

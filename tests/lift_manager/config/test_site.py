@@ -29,6 +29,19 @@ def test_a_good_site_file_gives_its_lifts_floors_and_maps(tmp_path: Path) -> Non
     assert (loaded.site.api.host, loaded.site.api.port) == ("127.0.0.1", 5003)
 
 
+def test_the_names_and_the_proxies_of_the_api_are_listed(tmp_path: Path) -> None:
+    api = "api: {host_names: [lift-pc.example], trusted_proxies: [192.0.2.5, 192.0.2.16/28, '2001:db8::/64']}\n"
+    found = load(tmp_path, GENERIC + api).site.api
+    assert found.host_names == ("lift-pc.example",)
+    assert [str(network) for network in found.trusted_proxies] == ["192.0.2.5/32", "192.0.2.16/28", "2001:db8::/64"]
+
+
+@pytest.mark.parametrize("proxy", ["proxy.example", "192.0.2.300", "192.0.2.5/28", "192.0.2.5:80"])
+def test_a_proxy_that_is_no_address_is_a_mistake(tmp_path: Path, proxy: str) -> None:
+    (found,) = findings(tmp_path, GENERIC + f"api: {{trusted_proxies: ['{proxy}']}}\n")
+    assert f"'{proxy}' is no address and no network, such as 192.0.2.5 or 192.0.2.0/28" in str(found)
+
+
 def test_a_lift_is_only_monitored_unless_the_file_says_control(tmp_path: Path) -> None:
     assert load(tmp_path, GENERIC, ("    access: control\n", "")).site.lifts["main"].access == "monitor"
     assert load(tmp_path, GENERIC).site.lifts["main"].access == "control"

@@ -21,6 +21,7 @@ from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lock
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.web.accepting import HANDSHAKE_WITHIN_S
 from lift_manager.web.app import make_app
+from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.server import listen, serve
 from lift_manager.web.tls import ServerCertificates
 from tests.lift_manager.web.fake_rides import FakeRides
@@ -125,8 +126,16 @@ def one_lift(state: LiftState) -> FakeManager:
     return FakeManager({state.lift: state})
 
 
+NAME = "lifts"
+"""By which `ask` addresses the manager."""
+
+
+def _make(facade: Facade, keys: Keys | None) -> FastAPI:
+    return make_app(facade, keys, host_names=(NAME,))
+
+
 def ask(facade: Facade, method: str, url: str, *, keys: Keys | None = None, **more: Any) -> httpx.Response:
-    return ask_app(app_of(facade, keys, make_app, _made), method, url, **more)
+    return ask_app(app_of(facade, keys, _make, _made), method, url, host=NAME, **more)
 
 
 class StandIn:
@@ -162,9 +171,9 @@ def app_of(facade: Facade, keys: Keys | None, make: Callable[[Facade, Keys | Non
     return app
 
 
-def ask_app(app: FastAPI, method: str, url: str, **more: Any) -> httpx.Response:
+def ask_app(app: FastAPI, method: str, url: str, *, host: str = "127.0.0.1", **more: Any) -> httpx.Response:
     async def once() -> httpx.Response:
-        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://lifts") as client:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=f"http://{host}") as client:
             return await client.request(method, url, **more)
 
     return asyncio.run(once())
@@ -178,10 +187,11 @@ async def serving(
     handshake_s: float = HANDSHAKE_WITHIN_S,
     connections: int | None = None,
 ) -> AsyncIterator[int]:
-    """The application on a free port of 127.0.0.1."""
+    """The application on a free port of 127.0.0.1, with at most so many `connections`."""
     sock = listen("127.0.0.1", 0)
     port: int = sock.getsockname()[1]
-    task = asyncio.create_task(serve(app, sock, tls=tls, handshake_s=handshake_s, connections=connections))
+    limits = None if connections is None else ConnectionLimits.of(connections)
+    task = asyncio.create_task(serve(app, sock, tls=tls, handshake_s=handshake_s, limits=limits))
     try:
         yield port
     finally:

@@ -1,7 +1,6 @@
 import asyncio
 import json
 import re
-import subprocess
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.web.app import make_app
+from tests.lift_manager.web.browser import shown_by_chromium
 from tests.lift_manager.web.fake import BASE, FakeManager, ask, serving
 
 PAGES = ["/docs", "/redoc"]
@@ -139,35 +139,12 @@ def test_the_documented_requests_and_refusals_are_the_real_ones() -> None:
     assert ask(FakeManager(), "POST", f"{url}elevator").json() == documented["Unknown lift"]["value"]
 
 
-CHROMIUM = [
-    "chromium",
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-    "--enable-logging=stderr",
-    "--virtual-time-budget=10000",
-    "--dump-dom",
-]
-
-
 @pytest.mark.external("chromium")
 @pytest.mark.parametrize(("path", "proof"), [("/docs", "opblock-summary-path"), ("/redoc", "menu-content")])
 def test_a_real_browser_renders_the_page_without_internet(path: str, proof: str, tmp_path: Path) -> None:
     async def render() -> tuple[str, str]:
         async with serving(make_app(FakeManager())) as port:
-            url = f"http://127.0.0.1:{port}{path}"
-            pipe = subprocess.PIPE
-            command = [*CHROMIUM, f"--user-data-dir={tmp_path}", url]
-            browser = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe)
-            dom, log = await browser.communicate()
-            return dom.decode(), log.decode()
+            return await shown_by_chromium(f"http://127.0.0.1:{port}{path}", tmp_path)
 
     dom, log = asyncio.run(render())
     assert proof in dom

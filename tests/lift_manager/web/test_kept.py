@@ -36,7 +36,7 @@ every_word = pytest.mark.parametrize(("path", "body"), WORDS)
 
 
 def client(app: object) -> httpx.AsyncClient:
-    return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://lifts")  # type: ignore[arg-type]
+    return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1")  # type: ignore[arg-type]
 
 
 def holding(disk_s: float) -> FakeManager:

@@ -16,6 +16,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.web.accepting import MOST_CONNECTIONS
 from lift_manager.web.app import make_app
 from lift_manager.web.body import KEYS_LIMIT, LIMIT_BYTES
+from lift_manager.web.connections import ConnectionLimits, Connections
 from lift_manager.web.http_protocol import (
     HEAD_LIMIT_BYTES,
     HEAD_WITHIN_S,
@@ -24,8 +25,9 @@ from lift_manager.web.http_protocol import (
     JsonHttpProtocol,
 )
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, connected, serving
+from tests.lift_manager.web.listening import listening
 
-NAMES = f"GET {BASE}/lift_names HTTP/1.1\r\nHost: lifts\r\n".encode()
+NAMES = f"GET {BASE}/lift_names HTTP/1.1\r\nHost: 127.0.0.1\r\n".encode()
 LONG = b"x" * HEAD_LIMIT_BYTES
 
 
@@ -45,7 +47,7 @@ async def all_of(port: int, sent: bytes) -> bytes:
     ("sent", "media_type"),
     [
         (b"GET /" + LONG, b"application/json"),
-        (b"GET /" + LONG + b" HTTP/1.1\r\nHost: lifts\r\n\r\n", b"application/json"),
+        (b"GET /" + LONG + b" HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b"application/json"),
         (NAMES + b"X-Long: " + LONG, b"application/json"),
         (NAMES + b"X-Long: " + LONG + b"\r\n\r\n", b"application/json"),
         (NAMES + b"X-Many: x\r\n" * HEADERS_LIMIT + b"\r\n", b"application/json"),
@@ -91,21 +93,114 @@ def test_a_connection_counts_each_of_its_requests_for_itself() -> None:
     assert run(main()).count(b"HTTP/1.1 200 ") == 5
 
 
-def test_more_connections_than_there_is_room_for_are_hung_up_on_and_the_others_go_on() -> None:
+async def ask_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Make a request, and read its answer to the end."""
+    writer.write(NAMES + b"\r\n")
+    head = await reader.readuntil(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 200"), head
+    await reader.readexactly(int(head.partition(b"content-length: ")[2].split(b"\r\n")[0]))
+
+
+async def is_closed(reader: asyncio.StreamReader) -> bool:
+    try:
+        return await reader.read() == b""
+    except ConnectionError:
+        return True
+
+
+def test_idle_connections_lock_nobody_out_and_the_one_that_was_idle_longest_is_closed_first(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), connections=50) as port, AsyncExitStack() as stack:
-            kept = [await stack.enter_async_context(connected(port)) for _ in range(50)]
-            for reader, writer in (kept[0], kept[-1]):
-                writer.write(NAMES + b"\r\n")
-                assert await reader.readexactly(12) == b"HTTP/1.1 200"
-            one_more, _ = await stack.enter_async_context(connected(port))
-            with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
-                await one_more.readexactly(1)
-            reader, writer = kept[1]
-            writer.write(NAMES + b"\r\n")
-            assert await reader.readexactly(12) == b"HTTP/1.1 200"
+        async with (
+            serving(make_app(FakeManager()), connections=20) as port,
+            AsyncExitStack() as stack,
+            asyncio.timeout(10),
+        ):
+            kept = [await stack.enter_async_context(connected(port)) for _ in range(20)]
+            for connection in (*kept[1:], kept[0]):
+                await ask_on(*connection)
+            for _ in range(3):
+                await ask_on(*(await stack.enter_async_context(connected(port))))
+            assert [await is_closed(reader) for reader, _ in kept[1:4]] == [True] * 3
+            await ask_on(*kept[0])
+            await ask_on(*kept[4])
 
     run(main())
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line == (
+        "api: all 20 places for connections are taken (20 by this computer); connections since the last such line:"
+        " 1 idle closed to make room, 0 new refused"
+    )
+
+
+def test_a_connection_on_which_nothing_was_asked_yet_makes_room_as_well() -> None:
+    async def main() -> None:
+        async with (
+            serving(make_app(FakeManager()), connections=20) as port,
+            AsyncExitStack() as stack,
+            asyncio.timeout(10),
+        ):
+            silent = [await stack.enter_async_context(connected(port)) for _ in range(20)]
+            await ask_on(*silent[-1])  # all of them are taken by then
+            await ask_on(*(await stack.enter_async_context(connected(port))))
+            assert await is_closed(silent[0][0])
+
+    run(main())
+
+
+def test_where_every_connection_is_being_served_a_new_one_is_hung_up_on_and_the_others_go_on() -> None:
+    async def main() -> None:
+        facade = FakeManager()
+        async with serving(make_app(facade, streams=20), connections=20) as port, AsyncExitStack() as stack:
+            async with asyncio.timeout(10):
+                streams = [await stack.enter_async_context(listening(port)) for _ in range(20)]
+                assert [await stream.begin() for stream in streams] == [200] * 20
+                one_more, _ = await stack.enter_async_context(connected(port))
+                assert await is_closed(one_more)
+                for stream in streams:
+                    await stream.take(1)
+
+    run(main())
+
+
+def test_a_stream_for_which_there_is_no_place_keeps_no_connection() -> None:
+    async def main() -> None:
+        async with serving(make_app(FakeManager(), streams=1)) as port, AsyncExitStack() as stack, asyncio.timeout(10):
+            first, second = [await stack.enter_async_context(listening(port)) for _ in range(2)]
+            assert await first.begin() == 200
+            assert await second.begin() == 503
+            assert b"connection: close" in second.head
+            assert (await second.reader.read()).endswith(b"}")
+
+    run(main())
+
+
+@pytest.mark.parametrize("head", [b"", b"Host: a\r\nHost: a\r\n"], ids=["no host", "two hosts"])
+def test_a_request_of_http_1_1_names_one_host(head: bytes) -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port:
+            return await all_of(port, f"GET {BASE}/lift_names HTTP/1.1\r\n".encode() + head + b"\r\n")
+
+    header, _, body = run(main()).partition(b"\r\n\r\n")
+    assert header.startswith(b"HTTP/1.1 400 ")
+    assert "needs the header Host, once" in json.loads(body)["msg"]
+
+
+def test_a_request_of_http_1_0_needs_no_host() -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port:
+            return await all_of(port, f"GET {BASE}/lift_names HTTP/1.0\r\n\r\n".encode())
+
+    assert run(main()).startswith(b"HTTP/1.1 200 ")
+
+
+def test_a_header_of_a_megabyte_is_answered_before_the_connection_is_closed() -> None:
+    async def main() -> bytes:
+        async with serving(make_app(FakeManager())) as port:
+            return await all_of(port, NAMES + b"X-Long: " + b"x" * 1_000_000 + b"\r\n\r\n")
+
+    assert run(main()).startswith(b"HTTP/1.1 431 ")
 
 
 @pytest.mark.parametrize(
@@ -167,7 +262,7 @@ class Line(asyncio.Transport):
 async def begun() -> tuple[JsonHttpProtocol, Line]:
     config = uvicorn.Config(make_app(FakeManager()), log_config=None)
     config.load()
-    protocol, line = JsonHttpProtocol(config, ServerState(), {}), Line()
+    protocol, line = JsonHttpProtocol(config, ServerState(), {}, Connections(ConnectionLimits.of(10))), Line()
     protocol.connection_made(line)
     return protocol, line
 

@@ -33,7 +33,7 @@ def run(main: Coroutine[Any, Any, Any], loop: Loop = asyncio.new_event_loop) -> 
 
 
 def head(length: str = "") -> bytes:
-    return f"POST {REQUEST} HTTP/1.1\r\nHost: lifts\r\n{length}\r\n".encode()
+    return f"POST {REQUEST} HTTP/1.1\r\nHost: 127.0.0.1\r\n{length}\r\n".encode()
 
 
 async def answer_to(port: int, *sent: bytes) -> tuple[bytes, bytes]:
@@ -200,11 +200,11 @@ def test_open_connections_do_not_delay_the_stop(loop: Loop, caplog: pytest.LogCa
             idle, stream, no_reader, half, _silent = [
                 await stack.enter_async_context(connected(port)) for _ in range(5)
             ]
-            idle[1].write(b"GET /nothing HTTP/1.1\r\nHost: lifts\r\n\r\n")
+            idle[1].write(b"GET /nothing HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             await one_answer(idle[0])
-            stream[1].write(b"GET /stream HTTP/1.1\r\nHost: lifts\r\n\r\n")
+            stream[1].write(b"GET /stream HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             await stream[0].readuntil(b"first")
-            no_reader[1].write(b"GET /flood HTTP/1.1\r\nHost: lifts\r\n\r\n")
+            no_reader[1].write(b"GET /flood HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
             await no_reader[0].readexactly(1)
             half[1].write(head("Content-Length: 100\r\n") + CALL)
             await half[1].drain()

@@ -204,7 +204,7 @@ def asked(
             context.wrap_socket(plain, server_hostname="127.0.0.1", session=session) as secured,
         ):
             reused = secured.session_reused
-            secured.sendall(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
+            secured.sendall(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
             return secured.recv(12), reused, secured.session
     except OSError:
         return b"", reused or False, None
@@ -215,7 +215,7 @@ async def is_heard(port: int, authority: Authority, client: Shown) -> bool:
     context.load_cert_chain(client.certificate, client.key)
     try:
         reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
-        writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
+        writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
         answer = await reader.read(12)
         writer.transport.abort()
     except OSError:
@@ -241,7 +241,7 @@ def test_the_server_is_out_within_a_second_though_a_client_keeps_its_connection_
     async def main() -> None:
         async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
             reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=client_side(authority))
-            writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: lifts\r\n\r\n".encode())
+            writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
             assert await reader.read(12) == b"HTTP/1.1 200"
             # one that has not shaken hands
             _, mute = await asyncio.open_connection("127.0.0.1", port)
@@ -289,8 +289,6 @@ def test_whoever_does_not_finish_the_handshake_counts_as_a_connection_and_makes_
             halves = [await stack.enter_async_context(connected(port)) for _ in range(50)]
             for _, writer in halves:
                 writer.write(sent)
-            with pytest.raises(OSError):  # noqa: PT011  which one depends on the loop
-                await names_shown(port, authority)
             async with asyncio.timeout(5):
                 await until_shown(port, authority)
             async with asyncio.timeout(5):
@@ -301,7 +299,7 @@ def test_whoever_does_not_finish_the_handshake_counts_as_a_connection_and_makes_
             assert gone.count(True) <= 2
 
     run(main())
-    assert caplog.messages == []
+    assert all("places for connections are taken" in line for line in caplog.messages)
 
 
 async def until_shown(port: int, authority: Authority) -> None:
