@@ -13,6 +13,7 @@ DriverError
     HeartbeatStopped         the controller answers, but its program stands still
         HeartbeatAwaited     the connection is new, and its program was not seen to run yet
     ControllerTaken          another process on this machine drives this controller
+    LockUnusable             it cannot be known whether one does
 """
 
 from __future__ import annotations
@@ -176,4 +177,12 @@ class ControllerTaken(DriverError):
 
     def __init__(self, peer: str, process: str) -> None:
         super().__init__(f"{peer} is driven by process {process} on this machine already; stop that one first", Sent.NO)
+        self.peer = peer
+
+
+class LockUnusable(DriverError):
+    """The lock that keeps other processes off a controller cannot be relied on; the message says why."""
+
+    def __init__(self, peer: str, why: str) -> None:
+        super().__init__(f"nothing keeps another manager on this machine off {peer}: {why}", Sent.NO)
         self.peer = peer

@@ -186,7 +186,7 @@ async def run(
 ) -> bool:
     """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go.
 
-    Raises ControllerTaken, ListenError for certificates that cannot be used, or DdsError, before anything is begun.
+    Raises ControllerTaken, LockUnusable, ListenError for certificates that cannot be used, or DdsError, before anything is begun.
     """
     faces = faces or Faces()
     tls = _https(loaded)

@@ -43,7 +43,10 @@ def compose(file: str, text: str) -> tuple[yaml.Node | None, Notes]:
     try:
         return _composed(composer)
     except yaml.MarkedYAMLError as error:
-        noted = (Finding(file, line, "", message) for line, message in composer.notes.values())
+        # what was noted quotes the file, which may be of another kind, and secret
+        noted = (
+            Finding(file, line, "", "anchors, aliases and tags are not allowed") for line, _ in composer.notes.values()
+        )
         raise MapFileError([*noted, _syntax(file, error)]) from error
 
 

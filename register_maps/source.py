@@ -117,6 +117,8 @@ def try_validate(
     Unknown keys are left out, and so are wrong entries of the tables named by `spare`; where something else is wrong there
     is no model.
     """
+    if message := _other_kind(source.data, model):
+        return None, (source.finding((), message),)
     findings = list(source.findings)
     told = set(source.spoiled)
     data = source.data
@@ -138,6 +140,19 @@ def try_validate(
                 break
             data = _without(data, (), dropped)
     return None, tuple(findings)
+
+
+def _other_kind(data: object, model: type[BaseModel]) -> str:
+    """Return why this is another kind of file; empty where it may be the right one.
+
+    Nothing of such a file is quoted: whoever names a file here may not be allowed to read it, and its content may be secret.
+    """
+    keys = _json_schema(model)["properties"].keys()
+    if isinstance(data, dict) and (not data or keys & data.keys()):
+        return ""
+    if not isinstance(data, dict):
+        return f"must be a table of keys, not {'a list' if isinstance(data, list) else 'a text or a number'}"
+    return f"is probably another file: it has none of the keys {', '.join(sorted(keys))}"
 
 
 @cache

@@ -10,19 +10,26 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.errors import ControllerTaken
+from drivers.errors import ControllerTaken, LockUnusable
+from drivers.own_files import is_shared, open_own
 
 
 @contextmanager
-def controller_lock(host: str, port: int) -> Iterator[None]:
-    """Hold the lock of one controller. Raises ControllerTaken when another process on this machine has it.
+def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> Iterator[None]:
+    """Hold the lock of one controller. Raises ControllerTaken when another process on this machine has it, and LockUnusable.
 
-    The system drops the lock with the process, however it ends.
+    The system drops the lock with the process, however it ends. `temporary` is the folder for temporary files, by default the system's.
     """
-    folder = Path(tempfile.gettempdir()) / f"lift-manager-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
+    folder = (temporary or Path(tempfile.gettempdir())) / f"lift-manager-{os.getuid()}"
     path = folder / f"{re.sub(r'[^0-9A-Za-z.-]', '_', host)}_{port}.lock"
-    with path.open("a+", encoding="utf-8") as file:
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        if folder.is_symlink() or is_shared(folder):
+            raise LockUnusable(f"{host}:{port}", f"{folder} can be written by others, or is a link; remove it")
+        descriptor = open_own(path, os.O_RDWR | os.O_APPEND)
+    except OSError as error:
+        raise LockUnusable(f"{host}:{port}", f"{path}: {error.strerror or error}") from error
+    with open(descriptor, "a+", encoding="utf-8") as file:  # noqa: PTH123  of a descriptor
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.errors import ControllerTaken
+from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
 from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, say, state_path_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
@@ -81,7 +81,7 @@ def serve(
             released = run(_serve(loaded, sock, stores, settings))
         except* DdsError as group:
             raise not_joined(group.exceptions[0]) from group
-        except* (ControllerTaken, ListenError) as group:
+        except* (ControllerTaken, LockUnusable, ListenError) as group:
             raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)

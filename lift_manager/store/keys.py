@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
+from drivers.own_files import is_shared, open_own, read_own
 from drivers.thread import in_thread
 from lift_manager.domain.access import Role
 from lift_manager.domain.journal import Row, RowKind
@@ -23,7 +24,7 @@ from lift_manager.domain.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.form import Head
 from lift_manager.store.form_part import Moment
-from lift_manager.store.place import replace_file
+from lift_manager.store.place import SHARED, replace_file, unshared
 
 _log = logging.getLogger(__name__)
 
@@ -80,10 +81,10 @@ def keys_path(state: Path) -> Path:
 
 def read_keys(path: Path, site: str) -> KeysForm:
     """Return the keys of a site; a file that is not there holds none. Raises KeysUnusable."""
+    if is_shared(path.parent):
+        raise _unusable(path, SHARED, unshared(path.parent))
     try:
-        with path.open("rb") as file:
-            status = os.fstat(file.fileno())
-            data = file.read()
+        data, status = read_own(path)
     except FileNotFoundError:
         return KeysForm(site=site)
     except OSError as error:
@@ -153,12 +154,10 @@ def make_key(path: Path, site: str, key: Key, *, by: str, at: datetime) -> Secre
 
 def revoke_key(path: Path, site: str, name: str, *, by: str, at: datetime) -> KeysForm:
     """Take back the live key of this name; returns what is left. Raises KeysUnusable."""
+    _named(read_keys(path, site), name)  # before there is a lock: it would say that there were keys
     with _alone(path):
         form = read_keys(path, site)
-        live = [entry.name for entry in form.live]
-        if name not in live:
-            there = f"the live keys are {', '.join(live)}" if live else "there is no live key"
-            raise KeysUnusable(f"no live key is named {name!r}; {there}")
+        _named(form, name)
         gone = {"revoked_at": at, "revoked_by": by}
         keys = tuple(
             entry.model_copy(update=gone) if entry.name == name and entry.revoked_at is None else entry
@@ -167,6 +166,14 @@ def revoke_key(path: Path, site: str, name: str, *, by: str, at: datetime) -> Ke
         left = form.model_copy(update={"keys": keys})
         _write(path, left)
     return left
+
+
+def _named(form: KeysForm, name: str) -> None:
+    """Raise KeysUnusable where there is no live key of this name."""
+    live = [entry.name for entry in form.live]
+    if name not in live:
+        there = f"the live keys are {', '.join(live)}" if live else "there is no live key"
+        raise KeysUnusable(f"no live key is named {name!r}; {there}")
 
 
 def _lock_of(path: Path) -> Path:
@@ -178,7 +185,7 @@ def _alone(path: Path) -> Iterator[None]:
     """Let one `lift-manager keys` at a time change the file."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        lock = os.open(_lock_of(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        lock = open_own(_lock_of(path))
     except OSError as error:
         raise _unwritable(path, error) from error
     try:
@@ -220,14 +227,11 @@ class KeyFile:
         self._trouble = ""
         self._seen = _signature(path)
         self._take(read_keys(path, site))
-        if self._seen is None and _lock_of(path).exists():
-            counts = "every request is let in without a key" if open_without else "every request is refused"
-            _log.warning(
-                "keys: %s is gone, and the lock beside it shows that there were keys; until there are again %s: put back a"
-                " copy of it, or make keys with `lift-manager keys make`",
-                path,
-                counts,
-            )
+        lock = _lock_of(path)
+        if self._seen is None and lock.exists():
+            what = f"is gone, though there were keys: {lock.name} is beside it"
+            advice = f"put back a copy of it, or make keys with `lift-manager keys make`; if this site is to have none, remove {lock}"
+            raise _unusable(path, what, advice)
 
     @property
     def needed(self) -> bool:

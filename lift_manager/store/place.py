@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from drivers.own_files import make_own, open_own
 from lift_manager.store.errors import StateUnusable
 
 
@@ -50,7 +51,7 @@ def claim(path: Path) -> int | None:
     """
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        lock = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        lock = open_own(path.with_name(f"{path.name}.lock"))
     except OSError:
         return None
     try:
@@ -67,11 +68,19 @@ def claim(path: Path) -> int | None:
     return lock
 
 
+SHARED = "is in a folder that other users can write to, who could replace it"
+
+
+def unshared(folder: Path) -> str:
+    """Return what makes a folder one of this user alone, in words."""
+    return f"`chmod go-w {folder}`, or name another folder with `state:` in the site file, which is then made for this user alone"
+
+
 def replace_file(path: Path, data: bytes) -> None:
     """Put new content in the place of a file: on the disk, or not at all. Raises OSError."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     beside = path.with_name(f"{path.name}.new")
-    with open(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:  # noqa: PTH123  of a descriptor
+    with open(make_own(beside), "wb") as file:  # noqa: PTH123  of a descriptor
         file.write(data)
         file.flush()
         os.fsync(file.fileno())

@@ -14,12 +14,13 @@ from weakref import finalize
 
 from pydantic import ValidationError
 
+from drivers.own_files import is_shared, read_own
 from drivers.thread import in_thread
 from lift_manager.core.memory import Trouble
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
 from lift_manager.store.form import FORMS, VERSION, Head, LiftForm, StateForm, StateFormV1, StateFormV2
-from lift_manager.store.place import claim, replace_file
+from lift_manager.store.place import SHARED, claim, replace_file, unshared
 
 _log = logging.getLogger(__name__)
 
@@ -153,6 +154,8 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
 
     No other process may open it for as long as the StateFile lives.
     """
+    if is_shared(path.parent):
+        raise _unusable(path, SHARED, unshared(path.parent))
     lock = claim(path)
     try:
         memory = StateFile(path, site, lifts, _kept(path, site, lifts), write)
@@ -167,7 +170,7 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
 
 def _kept(path: Path, site: str, lifts: Collection[str]) -> dict[str, Remembered]:
     try:
-        text = path.read_bytes()
+        text, _ = read_own(path)
     except FileNotFoundError as error:
         for other, name, lift in _keeping_out(path, lifts):
             what = f"is not there, and {other} beside it keeps robots off lift {lift!r} of the site {name!r}"

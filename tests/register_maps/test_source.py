@@ -135,6 +135,24 @@ def test_mistakes_before_broken_yaml_are_still_told(tmp_path: Path) -> None:
     assert [finding.line for finding in found] == [1, 3]
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "root:$6$SECRET$hash:19000:0:99999:7:::\nuser:SECRET:1::\n",
+        "-----BEGIN PRIVATE KEY-----\nMIISECRET/abc+def==\n-----END PRIVATE KEY-----\n",
+        "SECRET: {SECRET: SECRET}\nSECRETS: &SECRET [*SECRET]\n",
+        "user: *SECRET\npassword: &SECRET x\nopen: [SECRET\n",
+        "- SECRET\n",
+        "!!SECRET x\n",
+        "SECRET",
+    ],
+)
+def test_nothing_of_a_file_of_another_kind_is_quoted(tmp_path: Path, content: str) -> None:
+    found = findings_of(written(tmp_path, content))
+    assert found
+    assert "SECRET" not in "".join(map(str, found))
+
+
 def test_an_alias_is_one_finding_and_its_expansion_none(tmp_path: Path) -> None:
     found = findings_of(written(tmp_path, "name: a\nrooms: {b: &x {code: 1}, c: *x}\n"))
     assert [finding.key for finding in found] == ["rooms.b", "rooms.c"]

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
+from drivers.own_files import open_own
 from lift_manager.store.errors import JournalOfAnother, JournalUnusable
 from lift_manager.store.journal.chain import Stored, follows, seed
 
@@ -118,7 +119,7 @@ def unusable(path: Path, what: str, advice: str) -> JournalUnusable:
 def _make_file(path: Path) -> None:
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     # SQLite gives the files that it makes beside it the same rights
-    os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
+    os.close(open_own(path))
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

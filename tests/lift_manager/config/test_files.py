@@ -17,7 +17,7 @@ from tests.lift_manager.config.site_files import GENERIC, Said, assert_says_exac
         pytest.param(b"", said(None, "", "empty"), id="nothing"),
         pytest.param(b"# soon\n", said(None, "", "empty"), id="a comment only"),
         pytest.param(b"- one\n- two\n", said(1, "", "must be a table of keys", "list"), id="a list"),
-        pytest.param(b"hello\n", said(1, "", "must be a table of keys", "hello"), id="text"),
+        pytest.param(b"hello\n", said(1, "", "must be a table of keys"), id="text"),
         pytest.param(b"\x7fELF\x02\x01\xff\xfe", said(1, "", "not UTF-8"), id="a program"),
         pytest.param(b"name: a\x00b\n", said(1, "", "U+0000 is not allowed"), id="a zero byte"),
         pytest.param(b"a: " + b"[" * 500 + b"]" * 500, said(1, "", "nested more than"), id="a tower of brackets"),

@@ -197,19 +197,51 @@ def spoil(path: Path, damage: str) -> None:
             path.chmod(0o666)
 
 
-@pytest.mark.parametrize(("open_without", "said"), [(True, "is let in without a key"), (False, "is refused")])
-def test_a_file_that_is_gone_at_a_start_although_there_were_keys_is_a_warning(
-    path: Path, said: str, caplog: pytest.LogCaptureFixture, *, open_without: bool
+@pytest.mark.parametrize("open_without", [True, False])
+def test_a_file_that_is_gone_at_a_start_although_there_were_keys_is_refused_in_words(
+    path: Path, *, open_without: bool
 ) -> None:
-    watched(path)
-    assert caplog.records == []
+    watched(path, open_without=open_without)
     made(path)
     path.unlink()
-    watched(path, open_without=open_without)
-    (warning,) = caplog.records
-    assert warning.levelname == "WARNING"
-    assert f"{path} is gone" in warning.message
-    assert said in warning.message
+    with pytest.raises(KeysUnusable) as caught:
+        watched(path, open_without=open_without)
+    assert f"{path} is gone, though there were keys" in str(caught.value)
+    assert "put back a copy of it, or make keys" in str(caught.value)
+    made(path)
+    assert watched(path, open_without=open_without).needed
+
+
+def test_a_site_that_is_to_have_no_keys_any_more_is_served_without_once_its_lock_is_removed(path: Path) -> None:
+    made(path)
+    path.unlink()
+    with pytest.raises(KeysUnusable, match=f"remove {path}.lock"):
+        watched(path)
+    path.with_name(f"{path.name}.lock").unlink()
+    assert not watched(path).needed
+
+
+def test_a_key_that_could_not_be_revoked_leaves_no_sign_of_keys(path: Path) -> None:
+    with pytest.raises(KeysUnusable, match="there is no live key"):
+        revoke_key(path, SITE, "amr-1", by="beck", at=AT)
+    assert not watched(path).needed
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707])
+def test_a_folder_that_others_can_write_to_is_refused(path: Path, mode: int) -> None:
+    made(path)
+    path.parent.chmod(mode)
+    for use in (watched, made):
+        with pytest.raises(KeysUnusable, match=f"other users can write to.* `chmod go-w {path.parent}`"):
+            use(path)
+
+
+def test_a_link_in_the_place_of_the_file_is_refused(path: Path, tmp_path: Path) -> None:
+    made(path)
+    path.rename(tmp_path / "elsewhere")
+    path.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(KeysUnusable, match="it is a symbolic link"):
+        watched(path)
 
 
 @pytest.mark.parametrize(

@@ -371,3 +371,23 @@ def test_sites_whose_names_look_alike_have_files_of_their_own() -> None:
     assert all("/" not in name and not name.startswith(".") for name in names)
     assert names[0].startswith("a-b-")
     assert names[3].startswith("site-")
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707])
+def test_a_folder_that_others_can_write_to_is_refused(path: Path, mode: int) -> None:
+    path.parent.mkdir(parents=True)
+    path.parent.chmod(mode)
+    assert f"`chmod go-w {path.parent}`" in unusable(path)
+    assert list(path.parent.iterdir()) == []
+
+
+def test_no_link_is_followed(path: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.write_text("precious")
+    write_down(path, FIRE)
+    path.with_name(f"{path.name}.new").symlink_to(theirs)
+    write_down(path, FIRE, "west")
+    path.rename(tmp_path / "elsewhere")
+    path.symlink_to(tmp_path / "elsewhere")
+    assert "it is a symbolic link" in unusable(path)
+    assert theirs.read_text() == "precious"

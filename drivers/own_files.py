@@ -1,0 +1,48 @@
+"""Files that this program keeps for itself, where other users of the computer may be able to write."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+_NOT_FOLLOWED = "it is a symbolic link, and these are not followed; put the file itself there"
+
+
+def open_own(path: Path, flags: int = os.O_RDWR) -> int:
+    """Return a descriptor of a file, which is made for this user alone if it is not there. Raises OSError, also for a link."""
+    return _open(path, flags | os.O_CREAT)
+
+
+def make_own(path: Path) -> int:
+    """Return a descriptor for writing to a file that is made for this user alone; one that is left of a crash is removed. Raises OSError."""
+    path.unlink(missing_ok=True)
+    return _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+
+
+def read_own(path: Path) -> tuple[bytes, os.stat_result]:
+    """Return what a file holds, and whose it is. Raises OSError, also for a link."""
+    with open(_open(path, os.O_RDONLY), "rb") as file:
+        return file.read(), os.fstat(file.fileno())
+
+
+def is_shared(folder: Path) -> bool:
+    """Whether other users can put files into a folder, or replace those in it. One that is not there is not shared; nor is one of root's.
+
+    Root itself works in the folders of other users, whose services it looks after.
+    """
+    try:
+        status = folder.stat()
+    except OSError:
+        return False
+    me = os.geteuid()
+    return bool(status.st_mode & 0o022) or (me != 0 and status.st_uid not in (0, me))
+
+
+def _open(path: Path, flags: int) -> int:
+    try:
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise OSError(error.errno, _NOT_FOLLOWED, str(path)) from error
+        raise
