@@ -42,7 +42,7 @@ make_venv() {
     "$base" -m venv --clear "$venv" || stop "$base could not make $venv"
 }
 
-# A venv made by hand, or for an older pyproject.toml, is brought up to date; anything doubtful is made anew.
+# A venv made by hand, or for older versions of what it holds, is brought up to date; anything doubtful is made anew.
 venv_is_sound() {
     [ ! -e "$venv/installing" ] &&
         grep -qsF "$python" "$venv/bin/pip" && # false in a copied or moved folder: its commands run the original
@@ -52,8 +52,9 @@ venv_is_sound() {
 # prepare demo: what the program needs. prepare test: that, and what the tests need.
 prepare() {
     find_python
-    hash=$("$base" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' \
-        "$root/pyproject.toml") || stop "$root/pyproject.toml cannot be read"
+    hash=$("$base" -c 'import hashlib, sys; print(hashlib.sha256(b"".join(open(path, "rb").read() for path in sys.argv[1:])).hexdigest())' \
+        "$root/pyproject.toml" "$root/constraints/run.txt" "$root/constraints/dev.txt") ||
+        stop "pyproject.toml or the files in constraints/ cannot be read"
     is_ready "$1" && return
 
     # Two first starts at the same time must not install over each other.
@@ -61,6 +62,11 @@ prepare() {
     if command -v flock >/dev/null; then flock 9; fi
     if ! is_ready "$1"; then install "$1"; fi
     exec 9<&-
+}
+
+pip_install() {
+    "$python" -m pip install --quiet --disable-pip-version-check --no-input "$@" ||
+        stop "Installing failed, see above; the next start tries again."
 }
 
 is_ready() {
@@ -77,12 +83,13 @@ stamp() {
 install() {
     echo "Installing into .venv (first start, about a minute) ..." >&2
     # a test environment stays one
-    case $1$(cat "$venv/stamp" 2>/dev/null) in *test*) kind=test what="$root[dev]" ;; *) kind=demo what=$root ;; esac
+    case $1$(cat "$venv/stamp" 2>/dev/null) in *test*) kind=test needs=dev ;; *) kind=demo needs=run ;; esac
     venv_is_sound || make_venv
     rm -f "$venv/stamp"
     : >"$venv/installing"
-    "$python" -m pip install --quiet --disable-pip-version-check --no-input --editable "$what" ||
-        stop "Installing failed, see above; the next start tries again."
+    # In two steps, because a folder has no hash. The second one needs nothing but the setuptools of the first.
+    pip_install --require-hashes --requirement "$root/constraints/$needs.txt"
+    pip_install --no-deps --no-build-isolation --editable "$root"
     stamp "$kind" >"$venv/stamp"
     rm "$venv/installing"
 }

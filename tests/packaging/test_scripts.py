@@ -87,7 +87,12 @@ class Machine:
 
     @property
     def installs(self) -> list[str]:
-        return [line.rpartition(" ")[2] for line in self.lines("venv -m pip install")]
+        """The files of versions that were installed; after each of them the repository itself, and nothing that it needs."""
+        lines = self.lines("venv -m pip install")
+        needs, itself = lines[::2], lines[1::2]
+        assert all("--require-hashes --requirement" in line for line in needs)
+        assert all(line.endswith(f"--no-deps --no-build-isolation --editable {self.repo}") for line in itself)
+        return [line.rpartition("/")[2] for line in needs]
 
     def lines(self, start: str) -> list[str]:
         return [line for line in self.log.read_text().splitlines() if line.startswith(start)]
@@ -99,6 +104,7 @@ def machine(tmp_path: Path) -> Machine:
     fakes = tmp_path / "fakes"
     fakes.mkdir()
     shutil.copytree(ROOT / "scripts", repo / "scripts")
+    shutil.copytree(ROOT / "constraints", repo / "constraints")
     shutil.copy(ROOT / "pyproject.toml", repo)
     machine = Machine(repo=repo, fakes=fakes, log=tmp_path / "log")
     machine.add_python("python3")
@@ -108,7 +114,7 @@ def machine(tmp_path: Path) -> Machine:
     return machine
 
 
-@pytest.mark.parametrize("path", ["scripts/demo", "scripts/test", ".ci/run"])
+@pytest.mark.parametrize("path", ["scripts/demo", "scripts/test", "scripts/pin", ".ci/run"])
 def test_the_commands_are_executable_and_free_of_syntax_errors(path: str) -> None:
     assert os.access(ROOT / path, os.X_OK)
     for script in (ROOT / path, ROOT / "scripts" / "lib.sh"):
@@ -120,7 +126,7 @@ def test_a_first_demo_says_one_line_installs_what_the_program_needs_and_starts_i
     done = machine.run("demo", "--port", "5010", "two words")
     assert (done.returncode, done.stdout) == (0, "[demo]\n[--port]\n[5010]\n[two words]\n")
     assert done.stderr == "Installing into .venv (first start, about a minute) ...\n"
-    assert machine.installs == [str(machine.repo).split(" ")[-1]]
+    assert machine.installs == ["run.txt"]
 
 
 def test_a_second_demo_installs_nothing_and_says_nothing(machine: Machine) -> None:
@@ -134,7 +140,7 @@ def test_a_second_demo_installs_nothing_and_says_nothing(machine: Machine) -> No
 def test_a_demo_environment_is_completed_by_test_and_then_serves_both(machine: Machine) -> None:
     machine.run("demo")
     machine.run("test", "tests")
-    assert [what.endswith("[dev]") for what in machine.installs] == [True]
+    assert machine.installs == ["dev.txt"]
     assert machine.lines("python -m venv") == []
     machine.run("demo")
     assert machine.installs == []
@@ -142,12 +148,13 @@ def test_a_demo_environment_is_completed_by_test_and_then_serves_both(machine: M
     assert machine.installs == []
 
 
-def test_a_changed_pyproject_is_installed_into_the_same_environment(machine: Machine) -> None:
+@pytest.mark.parametrize("changed", ["pyproject.toml", "constraints/run.txt", "constraints/dev.txt"])
+def test_what_changed_is_installed_into_the_same_environment(machine: Machine, changed: str) -> None:
     machine.run("test", "tests")
-    with (machine.repo / "pyproject.toml").open("a") as file:
+    with (machine.repo / changed).open("a") as file:
         file.write("# changed\n")
     machine.run("demo")
-    assert [what.endswith("[dev]") for what in machine.installs] == [True], "a test environment stays one"
+    assert machine.installs == ["dev.txt"], "a test environment stays one"
     assert machine.lines("python -m venv") == []
 
 
