@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, StringConstraints
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from register_maps.words import Side
 
@@ -21,12 +22,34 @@ def printable(text: str) -> str:
     return text
 
 
+@dataclass(frozen=True, slots=True)
+class SchemaPattern:
+    """A pattern for the schema of a text alone, where a validator looks closer than a pattern can."""
+
+    pattern: str
+
+    def __get_pydantic_json_schema__(self, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the schema with the pattern."""
+        return handler(core_schema) | {"pattern": self.pattern}
+
+
+_UNSEEN = r"\u0000-\u001f\u007f-\u009f\u2028\u2029"
+ON_ONE_LINE = SchemaPattern(rf"^[^{_UNSEEN}]*$")
+"""Text without line breaks and control characters."""
+_SOMETHING_ON_ONE_LINE = SchemaPattern(rf"^[^{_UNSEEN}]*[^\s{_UNSEEN}][^{_UNSEEN}]*$")
+
 Words = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(printable)
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=200),
+    AfterValidator(printable),
+    _SOMETHING_ON_ONE_LINE,
 ]
 """A line of text from a caller."""
 ShortName = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=64), AfterValidator(printable)
+    str,
+    StringConstraints(strip_whitespace=True, min_length=1, max_length=64),
+    AfterValidator(printable),
+    _SOMETHING_ON_ONE_LINE,
 ]
 """A name from a caller."""
 Token = Annotated[str, StringConstraints(min_length=1, max_length=128, pattern=r"^[\x21-\x7e]+$")]

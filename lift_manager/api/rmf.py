@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
 from lift_manager.api.lifts import Age
-from lift_manager.api.parts import Answer, Part, ShortName
+from lift_manager.api.parts import ON_ONE_LINE, Answer, Part, ShortName
 from lift_manager.domain.rmf import LONGEST_GRACE_S, RmfLift, RmfRules, RmfSite
 from lift_manager.domain.state import RobotDoor
 from register_maps.words import Mode, Motion
@@ -26,6 +26,7 @@ SessionId = Annotated[
     str,
     StringConstraints(min_length=1, max_length=256),
     AfterValidator(_printable),
+    ON_ONE_LINE,
     Field(description="RMF's session id; the lift is then held by `rmf:<session_id>`.", examples=["fleet/amr-7"]),
 ]
 

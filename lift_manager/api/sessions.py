@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import AwareDatetime, BeforeValidator, Field, model_validator
+from pydantic import AwareDatetime, BeforeValidator, ConfigDict, Field, JsonValue, model_validator
+from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
 from lift_manager.api.parts import Answer, Door, Part, Seconds, ShortName, Token
@@ -91,8 +92,37 @@ class HandOverRequest(Part):
     robot: RobotName
 
 
+class _With(NamedTuple):
+    """What a key of a command goes with."""
+
+    do: Do
+    needed: bool
+
+
+_WITH = {
+    "floor": _With(Do.GO_TO, needed=True),
+    "clear": _With(Do.CLOSE_DOOR, needed=True),
+    "door": _With(Do.CLOSE_DOOR, needed=False),
+}
+
+
+def _conditions() -> JsonDict:
+    """Return the same for the schema of a command."""
+    rules: list[JsonValue] = []
+    for name, (do, needed) in _WITH.items():
+        given: JsonDict = {"required": [name], "properties": {name: {"not": {"type": "null"}}}}
+        rule: JsonDict = {
+            "if": {"properties": {"do": {"const": do.value}}},
+            "else": {"properties": {name: {"type": "null"}}},
+        }
+        rules.append(rule | {"then": given} if needed else rule)
+    return {"allOf": rules}
+
+
 class CommandRequest(Part):
     """One thing to do within a session."""
+
+    model_config = ConfigDict(json_schema_extra=_conditions())
 
     do: Do = Field(strict=False)
     floor: str | None = Field(default=None, max_length=200, description="With `go_to`.", examples=["L2"])
@@ -105,15 +135,12 @@ class CommandRequest(Part):
 
     @model_validator(mode="after")
     def _fits(self) -> CommandRequest:
-        needs = {"floor": self.do is Do.GO_TO, "clear": self.do is Do.CLOSE_DOOR}
-        for name, needed in needs.items():
+        for name, (do, needed) in _WITH.items():
             given = getattr(self, name) is not None
-            if needed and not given:
+            if self.do is do and needed and not given:
                 raise _misfit(name, f"is missing: {self.do} needs it")
-            if given and not needed:
+            if self.do is not do and given:
                 raise _misfit(name, f"does not go with {self.do}")
-        if self.door is not None and self.do is not Do.CLOSE_DOOR:
-            raise _misfit("door", f"does not go with {self.do}")
         return self
 
 

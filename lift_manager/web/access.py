@@ -107,11 +107,15 @@ class Gate:
         return None
 
     def _find(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
-        """Return the route, the lift in its path, and which methods the path takes where it is not this one."""
+        """Return the route, the lift in its path, and which methods the path takes where it is not this one.
+
+        Those are the methods of the first path that matches: that of one lift comes last, and matches all that is below the lifts.
+        """
         for pattern, route in self._routes:
             if method in route.methods and (match := pattern.match(path)) is not None:
                 return route, match.groupdict().get("lift", ""), ()
-        others = [method for pattern, route in self._routes if pattern.match(path) for method in route.methods]
+        addressed = next((route.path for pattern, route in self._routes if pattern.match(path)), None)
+        others = [method for _, route in self._routes if route.path == addressed for method in route.methods]
         return None, "", tuple(dict.fromkeys(others))
 
     def _caller(self, scope: Scope) -> Key | No:

@@ -90,19 +90,22 @@ def _errors(codes: tuple[str, ...]) -> dict[int, Json]:
     return found
 
 
-def in_path(name: str, description: str, example: str) -> Json:
+def in_path(name: str, description: str, example: str, pattern: str = "^[^/]+$") -> Json:
     """Return the parameter of a path."""
     return {
         "name": name,
         "in": "path",
         "required": True,
         "description": description,
-        "schema": {"type": "string"},
+        "schema": {"type": "string", "pattern": pattern},
         "example": example,
     }
 
 
-LIFT = in_path("lift", "A lift of the site, percent-encoded where its name needs it: `/` is `%2F`.", "east")
+_ANY_NAME = r"^[^\n]+$"
+"""A name that may hold a slash."""
+LIFT = in_path("lift", "A lift of the site, percent-encoded where its name needs it: `/` is `%2F`.", "east", _ANY_NAME)
+LINK = in_path("link", "A link of the site, as `GET /api/v1/links` names it, percent-encoded.", "plc", _ANY_NAME)
 SESSION = in_path("session", "The id that the answer to `POST .../sessions` told.", "s-4f1d2c")
 COMMAND = in_path("command", "The id that the answer to `POST .../commands` told.", "7")
 RIDE = in_path("ride", "The id that the answer to `POST /api/v1/rides` told.", "r-81c0")

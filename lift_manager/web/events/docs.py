@@ -10,6 +10,7 @@ from starlette.responses import Response
 from lift_manager.api.events import Links
 from lift_manager.api.problem import MEDIA_TYPE as PROBLEM_TYPE
 from lift_manager.web.events.sse import MEDIA_TYPE
+from lift_manager.web.operations import LINK
 from lift_manager.web.schemas import PROBLEM, schema_of
 
 TAG = "events"
@@ -98,6 +99,7 @@ def frames() -> dict[str, Any]:
     """What the route's registration wants to know, docs included."""
     return {
         "summary": "What goes over the wire",
+        "openapi_extra": {"parameters": [LINK]},
         "description": "Every Modbus frame of one link as an event `frame`, for tools. Without snapshot, ids and replay.",
         "response_class": Response,
         "responses": {

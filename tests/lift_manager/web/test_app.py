@@ -38,6 +38,23 @@ def test_an_unknown_workshop_path_is_404_in_the_envelope(path: str) -> None:
     assert envelope["msg"].startswith("Not Found; under /open-rmf/demo-lift/ there are: GET lift_names, ")
 
 
+@pytest.mark.parametrize("path", sorted({route.path for route in ROUTES}))
+def test_405_names_every_method_that_a_path_takes_and_no_other(path: str) -> None:
+    url = (
+        path.replace("{path:path}", "x.js")
+        .replace(":path}", "}")
+        .format(lift="lift", session="s1", command="1", ride="r1", link="plc")
+    )
+    allowed = list(dict.fromkeys(method for route in ROUTES if route.path == path for method in route.methods))
+    below_a_lift = path.startswith("/api/v1/lifts/{lift:path}/")
+    for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
+        if method == "GET" and below_a_lift and "GET" not in allowed:
+            assert ask(FakeManager(), method, url).status_code == 404, "a lift may have that name"
+        elif method not in allowed:
+            answer = ask(FakeManager(), method, url)
+            assert (answer.status_code, answer.headers["allow"]) == (405, ", ".join(allowed)), method
+
+
 @pytest.mark.parametrize(
     ("method", "path", "allowed"),
     [("POST", "lift_names", "GET"), ("PUT", "lift_state", "GET"), ("GET", "lift_request", "POST")],

@@ -7,11 +7,18 @@ from typing import Any
 
 import jsonschema
 import pytest
+from openapi_spec_validator import OpenAPIV31SpecValidator
+from pydantic import BaseModel, ValidationError
 
+from lift_manager.api.people import AcknowledgeRequest
 from lift_manager.api.problem import MEDIA_TYPE
 from lift_manager.api.rides import ANY
+from lift_manager.api.rmf import RmfEndedRequest
+from lift_manager.api.sessions import CommandRequest, OpenSessionRequest
 from lift_manager.domain.access import ROUTES, Need
+from lift_manager.domain.session_requests import Do
 from lift_manager.web.codes import CODES
+from lift_manager.web.schemas import schema_of
 from tests.lift_manager.web.fake import FakeManager, ask
 from tests.lift_manager.web.fake_lifts import IDLE
 
@@ -93,6 +100,51 @@ def test_every_documented_code_is_in_the_table_with_this_status(method: str, pat
         for code, example in said.get("content", {}).get(MEDIA_TYPE, {}).get("examples", {}).items():
             assert CODES[code].status == int(status) == example["value"]["status"]
             assert f"`{code}`" in said["description"]
+
+
+def test_the_document_is_valid_by_the_specification() -> None:
+    assert [error.message for error in OpenAPIV31SpecValidator(document()).iter_errors()] == []
+
+
+@pytest.mark.parametrize(
+    "path", sorted({route.path.replace(":path}", "}") for route in ROUTES} & document()["paths"].keys())
+)
+def test_every_parameter_in_a_path_is_declared(path: str) -> None:
+    for said in document()["paths"][path].values():
+        named = {parameter["name"] for parameter in said.get("parameters", ()) if parameter["in"] == "path"}
+        assert named == {part.strip("{}") for part in path.split("/") if part.startswith("{")}
+
+
+COMMAND = {"do": "go_to", "floor": "L2"}
+CLOSE = {"do": "close_door", "clear": True}
+BODIES: list[tuple[type[BaseModel], Json]] = [
+    *((CommandRequest, body) for body in (COMMAND, COMMAND | {"hold_door": False}, CLOSE, CLOSE | {"door": "front"})),
+    *((CommandRequest, {"do": do}) for do in Do),
+    *((CommandRequest, {"do": do, "floor": "L2"}) for do in Do),
+    *((CommandRequest, {"do": do, "clear": True}) for do in Do),
+    *(
+        (CommandRequest, COMMAND | more)
+        for more in ({"clear": True}, {"door": "front"}, {"clear": None}, {"floor": None})
+    ),
+    *((CommandRequest, CLOSE | more) for more in ({"floor": "L2"}, {"clear": False}, {"clear": None}, {"door": None})),
+    *(
+        (AcknowledgeRequest, {"by": by})
+        for by in ("M. Weber", " M. Weber ", "عل\u200cر", "", " ", "a\nb", "a\x7f", "x" * 65)
+    ),
+    *((OpenSessionRequest, {"idempotency_key": key}) for key in ("3f1c9a", "a b", "ü", "", None, "x" * 129)),
+    *((RmfEndedRequest, {"session_id": said, "grace_s": 1}) for said in ("fleet/amr-7", " ", "", "a\nb", "x" * 257)),
+]
+
+
+@pytest.mark.parametrize(("form", "body"), BODIES, ids=lambda value: str(value)[:60] if isinstance(value, dict) else "")
+def test_the_schema_of_a_body_takes_what_the_manager_takes_and_nothing_else(form: type[BaseModel], body: Json) -> None:
+    try:
+        form.model_validate(body)
+    except ValidationError:
+        taken = False
+    else:
+        taken = True
+    assert jsonschema.Draft202012Validator(schema_of(form)).is_valid(body) is taken
 
 
 def test_every_reference_leads_somewhere() -> None:
