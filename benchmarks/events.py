@@ -29,6 +29,7 @@ from benchmarks import common
 from lift_manager.app import Building
 from lift_manager.domain.events import StateChanged
 from lift_manager.web.app import make_app
+from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.server import listen, serve
 
 POLL_S = 0.1
@@ -187,7 +188,7 @@ async def measure(ports: list[int], plan: Plan, clients: Connection, port_of: Co
     async with asyncio.TaskGroup() as group:
         works = [link.run() for link in building.links]
         app = make_app(building.manager, streams=plan.streams)
-        works += [building.manager.run(), serve(app, sock, connections=plan.streams + 2 * CLIENTS)]
+        works += [building.manager.run(), serve(app, sock, limits=ConnectionLimits.of(plan.streams + 2 * CLIENTS))]
         tasks = [group.create_task(work) for work in works]
         port_of.send((sock.getsockname()[1], building.manager.lift_names()))
         while not clients.poll():  # noqa: ASYNC110  a pipe from another process

@@ -60,14 +60,14 @@ class _Waiting(NamedTuple):
 
     yields_from: float
     """Loop time from which on it may be closed to make room."""
-    close: Callable[[], None]
+    close: Callable[[], object]
 
 
 class _Bound(NamedTuple):
     """One limit: whose connections count, how many these are, how many there may be, and all of it in words."""
 
     is_member: Callable[[str], bool]
-    count: int
+    taken: int
     limit: int
     text: str
 
@@ -90,7 +90,7 @@ class Connections:
         """Whether there is a place for a connection from here; an idle connection is closed if it takes that."""
         client = self._client_of(address)
         for bound in self._bounds(client, address):
-            if bound.count < bound.limit:
+            if bound.taken < bound.limit:
                 continue
             oldest = self._oldest_waiting(bound.is_member)
             self._report.note(f"{bound.text} ({self._busiest()})", closed=oldest is not None)
@@ -101,14 +101,14 @@ class Connections:
             close()
         return True
 
-    def add(self, connection: Hashable, address: str, close: Callable[[], None], *, yields_after_s: float) -> None:
+    def add(self, connection: Hashable, address: str, close: Callable[[], object], *, yields_after_s: float) -> None:
         """Count a connection that is being made; it makes room for others when that takes this long."""
         client = self._client_of(address)
         self._client[connection] = client
         self._count[client] += 1
         self._waiting[connection] = _Waiting(self._loop.time() + yields_after_s, close)
 
-    def wait(self, connection: Hashable, close: Callable[[], None]) -> None:
+    def wait(self, connection: Hashable, close: Callable[[], object]) -> None:
         """A connection waits for its client's next request from now on; it makes room for others at once."""
         self._waiting.pop(connection, None)
         if connection in self._client:

@@ -7,7 +7,7 @@ from http import HTTPStatus
 from typing import Any
 
 import uvicorn
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
 from lift_manager.web.body import LINGER_BYTES, LINGER_S
@@ -117,7 +117,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
     def on_response_complete(self) -> None:
         """Go on with the next request, or wait for one."""
         super().on_response_complete()
-        if self.cycle.response_complete and not self.transport.is_closing():
+        if not self._is_answering and not self.transport.is_closing():
             self._connections.wait(self, self.transport.abort)
 
     def send_400_response(self, msg: str) -> None:
@@ -132,12 +132,17 @@ class JsonHttpProtocol(HttpToolsProtocol):
         lines = [status, *(name + b": " + value for name, value in headers)]
         self.transport.write(b"\r\n".join([*lines, b"", bytes(said.body)]))
         self._end_head()
-        if self.cycle is not None and not self.cycle.response_complete:
+        if self._is_answering:
             self.transport.close()  # the answer to an earlier request is cut off in any case
             return
         self._lingering = self.loop.call_later(LINGER_S, self.transport.close)
         if self.transport.can_write_eof():
             self.transport.write_eof()
+
+    @property
+    def _is_answering(self) -> bool:
+        cycle: RequestResponseCycle | None = self.cycle  # none before the first request, whatever its annotation says
+        return cycle is not None and not cycle.response_complete
 
     def _discard(self, data: bytes) -> None:
         self._discarded_bytes += len(data)

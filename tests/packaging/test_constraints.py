@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from packaging.markers import Environment, default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -35,11 +34,18 @@ def pinned(name: str) -> list[tuple[Requirement, frozenset[str]]]:
     return found
 
 
-def on(python: str, machine: str) -> Environment:
-    here = default_environment()
-    here.update(python_version=python, python_full_version=f"{python}.0", platform_machine=machine)
-    here.update(sys_platform="linux", os_name="posix", platform_system="Linux")
-    return here
+def on(python: str, machine: str) -> dict[str, str]:
+    """What markers are about, on Linux."""
+    return {
+        "python_version": python,
+        "python_full_version": f"{python}.0",
+        "implementation_name": "cpython",
+        "platform_python_implementation": "CPython",
+        "platform_machine": machine,
+        "platform_system": "Linux",
+        "sys_platform": "linux",
+        "os_name": "posix",
+    }
 
 
 @pytest.mark.parametrize("name", NEEDED)
