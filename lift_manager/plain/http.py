@@ -8,6 +8,7 @@ from __future__ import annotations
 import http.client
 import io
 import json
+import re
 import select
 import socket
 import ssl
@@ -51,13 +52,16 @@ class Address:
     @classmethod
     def of(cls, text: str, port: int | None = None) -> Address:
         """Read `host`, `host:port` or a URL; `port` counts where the text has none. Raises BadAddress."""
-        bare = "://" not in text
+        bare, text = "://" not in text, text.strip()
         try:
-            parts = urlsplit(f"http://{text.strip()}" if bare else text.strip())
+            parts = urlsplit(f"http://{text}" if bare else text)
             told = parts.port
         except ValueError as error:
             raise BadAddress(f"{_shown(text)} is no address; {_ADDRESSES}") from error
-        if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.fragment:
+        # urlsplit leaves out tabs, and takes blanks anywhere and letters behind the bracket of an IPv6 address
+        readable = text.isprintable() and " " not in text and not re.search(r"\][^:/?#]", text)
+        named = parts.scheme in ("http", "https") and parts.hostname and not (parts.query or parts.fragment)
+        if not (readable and named and parts.path.isascii()):
             raise BadAddress(f"{_shown(text)} is no address; {_ADDRESSES}")
         if parts.username is not None or parts.password is not None:
             raise BadAddress("the address holds a user's name; a manager takes a key, and not in its address")
