@@ -89,6 +89,8 @@ class LiftContract:
         """It is told to RMF: the manager said yes, or the lift only waits for the grace of the session before."""
         self.wish: Wish | None = None
         """None for a session that was there before this adapter and was not heard since."""
+        self.human = False
+        """It asks for HUMAN mode."""
         self._told: Wish | None = None
         """What the manager said yes to."""
         self._told_at = -math.inf
@@ -96,8 +98,7 @@ class LiftContract:
         """It was repeated, and is to be told again."""
         self._had = False
         """The manager has held the lift for the session."""
-        self._heard_at = -math.inf
-        self._tell_from = -math.inf
+        self._heard_at = self._tell_from = -math.inf
         self._paused_until = -math.inf
         """Wishes are not told before."""
         self._end_from = -math.inf
@@ -112,9 +113,8 @@ class LiftContract:
         self._perhaps: list[str] = []
         """Sessions of which nobody knows whether the manager heard their wish."""
         self._as_of: tuple[str, int] = ("", 0)
-        """Boot and event of the manager's last word."""
-        self._seen: tuple[str, int] = ("", 0)
-        """And of the view."""
+        """Boot and event of the manager's last word; `_seen` has those of the view."""
+        self._seen = self._as_of
 
     @property
     def holder(self) -> HeldBy | None:
@@ -160,8 +160,9 @@ class LiftContract:
                 return Done.REFUSED
             self._begin(session)
             self._want(wish, now, replay=replay)
+            self.human = request.request_type == HUMAN_MODE
             return Done.BEGUN
-        self._heard_at = now
+        self._heard_at, self.human = now, request.request_type == HUMAN_MODE
         if wish == self.wish:
             self._repeat(now)
             return Done.REPEATED
@@ -220,7 +221,7 @@ class LiftContract:
         floor = next((site for site, name in self.view.floors.items() if name == request.destination_floor), None)
         if floor is None:
             return Done.UNKNOWN_FLOOR
-        # AGV mode: the doors are open whenever the lift has stopped (LiftState.msg)
+        # AGV mode: the doors are open whenever the lift has stopped (LiftRequest.msg)
         return Wish(floor, request.request_type != HUMAN_MODE or request.door_state == DOOR_OPEN)
 
     def _begin(self, session: str) -> None:
@@ -280,6 +281,7 @@ class LiftContract:
 
     def _drop(self) -> None:
         self.session, self.granted, self.wish, self._told, self._again, self._had = "", False, None, None, False, False
+        self.human = False
 
     def _next(self, now: float) -> Asked | None:
         lift = self.view.lift

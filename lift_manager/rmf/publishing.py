@@ -174,7 +174,7 @@ def _destination(contract: LiftContract, floor: str) -> str:
 
 
 def _mode(contract: LiftContract, view: LiftView) -> int:
-    """A lift without a robot mode of its own is in AGV mode for as long as RMF holds it: its door stands open when it has stopped."""
+    """A lift in normal mode is in the mode that was asked for as long as RMF holds it: in AGV mode its door stands open when it has stopped."""
     if view.mode == "normal" and contract.settled and view.robot_mode_on is not False:
-        return MODE_AGV
+        return MODE_HUMAN if contract.human else MODE_AGV
     return _MODES.get(view.mode, MODE_UNKNOWN)
