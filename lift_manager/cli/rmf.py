@@ -17,6 +17,7 @@ from lift_manager.cli.key_file import KeyFile, key_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import (
+    AdapterId,
     Domain,
     Namespace,
     Peers,
@@ -71,6 +72,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
     namespace: Namespace = "",
     lift_states: StatesTopic = RosSettings.states_topic,
     lift_requests: RequestsTopic = RosSettings.requests_topic,
+    adapter_id: AdapterId = "",
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
     use_sim_time: SimTime = False,
     metrics_port: MetricsPort = None,
@@ -89,6 +91,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
         namespace=namespace,
         lift_states=lift_states,
         lift_requests=lift_requests,
+        adapter_id=adapter_id,
         peers=peer,
         use_sim_time=use_sim_time,
     )
@@ -106,6 +109,7 @@ async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
         lambda: Beside(server),
         use_sim_time=settings.use_sim_time,
         counts=counts,
+        adapter_id=settings.adapter,
     )
     joined(running.open)
     say([f"Open-RMF lift adapter: {where_in_rmf(settings)}; manager {server.address}; Ctrl-C ends it"])

@@ -13,7 +13,7 @@ from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
 from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
-from lift_manager.rmf.views import LiftView, Site
+from lift_manager.rmf.views import Site
 from lift_manager.rmf.words import USUAL, quoted, why_ignored
 
 _log = logging.getLogger(__name__)
@@ -40,8 +40,8 @@ class Out:
 class _Lift:
     """One lift, and what was last told of it."""
 
-    def __init__(self, view: LiftView, grace_s: float, cadence: Cadence, asked_at: float) -> None:
-        self.contract = LiftContract(view, grace_s)
+    def __init__(self, contract: LiftContract, cadence: Cadence, asked_at: float) -> None:
+        self.contract = contract
         self.cadence = cadence
         self.asked_at = asked_at
         self.next_at = -math.inf
@@ -53,8 +53,17 @@ class _Lift:
 class Adapter:
     """Implements `port.Hears`; the shells (`run`, `ros_node`) bring it what happens. Times are monotonic seconds."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Callable[[], float], counts: Counts | None = None) -> None:
-        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation."""
+    def __init__(
+        self,
+        manager: Manager,
+        out: Out,
+        ros_time: Callable[[], float],
+        counts: Counts | None = None,
+        *,
+        adapter_id: str = "",
+    ) -> None:
+        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation. `adapter_id` is that of every start."""
+        self._adapter_id = adapter_id
         self.counts = counts or Counts()
         self._manager = manager
         self._out = out
@@ -115,9 +124,8 @@ class Adapter:
             lift = self._lifts.get(view.name)
             if lift is None or lift.contract.view.lift != view.lift:
                 # another lift of the site has this name now: what the old one was asked is not answered any more
-                lift = self._lifts[view.name] = _Lift(
-                    view, site.end_grace_s, Cadence(place, len(site.lifts), now), asked_at
-                )
+                made = LiftContract(view, site.end_grace_s, self._adapter_id)
+                lift = self._lifts[view.name] = _Lift(made, Cadence(place, len(site.lifts), now), asked_at)
             contract = lift.contract
             contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
             before = contract.session if contract.holds else ""

@@ -78,9 +78,9 @@ class Wish:
 class LiftContract:
     """Grants, updates and ends, in the order in which they come; what the manager is asked follows, one thing at a time."""
 
-    def __init__(self, view: LiftView, grace_s: float) -> None:
-        self.view = view
-        self.grace_s = grace_s
+    def __init__(self, view: LiftView, grace_s: float, adapter: str = "") -> None:
+        """`adapter` is the id of the adapter: a session of another one is as that of another face."""
+        self.view, self.grace_s, self._adapter = view, grace_s, adapter
         self.lost = False
         """The manager cannot be heard."""
         self.session = ""
@@ -123,9 +123,8 @@ class LiftContract:
 
     @property
     def foreign(self) -> HeldBy | None:
-        """Another face that holds the lift."""
-        holder = self.view.holder
-        return None if holder is None or holder.face == FACE else holder
+        """Another face that holds the lift, or another RMF."""
+        return None if self._is_rmf() else self.view.holder
 
     @property
     def holds(self) -> bool:
@@ -288,7 +287,7 @@ class LiftContract:
         if self._ends:
             session = self._ends[0]
             left_s = max(0.0, self._ended.get(session, now) + self.grace_s - now)
-            return Ended(lift, session, left_s) if now >= self._end_from else None
+            return Ended(lift, session, left_s, self._adapter) if now >= self._end_from else None
         wish = self.wish
         if wish is None or now < max(self._tell_from, self._paused_until):
             return None
@@ -296,7 +295,7 @@ class LiftContract:
             return None
         if self._waits_for_grace() or now - self._heard_at > FRESH_S:
             return None
-        return Wanted(lift, self.session, wish.floor, wish.hold_door)
+        return Wanted(lift, self.session, wish.floor, wish.hold_door, self._adapter)
 
     def _waits_for_grace(self) -> bool:
         """Whether another session of RMF, which is over, has the lift still."""
@@ -333,7 +332,7 @@ class LiftContract:
     def _reconcile(self, now: float) -> None:
         """Bring what RMF was told together with who holds the lift."""
         holder = self.view.holder
-        theirs = holder.name if holder is not None and holder.face == FACE else ""
+        theirs = holder.name if holder is not None and self._is_rmf() else ""
         if theirs and self.view.ending:
             self._is_ending(theirs, now)
         since = self._ended.get(theirs)
@@ -373,14 +372,16 @@ class LiftContract:
         self._perhaps = [one for one in self._perhaps if one != session]
 
     def _is_held_by(self, session: str) -> bool:
-        return bool(session) and self.view.holder == HeldBy(FACE, session)
+        return bool(session) and self.view.holder == HeldBy(FACE, session, self._adapter)
 
     def _is_current(self) -> bool:
         """Whether the view shows what the manager said last."""
         return self._seen[0] == self._as_of[0] and self._seen[1] >= self._as_of[1]
 
     def _is_rmf(self) -> bool:
-        return self.view.holder is not None and self.view.holder.face == FACE
+        """Whether a session of this adapter's RMF holds the lift."""
+        holder = self.view.holder
+        return holder is not None and (holder.face, holder.adapter) == (FACE, self._adapter)
 
     def _is_free(self) -> bool:
         """Whether nothing is known to speak against a session."""

@@ -36,7 +36,7 @@ from lift_manager.rmf.port import Answer, Manager
 from lift_manager.rmf.publishing import NO_CLOCK_S
 from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
 from lift_manager.rmf.ros_messages import message_of, request_of, state_of
-from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.rmf.ros_settings import BadSettings, RosSettings, check_adapter_id, id_of_adapter
 from lift_manager.rmf.views import Site
 
 _log = logging.getLogger(__name__)
@@ -189,7 +189,12 @@ class AdapterNode:
             topics["fire_topic"],
             topics["emergency_topic"],
         )
-        self._adapter = Adapter(manager, Out(self._publish, alarms), self._ros_time)
+        self._adapter = Adapter(
+            manager,
+            Out(self._publish, alarms),
+            self._ros_time,
+            adapter_id=_adapter_id(node, topics["requests_topic"]),
+        )
         self._writers: _Writers | None = None
         self._requests: deque[RosLiftRequest] = deque()
         """Taken, and not looked at before the timer's turn, which comes within SOON_S: a burst is one look at the lifts."""
@@ -327,6 +332,13 @@ class RosLog(logging.Handler):
             self._logger.debug(text)
 
 
+def _adapter_id(node: Node, requests_topic: str) -> str:
+    """Return the id of the adapter at the manager, the same as without ROS. Raises BadSettings."""
+    given = str(node.declare_parameter("adapter_id", "").value)
+    check_adapter_id(given)
+    return given or id_of_adapter(node.context.get_domain_id(), node.resolve_topic_name(requests_topic))
+
+
 def server_of(node: Node) -> Server:
     """Declare and read the parameters that say where the manager is. Raises BadAddress."""
     address = str(node.declare_parameter("manager_address", "localhost").value)
@@ -346,7 +358,7 @@ def _key(file: str) -> str:
 
 
 def run(node: Node, stopping: threading.Event) -> None:
-    """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress."""
+    """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress, BadSettings."""
     way = Beside(server_of(node))
     shell = AdapterNode(node, way)
     executor = SingleThreadedExecutor()
@@ -382,7 +394,7 @@ def main(args: Sequence[str] | None = None) -> int:
     root.setLevel(logging.DEBUG)  # the node's own level decides
     try:
         run(node, stopping)
-    except BadAddress as error:
+    except (BadAddress, BadSettings) as error:
         _log.critical("%s", error)
         return 2
     finally:

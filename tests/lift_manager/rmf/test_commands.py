@@ -136,6 +136,7 @@ def test_a_navigation_graph_is_compared_too(files: Path) -> None:
         ("rmf --namespace a-b", 2, "letters, digits and _"),
         ("rmf --manager-address ftp://x", 2, "is no address"),
         ("rmf --manager-address=my|lifts", 2, "'my lifts' is no address"),
+        ("rmf --adapter-id a@b", 2, "the adapter's id is 'a@b'"),
         ("rmf --key-file none", 1, "none cannot be read"),
         ("rmf request Lift1", 2, "say a floor, or --end without one"),
         ("rmf request Lift1 L1 --end", 2, "say a floor, or --end without one"),

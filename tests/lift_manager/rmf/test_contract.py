@@ -596,3 +596,27 @@ def test_a_session_that_was_refused_and_gave_up_does_not_keep_others_off() -> No
     lift.adapter.requested(wants(B, "Level 3"), lift.now)
     lift.hear()
     assert lift.wanted() == [(B, "L3")]
+
+
+@pytest.mark.parametrize(("own", "other"), [("", "5"), ("5", ""), ("5", "6")])
+def test_a_session_of_another_rmf_is_that_of_another_face_whatever_its_name(own: str, other: str) -> None:
+    lift = bench(adapter_id=own)
+    theirs = HeldBy("rmf", A, other)
+    lift.change(floor="L2", door="open", holder=theirs)
+    assert (lift.state.session_id, lift.state.door_state) == (str(theirs) if other else f"rmf:{A}", DOOR_MOVING)
+    lift.say(ends(A), ends(lift.state.session_id))
+    lift.elapse(4)
+    assert (lift.ended(), lift.asked) == ([], [])
+    lift.say(wants(A, "Level 2"))
+    assert lift.asked == [Wanted("lift", A, "L2", True, own)]
+    assert lift.state.session_id == str(theirs)
+
+
+def test_an_adapter_with_an_id_says_it_with_every_request_and_takes_up_its_own_sessions() -> None:
+    lift = riding(adapter_id="5/building1")
+    lift.restart_adapter()
+    lift.hear()
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_OPEN)
+    lift.say(ends(A))
+    assert [one.adapter for one in lift.asked] == ["5/building1"] * 2
+    assert lift.ended() == [A]

@@ -102,6 +102,21 @@ def test_a_request_of_rmf_reaches_the_manager_and_its_answer_rmf(ros: Ros) -> No
     assert isinstance(ros.manager.asked[-1], Ended)
 
 
+@pytest.mark.parametrize(
+    ("namespace", "domain", "said", "known_as"),
+    [("/", 0, "", ""), ("/building1", 5, "", "5/building1"), ("/building1", 5, "test", "test")],
+)
+def test_the_node_is_known_to_the_manager_as_the_adapter_without_ros_is(
+    jazzy: Ros, namespace: str, domain: int, said: str, known_as: str
+) -> None:
+    jazzy.world.namespace, jazzy.world.domain = namespace, domain
+    jazzy.start(adapter_id=said)
+    jazzy.hear(lift())
+    jazzy.writer(f"{namespace.rstrip('/')}/lift_requests").publish(jazzy.request())
+    jazzy.spin(6.0)
+    assert [one.adapter for one in jazzy.manager.asked] == [known_as]
+
+
 def test_each_lift_is_published_twice_a_second_and_not_in_answer_to_requests(jazzy: Ros) -> None:
     jazzy.start()
     reader, supervisor = jazzy.reader(), jazzy.writer()

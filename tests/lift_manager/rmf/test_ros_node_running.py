@@ -137,6 +137,10 @@ def test_a_signal_ends_the_program_in_order(port: int, number: signal.Signals) -
             "manager_address:=my lifts",
             "'my lifts' is no address; write a host, host:port, or a URL such as https://lifts.example:5003",
         ),
+        (
+            "adapter_id:=a@b",
+            "the adapter's id is 'a@b'; it is made of letters, digits and . _ / -, at most 300 of them",
+        ),
     ],
 )
 def test_settings_that_cannot_be_used_end_the_program_with_two(parameter: str, why: str) -> None:
