@@ -18,6 +18,7 @@ from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import (
     AdapterId,
+    AdapterRequestsTopic,
     Domain,
     Namespace,
     Peers,
@@ -72,6 +73,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
     namespace: Namespace = "",
     lift_states: StatesTopic = RosSettings.states_topic,
     lift_requests: RequestsTopic = RosSettings.requests_topic,
+    adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     adapter_id: AdapterId = "",
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
     use_sim_time: SimTime = False,
@@ -91,6 +93,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
         namespace=namespace,
         lift_states=lift_states,
         lift_requests=lift_requests,
+        adapter_lift_requests=adapter_lift_requests,
         adapter_id=adapter_id,
         peers=peer,
         use_sim_time=use_sim_time,

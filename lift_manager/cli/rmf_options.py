@@ -95,6 +95,7 @@ def settings_of_site(rmf: Rmf) -> RosSettings:
         namespace=rmf.namespace or "",
         lift_states=rmf.lift_states,
         lift_requests=rmf.lift_requests,
+        adapter_lift_requests=rmf.adapter_lift_requests,
         peers=rmf.peers,
         use_sim_time=rmf.use_sim_time,
         adapter_id=rmf.adapter_id,

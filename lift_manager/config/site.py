@@ -234,6 +234,7 @@ class Rmf(_Part):
     """Before both topics."""
     lift_states: RosName = "lift_states"
     lift_requests: RosName = "lift_requests"
+    adapter_lift_requests: RosName = "adapter_lift_requests"
     adapter_id: Annotated[str, StringConstraints(max_length=ADAPTER_ID_LIMIT, pattern=ADAPTER_ID)] = ""
     """Of the adapter inside the manager, where others are beside it; made of domain and namespace when not said."""
     domain: Annotated[int, Field(strict=True, ge=0, le=232)] | None = None

@@ -76,6 +76,8 @@ class Adapter:
         self._replay_until = -math.inf
         self._early_ends: dict[tuple[str, str], None] = {}
         """Lift and session, while the manager was never heard."""
+        self._early_ends_of_fleets: dict[tuple[str, str], None] = {}
+        """The same of what fleets send to their supervisor."""
         self._fire = FireAlarm(out.alarm)
         self._told: set[tuple[str, str]] = set()
         """Lift and cause of which a line was written."""
@@ -95,6 +97,15 @@ class Adapter:
         lift.next_at = -math.inf
         self._count(request.lift_name, done)
         self._explain(done, request, lift.contract)
+
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        """Take what a fleet sends to its lift supervisor: an END that is not passed on ends the session all the same."""
+        lift = self._lifts.get(request.lift_name)
+        if lift is not None:
+            lift.contract.fleet_requested(request, now)
+            lift.next_at = min(lift.next_at, lift.contract.due(now))
+        elif self._site is None:
+            self._note_early(request, self._early_ends_of_fleets)
 
     def broken(self, text: str, now: float) -> None:
         """Count a request that could not be read at all."""
@@ -174,6 +185,10 @@ class Adapter:
         if now < lift.next_at:
             return lift.next_at
         contract = lift.contract
+        if session := contract.end_not_passed_on(now):
+            self._count(contract.view.name, Done.ENDED)
+            text = "%s: %s has ended its session, and the lift supervisor has not passed it on; it ends without"
+            _log.warning(text, contract.view.name, quoted(session))
         if (asked := contract.ask(now)) is not None:
             self._manager.ask(asked)
         state = lift.message(now, self._ros_time())
@@ -188,16 +203,25 @@ class Adapter:
     def _for_no_lift(self, request: LiftRequest) -> Done:
         if self._site is not None:
             return Done.UNKNOWN_LIFT
-        fits = len(request.lift_name) <= TEXT_LIMIT and 0 < len(request.session_id) <= TEXT_LIMIT
-        if request.request_type == END_SESSION and fits and len(self._early_ends) < EARLY_ENDS:
-            self._early_ends[request.lift_name, request.session_id] = None
+        self._note_early(request, self._early_ends)
         return Done.NO_MANAGER
+
+    def _note_early(self, request: LiftRequest, ends: dict[tuple[str, str], None]) -> None:
+        """Remember the sessions whose last request is END_SESSION."""
+        ends.pop((request.lift_name, request.session_id), None)
+        fits = len(request.lift_name) <= TEXT_LIMIT and 0 < len(request.session_id) <= TEXT_LIMIT
+        if request.request_type == END_SESSION and fits and len(ends) < EARLY_ENDS:
+            ends[request.lift_name, request.session_id] = None
 
     def _say_early_ends(self, now: float) -> None:
         for name, session in self._early_ends:
             if (lift := self._lifts.get(name)) is not None and lift.contract.session == session:
                 lift.contract.end(session, now)
+        for name, session in self._early_ends_of_fleets:
+            if (lift := self._lifts.get(name)) is not None:
+                lift.contract.fleet_ended(session, now)
         self._early_ends.clear()
+        self._early_ends_of_fleets.clear()
 
     def _forget_gone(self, site: Site, now: float) -> None:
         names = {view.name for view in site.lifts}

@@ -35,6 +35,13 @@ FRESH_S = 5.0
 """An older wish is not told any more: RMF repeats each that is not fulfilled with every LiftState, twice a second."""
 END_AGAIN_S = 5.0
 """Beyond the grace; then a session that is still there is ended once more."""
+PASS_ON_S = 2.0
+"""How long the lift supervisor may take to pass on the END of a fleet. Every distribution passes it on at once, or drops it for good;
+chosen above any delay of a network."""
+UNDELIVERED_S = 30.0
+"""How long an ended session is published while the manager cannot be reached. EndLiftSession repeats END for as long as it reads its own
+session (open-rmf 1.5), so the END outlives a restart of the adapter. Chosen: a killed manager is back after 5 to 7 s (measured), and a
+robot outside must not wait much longer for one that is not."""
 DOUBTS = 16
 """Chosen: of so many sessions it is remembered that the manager may have heard them, and of as many that they are over."""
 TEXT_LIMIT = 256
@@ -112,6 +119,10 @@ class LiftContract:
         """The last session that the manager ended without END."""
         self._perhaps: list[str] = []
         """Sessions of which nobody knows whether the manager heard their wish."""
+        self._pass_on_until = math.inf
+        """The fleet has ended the session, and the lift supervisor may take until then to pass it on."""
+        self._undelivered = ""
+        """The last session whose END came while the manager could not be reached."""
         self._as_of: tuple[str, int] = ("", 0)
         """Boot and event of the manager's last word; `_seen` has those of the view."""
         self._seen = self._as_of
@@ -168,6 +179,34 @@ class LiftContract:
         self._want(wish, now, replay=replay)
         return Done.UPDATED
 
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        """Note what a fleet sends to its lift supervisor. Only its END of the session that has the lift counts, and moves nothing."""
+        if request.request_type == END_SESSION:
+            self.fleet_ended(request.session_id, now)
+        elif request.session_id == self.session:
+            self._pass_on_until = math.inf  # it goes on
+
+    def fleet_ended(self, session: str, now: float) -> None:
+        """Note that a fleet has ended a session; the lift supervisor has PASS_ON_S to say so, too."""
+        if session and session == self.session:
+            self._pass_on_until = min(self._pass_on_until, now + PASS_ON_S)
+
+    def end_not_passed_on(self, now: float) -> str:
+        """End a session whose END the lift supervisor has not passed on in time; return it, empty for none.
+
+        Humble drops an END without a current request, and every supervisor one of a session that it does not serve (open-rmf 1.4).
+        """
+        if now < self._pass_on_until:
+            return ""
+        session = self.session
+        self.end(session, now)
+        return session
+
+    def undelivered_end(self, now: float) -> str:
+        """Return the session that is published although it has ended, as its END has not reached the manager; empty for none."""
+        ended_at = self._ended.get(self._undelivered, -math.inf)
+        return self._undelivered if self._undelivered in self._ends and now - ended_at < UNDELIVERED_S else ""
+
     def heard(self, view: LiftView, boot: str, event: int, now: float) -> bool:
         """Take the lift as the manager shows it in its answer of that number; False for one that is overtaken by another."""
         self.lost = False
@@ -204,9 +243,9 @@ class LiftContract:
 
     def due(self, now: float) -> float:
         """Return when to ask again although nothing happens; infinite for never."""
-        if self._in_flight is not None or self.lost:
-            return math.inf
-        times = (self._tell_from, self._paused_until, self._end_from)
+        times = [self._pass_on_until]
+        if self._in_flight is None and not self.lost:
+            times += (self._tell_from, self._paused_until, self._end_from)
         return min((at for at in times if at > now), default=math.inf)
 
     def _wish_of(self, request: LiftRequest) -> Wish | Done:
@@ -261,11 +300,17 @@ class LiftContract:
         if session and session in self._perhaps:
             self._say_end(session, now)
             return Done.ENDED
+        if session in self._ends:
+            return Done.ENDED
         if self.foreign is not None and session == str(self.foreign):
             return Done.END_FOREIGN
         return Done.END_NOT_HOLDER if session else Done.END_NOBODY
 
     def _say_end(self, session: str, now: float) -> None:
+        if self.lost:
+            self._undelivered = session
+        elif session == self._undelivered:
+            self._undelivered = ""
         self._forget_doubt(session)
         self._note_ended(session, now)
         if session not in self._ends:
@@ -280,7 +325,7 @@ class LiftContract:
 
     def _drop(self) -> None:
         self.session, self.granted, self.wish, self._told, self._again, self._had = "", False, None, None, False, False
-        self.human = False
+        self.human, self._pass_on_until = False, math.inf
 
     def _next(self, now: float) -> Asked | None:
         lift = self.view.lift

@@ -66,11 +66,11 @@ def message(contract: LiftContract, asked_at: float, now: float, ros_time: float
         available_floors=tuple(view.floors.values()),
         current_floor=floor,
         destination_floor=_destination(contract, floor),
-        door_state=_door(contract, view) if live else DOOR_MOVING,
+        door_state=_door(contract, view, now) if live else DOOR_MOVING,
         motion_state=_MOTIONS.get(view.motion, MOTION_UNKNOWN) if live else MOTION_UNKNOWN,
         available_modes=AVAILABLE_MODES,
         current_mode=_mode(contract, view) if live else MODE_OFFLINE,
-        session_id=_session(contract),
+        session_id=_session(contract, now),
     )
 
 
@@ -149,17 +149,19 @@ def _floor(contract: LiftContract, view: LiftView) -> str:
     return "" if passes or view.floor is None else view.floors.get(view.floor, "")
 
 
-def _door(contract: LiftContract, view: LiftView) -> int:
+def _door(contract: LiftContract, view: LiftView, now: float) -> int:
     """OPEN is what a robot drives on: only with the lift held for it and nobody else, or with no session told at all."""
     if view.door == "closed":
         return DOOR_CLOSED
-    nobodys = not contract.granted and contract.foreign is None
+    nobodys = not contract.granted and contract.foreign is None and not contract.undelivered_end(now)
     return DOOR_OPEN if view.door == "open" and (nobodys or contract.settled) else DOOR_MOVING
 
 
-def _session(contract: LiftContract) -> str:
+def _session(contract: LiftContract, now: float) -> str:
     if contract.granted:
         return contract.session
+    if session := contract.undelivered_end(now):
+        return session
     return "" if contract.foreign is None else str(contract.foreign)
 
 

@@ -31,7 +31,7 @@ from rmf_lift_msgs.msg import LiftState as RosLiftState
 from lift_manager.plain.http import Address, BadAddress, Server
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.beside import Beside
-from lift_manager.rmf.messages import LiftState
+from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Manager
 from lift_manager.rmf.publishing import NO_CLOCK_S
 from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
@@ -180,7 +180,7 @@ class AdapterNode:
         names = RosSettings()
         topics = {
             name: str(node.declare_parameter(name, getattr(names, name)).value)
-            for name in ("states_topic", "requests_topic", "fire_topic", "emergency_topic")
+            for name in ("states_topic", "requests_topic", "adapter_requests_topic", "fire_topic", "emergency_topic")
         }
         self._states = node.create_publisher(RosLiftState, topics["states_topic"], STATES_QOS)
         self._rivals = _Rivals(node, self._states.topic_name, self._rival)
@@ -196,9 +196,15 @@ class AdapterNode:
             adapter_id=_adapter_id(node, topics["requests_topic"]),
         )
         self._writers: _Writers | None = None
-        self._requests: deque[RosLiftRequest] = deque()
+        self._requests: deque[tuple[Callable[[LiftRequest, float], None], RosLiftRequest]] = deque()
         """Taken, and not looked at before the timer's turn, which comes within SOON_S: a burst is one look at the lifts."""
         self._subscribe(topics["requests_topic"])
+        node.create_subscription(
+            RosLiftRequest,
+            topics["adapter_requests_topic"],
+            lambda message: self._take(self._adapter.fleet_requested, message),
+            REQUESTS_QOS,
+        )
         self._guard = node.create_guard_condition(self._drain)
         self._inbox = _Inbox(self._guard.trigger)
         self._began = self._monotonic()
@@ -242,7 +248,10 @@ class AdapterNode:
             self._writers = _Writers(self._node, requests.topic_name, self._writer_matched)
 
     def _request(self, message: RosLiftRequest) -> None:
-        self._requests.append(message)
+        self._take(self._adapter.requested, message)
+
+    def _take(self, what: Callable[[LiftRequest, float], None], message: RosLiftRequest) -> None:
+        self._requests.append((what, message))
         if self._comes_at > self._monotonic() + SOON_S:
             self._come_in(SOON_S)
 
@@ -251,7 +260,8 @@ class AdapterNode:
             # what a new writer sends first is a replay, and the next look would come too late to know it
             self._writers.look()
         while self._requests:
-            self._adapter.requested(request_of(self._requests.popleft()), self._monotonic())
+            take, message = self._requests.popleft()
+            take(request_of(message), self._monotonic())
 
     def _matched(self, event: Any) -> None:
         if event.total_count_change > 0:

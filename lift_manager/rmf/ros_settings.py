@@ -36,7 +36,8 @@ class RosSettings:
     states_topic: str = "lift_states"
     requests_topic: str = "lift_requests"
     adapter_requests_topic: str = "adapter_lift_requests"
-    """What the lift supervisor hears, and the adapter does not: the supervisor decides whose turn it is (open-rmf 1.2)."""
+    """What fleets send to the lift supervisor, which decides whose turn it is (open-rmf 1.2). Of it the adapter takes END_SESSION alone, where
+    the supervisor does not pass it on."""
     fire_topic: str = "fire_alarm_trigger"
     emergency_topic: str = "emergency_signal"
     discovery_range: str = "SUBNET"

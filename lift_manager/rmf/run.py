@@ -166,6 +166,10 @@ class _Shell:
         self._adapter.requested(request, self._loop.time())
         self._soon()
 
+    def fleet_requested(self, request: LiftRequest) -> None:
+        self._adapter.fleet_requested(request, self._loop.time())
+        self._soon()
+
     def broken(self, text: str) -> None:
         self._adapter.broken(text, self._loop.time())
 

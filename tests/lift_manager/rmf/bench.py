@@ -165,6 +165,12 @@ class Bench:
         self.turn()
         self.step(0.0)
 
+    def fleet(self, *requests: LiftRequest) -> None:
+        """A fleet sends these to its lift supervisor at one moment."""
+        for request in requests:
+            self.adapter.fleet_requested(request, self.now)
+        self.turn()
+
     def step(self, seconds: float = 0.1) -> None:
         """Let a short time pass; the manager is heard at its end."""
         self.now += seconds
