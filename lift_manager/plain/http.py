@@ -60,8 +60,8 @@ class Address:
             raise BadAddress(f"{_shown(text)} is no address; {_ADDRESSES}") from error
         # urlsplit leaves out tabs, and takes blanks anywhere and letters behind the bracket of an IPv6 address
         readable = text.isprintable() and " " not in text and not re.search(r"\][^:/?#]", text)
-        named = parts.scheme in ("http", "https") and parts.hostname and not (parts.query or parts.fragment)
-        if not (readable and named and parts.path.isascii()):
+        host, is_http = parts.hostname or "", parts.scheme in ("http", "https")
+        if not (readable and host and is_http and parts.path.isascii()) or parts.query or parts.fragment:
             raise BadAddress(f"{_shown(text)} is no address; {_ADDRESSES}")
         if parts.username is not None or parts.password is not None:
             raise BadAddress("the address holds a user's name; a manager takes a key, and not in its address")
@@ -70,7 +70,7 @@ class Address:
         found = next(number for number in (told, port, usual) if number is not None)
         if not 1 <= found <= 65535:
             raise BadAddress(f"port {found} does not exist; it is a number from 1 to 65535")
-        return cls(parts.hostname, found, tls, parts.path.rstrip("/"))
+        return cls(host, found, tls, parts.path.rstrip("/"))
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
