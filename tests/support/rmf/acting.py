@@ -22,6 +22,9 @@ PERSON = "the guard"
 STAYS_AWAY_S = 1.0
 """Between two tries of a client of the REST API, and two looks of a person."""
 GAVE_UP = "gave up"
+LEAVES = "leaves"
+LEAVES_WITHIN_S = 30.0
+"""So long an outage waits for a robot that leaves the car, and ends its session in it."""
 PANEL = "rviz"
 AMR = Holder("api", "amr")
 WEB = RmfWeb()
@@ -152,8 +155,8 @@ class Actors:
 
     async def _drive(self, ride: Ride, robot: FleetRobot, floor: str) -> None:
         since = self.world.now
-        self.rides[ride.session] = f"drives at {floor}"
         boards = ride.session not in self.inside
+        self.rides[ride.session] = f"drives at {floor}" if boards else f"{LEAVES} at {floor}"
         self.inside.add(ride.session)
         await elapse(ride.drives_s)
         if not boards:
@@ -292,6 +295,9 @@ class Actors:
             case happens.WayCut(for_s=for_s):
                 await self._cut_way(for_s)
             case happens.Outage(for_s=for_s):
+                until = world.now + LEAVES_WITHIN_S
+                while world.now < until and not any(step.startswith(LEAVES) for step in self.rides.values()):
+                    await elapse(0.1)
                 await self._cut_way(for_s, restarts=True)
             case happens.UnheardEnd(session=session, down_s=down_s):
                 world.site.stop_supervisor()

@@ -65,7 +65,7 @@ class WayCut(Event):
 
 @dataclass(frozen=True)
 class Outage(Event):
-    """Adapter and manager do not reach each other, and the adapter is restarted meanwhile."""
+    """Adapter and manager do not reach each other, from when a robot leaves the car; the adapter is restarted meanwhile."""
 
     for_s: float
 
