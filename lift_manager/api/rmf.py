@@ -10,8 +10,17 @@ from pydantic_core import PydanticCustomError
 
 from lift_manager.api.lifts import Age
 from lift_manager.api.parts import ON_ONE_LINE, Answer, Part, ShortName
-from lift_manager.domain.rmf import LONGEST_GRACE_S, RmfLift, RmfRules, RmfSite
-from lift_manager.domain.state import RobotDoor
+from lift_manager.domain.rmf import (
+    ADAPTER_ID,
+    ADAPTER_ID_LIMIT,
+    FACE,
+    LONGEST_GRACE_S,
+    RmfLift,
+    RmfRules,
+    RmfSite,
+    rmf_session,
+)
+from lift_manager.domain.state import Holder, RobotDoor
 from register_maps.words import Mode, Motion
 
 
@@ -31,11 +40,33 @@ SessionId = Annotated[
 ]
 
 
+AdapterId = Annotated[
+    str,
+    StringConstraints(max_length=ADAPTER_ID_LIMIT, pattern=ADAPTER_ID),
+    Field(
+        description="The id of the adapter, the same after each of its starts. Sessions of two adapters are two, whatever their ids;"
+        " the lift is then held by `rmf:<session_id>@<adapter>`.",
+        examples=["", "5/building1"],
+    ),
+]
+
+
 class RmfHolder(Answer):
     """Who holds a lift."""
 
     face: str = Field(description="`rmf` for a session of RMF.", examples=["rmf"])
     name: str = Field(description="With the face `rmf`: RMF's session id.", examples=["fleet/amr-7"])
+    adapter: str = Field(
+        default="", description="With the face `rmf`: the id of its adapter.", examples=["", "5/building1"]
+    )
+
+    @classmethod
+    def of(cls, holder: Holder) -> RmfHolder:
+        """Return it as it is."""
+        if holder.face != FACE:
+            return cls(face=holder.face, name=holder.name)
+        session, adapter = rmf_session(holder)
+        return cls(face=FACE, name=session, adapter=adapter)
 
 
 class RmfLiftAnswer(Answer):
@@ -80,7 +111,7 @@ class RmfLiftAnswer(Answer):
             motion=lift.motion,
             mode=lift.mode,
             robot_mode_on=lift.robot_mode_on,
-            holder=None if holder is None else RmfHolder(face=holder.face, name=holder.name),
+            holder=None if holder is None else RmfHolder.of(holder),
             ending=lift.ending,
             fire_latched=lift.fire_latched,
             waiting_for=lift.waiting_for,
@@ -134,6 +165,7 @@ class RmfWantedRequest(Part):
     session_id: SessionId
     floor: ShortName = Field(description="In the site's words.", examples=["L2"])
     hold_door: bool = Field(description="Hold the door open there until another floor is wanted or the session ends.")
+    adapter: AdapterId = ""
 
 
 class RmfEndedRequest(Part):
@@ -146,6 +178,7 @@ class RmfEndedRequest(Part):
         description="So long door hold and robot mode stay as they are, unless the same session wants the lift again.",
         examples=[3.0],
     )
+    adapter: AdapterId = ""
 
 
 class RmfTaken(Answer):

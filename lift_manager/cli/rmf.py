@@ -17,6 +17,8 @@ from lift_manager.cli.key_file import KeyFile, key_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import (
+    AdapterId,
+    AdapterRequestsTopic,
     Domain,
     Namespace,
     Peers,
@@ -71,6 +73,8 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
     namespace: Namespace = "",
     lift_states: StatesTopic = RosSettings.states_topic,
     lift_requests: RequestsTopic = RosSettings.requests_topic,
+    adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
+    adapter_id: AdapterId = "",
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
     use_sim_time: SimTime = False,
     metrics_port: MetricsPort = None,
@@ -89,6 +93,8 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
         namespace=namespace,
         lift_states=lift_states,
         lift_requests=lift_requests,
+        adapter_lift_requests=adapter_lift_requests,
+        adapter_id=adapter_id,
         peers=peer,
         use_sim_time=use_sim_time,
     )
@@ -106,6 +112,7 @@ async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
         lambda: Beside(server),
         use_sim_time=settings.use_sim_time,
         counts=counts,
+        adapter_id=settings.adapter,
     )
     joined(running.open)
     say([f"Open-RMF lift adapter: {where_in_rmf(settings)}; manager {server.address}; Ctrl-C ends it"])

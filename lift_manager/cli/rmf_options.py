@@ -38,6 +38,15 @@ RequestsTopic = Annotated[
 AdapterRequestsTopic = Annotated[
     str, typer.Option("--adapter-lift-requests", metavar="TOPIC", help="Where robots ask the lift supervisor.")
 ]
+AdapterId = Annotated[
+    str,
+    typer.Option(
+        "--adapter-id",
+        metavar="NAME",
+        help="This RMF's name at the manager, where several RMFs share it; made of domain and namespace without it.",
+        show_default=False,
+    ),
+]
 Peers = Annotated[
     list[str],
     typer.Option(
@@ -50,7 +59,7 @@ Peers = Annotated[
 SimTime = Annotated[bool, typer.Option("--use-sim-time", help="Take the time from /clock, as a simulation does.")]
 
 
-def ros_settings(
+def ros_settings(  # noqa: PLR0913  each is an option of the command line
     *,
     domain: int | None = None,
     namespace: str = "",
@@ -59,6 +68,7 @@ def ros_settings(
     adapter_lift_requests: str = RosSettings.adapter_requests_topic,
     peers: list[str] | tuple[str, ...] = (),
     use_sim_time: bool = False,
+    adapter_id: str = "",
 ) -> RosSettings:
     """Put options over the environment; a usage error where one cannot be used."""
     try:
@@ -72,6 +82,7 @@ def ros_settings(
             adapter_requests_topic=adapter_lift_requests,
             peers=(*peers, *settings.peers),
             use_sim_time=use_sim_time,
+            adapter_id=adapter_id,
         )
     except BadSettings as error:
         raise typer.BadParameter(str(error)) from error
@@ -84,8 +95,10 @@ def settings_of_site(rmf: Rmf) -> RosSettings:
         namespace=rmf.namespace or "",
         lift_states=rmf.lift_states,
         lift_requests=rmf.lift_requests,
+        adapter_lift_requests=rmf.adapter_lift_requests,
         peers=rmf.peers,
         use_sim_time=rmf.use_sim_time,
+        adapter_id=rmf.adapter_id,
     )
 
 

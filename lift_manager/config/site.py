@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 from lift_manager.domain.hours import Hours, read_hours
-from lift_manager.domain.rmf import LONGEST_GRACE_S, RmfRules
+from lift_manager.domain.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S, RmfRules
 from register_maps.expand import ParameterValue
 from register_maps.words import Side, Table
 
@@ -255,6 +255,9 @@ class Rmf(_Part):
     """Before both topics."""
     lift_states: RosName = "lift_states"
     lift_requests: RosName = "lift_requests"
+    adapter_lift_requests: RosName = "adapter_lift_requests"
+    adapter_id: Annotated[str, StringConstraints(max_length=ADAPTER_ID_LIMIT, pattern=ADAPTER_ID)] = ""
+    """Of the adapter inside the manager, where others are beside it; made of domain and namespace when not said."""
     domain: Annotated[int, Field(strict=True, ge=0, le=232)] | None = None
     """That of ROS_DOMAIN_ID when not said."""
     peers: tuple[Text, ...] = ()

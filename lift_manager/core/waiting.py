@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from lift_manager.core.sparing import CALLERS
 from lift_manager.domain.asking import Blocking, Refusal, Refused
+from lift_manager.domain.rmf import FACE, rmf_session
 from lift_manager.domain.state import Holder
 
-WAITS_AS_ONE = frozenset({"rmf", "workshop"})
+WAITS_AS_ONE = frozenset({FACE, "workshop"})
 """Faces whose callers do nothing but ask again while another holds the lift: each waits as one, for all its callers."""
 ASKS_AGAIN = WAITS_AS_ONE | {"api"}
 """Faces whose callers stand in line because they were refused, for as long as they ask again. Rides join and leave by themselves."""
@@ -85,4 +86,7 @@ class WaitingLine:
 
 
 def _place_of(holder: Holder) -> Holder | str:
+    if holder.face == FACE:
+        _, adapter = rmf_session(holder)
+        return f"{FACE}@{adapter}" if adapter else FACE  # each RMF for itself
     return holder.face if holder.face in WAITS_AS_ONE else holder

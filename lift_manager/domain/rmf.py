@@ -13,8 +13,26 @@ from register_maps.words import Mode, Motion
 FACE = "rmf"
 """Of every holder that RMF has: its name there is RMF's session id."""
 
+_OF = "@"
+"""Stands between RMF's session id and the id of its adapter, which holds none."""
+ADAPTER_ID = r"^[A-Za-z0-9._/-]*$"
+"""What the id of an adapter is made of; empty for the only one."""
+ADAPTER_ID_LIMIT = 300
+"""Chosen: a domain and a namespace of ROS, which has 255 characters at most, fit."""
+
 LONGEST_GRACE_S = 30.0
 """Chosen: people wait for a lift that nobody uses, and a supervisor that was restarted is heard within seconds."""
+
+
+def rmf_holder(session: str, adapter: str) -> Holder:
+    """Return who holds a lift for a session of the RMF of an adapter. Two of them may have robots of the same name."""
+    return Holder(FACE, f"{session}{_OF}{adapter}" if adapter or _OF in session else session)
+
+
+def rmf_session(holder: Holder) -> tuple[str, str]:
+    """Return session and adapter of such a holder."""
+    session, found, adapter = holder.name.rpartition(_OF)
+    return (session, adapter) if found else (holder.name, "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

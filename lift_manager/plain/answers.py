@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 from lift_manager.plain.http import NoAnswer, Reply, Server
 
@@ -39,6 +40,11 @@ def refusal(server: Server, reply: Reply, key_needed: str) -> str:
         return stranger(server, reply)
     if reply.status in (401, 403):
         return f"the manager at {server.address} refuses ({code}): {detail}; {key_needed}"
+    if code == "no_such_path" and server.address.prefix:
+        return (
+            f"the manager at {replace(server.address, prefix='')} has nothing under {server.address.prefix}:"
+            " leave that out of its address; only a proxy in front of a manager adds a path"
+        )
     if code == "no_such_path":
         return f"the manager at {server.address} is of a version that does not know what is asked: {detail}"
     return f"the manager at {server.address} refuses ({code}): {detail}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import http.client
 import io
 import json
+import re
 import select
 import socket
 import ssl
@@ -51,13 +52,16 @@ class Address:
     @classmethod
     def of(cls, text: str, port: int | None = None) -> Address:
         """Read `host`, `host:port` or a URL; `port` counts where the text has none. Raises BadAddress."""
-        bare = "://" not in text
+        bare, text = "://" not in text, text.strip()
         try:
-            parts = urlsplit(f"http://{text.strip()}" if bare else text.strip())
+            parts = urlsplit(f"http://{text}" if bare else text)
             told = parts.port
         except ValueError as error:
             raise BadAddress(f"{_shown(text)} is no address; {_ADDRESSES}") from error
-        if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.fragment:
+        # urlsplit leaves out tabs, and takes blanks anywhere and letters behind the bracket of an IPv6 address
+        readable = text.isprintable() and " " not in text and not re.search(r"\][^:/?#]", text)
+        host, is_http = parts.hostname or "", parts.scheme in ("http", "https")
+        if not (readable and host and is_http and parts.path.isascii()) or parts.query or parts.fragment:
             raise BadAddress(f"{_shown(text)} is no address; {_ADDRESSES}")
         if parts.username is not None or parts.password is not None:
             raise BadAddress("the address holds a user's name; a manager takes a key, and not in its address")
@@ -66,7 +70,7 @@ class Address:
         found = next(number for number in (told, port, usual) if number is not None)
         if not 1 <= found <= 65535:
             raise BadAddress(f"port {found} does not exist; it is a number from 1 to 65535")
-        return cls(parts.hostname, found, tls, parts.path.rstrip("/"))
+        return cls(host, found, tls, parts.path.rstrip("/"))
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host

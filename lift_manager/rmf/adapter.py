@@ -13,7 +13,7 @@ from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
 from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
-from lift_manager.rmf.views import LiftView, Site
+from lift_manager.rmf.views import Site
 from lift_manager.rmf.words import USUAL, quoted, why_ignored
 
 _log = logging.getLogger(__name__)
@@ -40,8 +40,8 @@ class Out:
 class _Lift:
     """One lift, and what was last told of it."""
 
-    def __init__(self, view: LiftView, grace_s: float, cadence: Cadence, asked_at: float) -> None:
-        self.contract = LiftContract(view, grace_s)
+    def __init__(self, contract: LiftContract, cadence: Cadence, asked_at: float) -> None:
+        self.contract = contract
         self.cadence = cadence
         self.asked_at = asked_at
         self.next_at = -math.inf
@@ -53,8 +53,17 @@ class _Lift:
 class Adapter:
     """Implements `port.Hears`; the shells (`run`, `ros_node`) bring it what happens. Times are monotonic seconds."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Callable[[], float], counts: Counts | None = None) -> None:
-        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation."""
+    def __init__(
+        self,
+        manager: Manager,
+        out: Out,
+        ros_time: Callable[[], float],
+        counts: Counts | None = None,
+        *,
+        adapter_id: str = "",
+    ) -> None:
+        """`ros_time` is RMF's clock in seconds: the wall clock, or /clock in a simulation. `adapter_id` is that of every start."""
+        self._adapter_id = adapter_id
         self.counts = counts or Counts()
         self._manager = manager
         self._out = out
@@ -67,6 +76,8 @@ class Adapter:
         self._replay_until = -math.inf
         self._early_ends: dict[tuple[str, str], None] = {}
         """Lift and session, while the manager was never heard."""
+        self._early_ends_of_fleets: dict[tuple[str, str], None] = {}
+        """The same of what fleets send to their supervisor."""
         self._fire = FireAlarm(out.alarm)
         self._told: set[tuple[str, str]] = set()
         """Lift and cause of which a line was written."""
@@ -86,6 +97,15 @@ class Adapter:
         lift.next_at = -math.inf
         self._count(request.lift_name, done)
         self._explain(done, request, lift.contract)
+
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        """Take what a fleet sends to its lift supervisor: an END that is not passed on ends the session all the same."""
+        lift = self._lifts.get(request.lift_name)
+        if lift is not None:
+            lift.contract.fleet_requested(request, now)
+            lift.next_at = min(lift.next_at, lift.contract.due(now))
+        elif self._site is None:
+            self._note_early(request, self._early_ends_of_fleets)
 
     def broken(self, text: str, now: float) -> None:
         """Count a request that could not be read at all."""
@@ -115,9 +135,8 @@ class Adapter:
             lift = self._lifts.get(view.name)
             if lift is None or lift.contract.view.lift != view.lift:
                 # another lift of the site has this name now: what the old one was asked is not answered any more
-                lift = self._lifts[view.name] = _Lift(
-                    view, site.end_grace_s, Cadence(place, len(site.lifts), now), asked_at
-                )
+                made = LiftContract(view, site.end_grace_s, self._adapter_id)
+                lift = self._lifts[view.name] = _Lift(made, Cadence(place, len(site.lifts), now), asked_at)
             contract = lift.contract
             contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
             before = contract.session if contract.holds else ""
@@ -166,6 +185,10 @@ class Adapter:
         if now < lift.next_at:
             return lift.next_at
         contract = lift.contract
+        if session := contract.end_not_passed_on(now):
+            self._count(contract.view.name, Done.ENDED)
+            text = "%s: %s has ended its session, and the lift supervisor has not passed it on; it ends without"
+            _log.warning(text, contract.view.name, quoted(session))
         if (asked := contract.ask(now)) is not None:
             self._manager.ask(asked)
         state = lift.message(now, self._ros_time())
@@ -180,16 +203,25 @@ class Adapter:
     def _for_no_lift(self, request: LiftRequest) -> Done:
         if self._site is not None:
             return Done.UNKNOWN_LIFT
-        fits = len(request.lift_name) <= TEXT_LIMIT and 0 < len(request.session_id) <= TEXT_LIMIT
-        if request.request_type == END_SESSION and fits and len(self._early_ends) < EARLY_ENDS:
-            self._early_ends[request.lift_name, request.session_id] = None
+        self._note_early(request, self._early_ends)
         return Done.NO_MANAGER
+
+    def _note_early(self, request: LiftRequest, ends: dict[tuple[str, str], None]) -> None:
+        """Remember the sessions whose last request is END_SESSION."""
+        ends.pop((request.lift_name, request.session_id), None)
+        fits = len(request.lift_name) <= TEXT_LIMIT and 0 < len(request.session_id) <= TEXT_LIMIT
+        if request.request_type == END_SESSION and fits and len(ends) < EARLY_ENDS:
+            ends[request.lift_name, request.session_id] = None
 
     def _say_early_ends(self, now: float) -> None:
         for name, session in self._early_ends:
             if (lift := self._lifts.get(name)) is not None and lift.contract.session == session:
                 lift.contract.end(session, now)
+        for name, session in self._early_ends_of_fleets:
+            if (lift := self._lifts.get(name)) is not None:
+                lift.contract.fleet_ended(session, now)
         self._early_ends.clear()
+        self._early_ends_of_fleets.clear()
 
     def _forget_gone(self, site: Site, now: float) -> None:
         names = {view.name for view in site.lifts}

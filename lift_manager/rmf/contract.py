@@ -35,6 +35,13 @@ FRESH_S = 5.0
 """An older wish is not told any more: RMF repeats each that is not fulfilled with every LiftState, twice a second."""
 END_AGAIN_S = 5.0
 """Beyond the grace; then a session that is still there is ended once more."""
+PASS_ON_S = 2.0
+"""How long the lift supervisor may take to pass on the END of a fleet. Every distribution passes it on at once, or drops it for good;
+chosen above any delay of a network."""
+UNDELIVERED_S = 30.0
+"""How long an ended session is published while the manager cannot be reached. EndLiftSession repeats END for as long as it reads its own
+session (open-rmf 1.5), so the END outlives a restart of the adapter. Chosen: a killed manager is back after 5 to 7 s (measured), and a
+robot outside must not wait much longer for one that is not."""
 DOUBTS = 16
 """Chosen: of so many sessions it is remembered that the manager may have heard them, and of as many that they are over."""
 TEXT_LIMIT = 256
@@ -78,9 +85,9 @@ class Wish:
 class LiftContract:
     """Grants, updates and ends, in the order in which they come; what the manager is asked follows, one thing at a time."""
 
-    def __init__(self, view: LiftView, grace_s: float) -> None:
-        self.view = view
-        self.grace_s = grace_s
+    def __init__(self, view: LiftView, grace_s: float, adapter: str = "") -> None:
+        """`adapter` is the id of the adapter: a session of another one is as that of another face."""
+        self.view, self.grace_s, self._adapter = view, grace_s, adapter
         self.lost = False
         """The manager cannot be heard."""
         self.session = ""
@@ -89,6 +96,8 @@ class LiftContract:
         """It is told to RMF: the manager said yes, or the lift only waits for the grace of the session before."""
         self.wish: Wish | None = None
         """None for a session that was there before this adapter and was not heard since."""
+        self.human = False
+        """It asks for HUMAN mode."""
         self._told: Wish | None = None
         """What the manager said yes to."""
         self._told_at = -math.inf
@@ -96,8 +105,7 @@ class LiftContract:
         """It was repeated, and is to be told again."""
         self._had = False
         """The manager has held the lift for the session."""
-        self._heard_at = -math.inf
-        self._tell_from = -math.inf
+        self._heard_at = self._tell_from = -math.inf
         self._paused_until = -math.inf
         """Wishes are not told before."""
         self._end_from = -math.inf
@@ -111,10 +119,13 @@ class LiftContract:
         """The last session that the manager ended without END."""
         self._perhaps: list[str] = []
         """Sessions of which nobody knows whether the manager heard their wish."""
+        self._pass_on_until = math.inf
+        """The fleet has ended the session, and the lift supervisor may take until then to pass it on."""
+        self._undelivered = ""
+        """The last session whose END came while the manager could not be reached."""
         self._as_of: tuple[str, int] = ("", 0)
-        """Boot and event of the manager's last word."""
-        self._seen: tuple[str, int] = ("", 0)
-        """And of the view."""
+        """Boot and event of the manager's last word; `_seen` has those of the view."""
+        self._seen = self._as_of
 
     @property
     def holder(self) -> HeldBy | None:
@@ -123,9 +134,8 @@ class LiftContract:
 
     @property
     def foreign(self) -> HeldBy | None:
-        """Another face that holds the lift."""
-        holder = self.view.holder
-        return None if holder is None or holder.face == FACE else holder
+        """Another face that holds the lift, or another RMF."""
+        return None if self._is_rmf() else self.view.holder
 
     @property
     def holds(self) -> bool:
@@ -160,13 +170,42 @@ class LiftContract:
                 return Done.REFUSED
             self._begin(session)
             self._want(wish, now, replay=replay)
+            self.human = request.request_type == HUMAN_MODE
             return Done.BEGUN
-        self._heard_at = now
+        self._heard_at, self.human = now, request.request_type == HUMAN_MODE
         if wish == self.wish:
             self._repeat(now)
             return Done.REPEATED
         self._want(wish, now, replay=replay)
         return Done.UPDATED
+
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        """Note what a fleet sends to its lift supervisor. Only its END of the session that has the lift counts, and moves nothing."""
+        if request.request_type == END_SESSION:
+            self.fleet_ended(request.session_id, now)
+        elif request.session_id == self.session:
+            self._pass_on_until = math.inf  # it goes on
+
+    def fleet_ended(self, session: str, now: float) -> None:
+        """Note that a fleet has ended a session; the lift supervisor has PASS_ON_S to say so, too."""
+        if session and session == self.session:
+            self._pass_on_until = min(self._pass_on_until, now + PASS_ON_S)
+
+    def end_not_passed_on(self, now: float) -> str:
+        """End a session whose END the lift supervisor has not passed on in time; return it, empty for none.
+
+        Humble drops an END without a current request, and every supervisor one of a session that it does not serve (open-rmf 1.4).
+        """
+        if now < self._pass_on_until:
+            return ""
+        session = self.session
+        self.end(session, now)
+        return session
+
+    def undelivered_end(self, now: float) -> str:
+        """Return the session that is published although it has ended, as its END has not reached the manager; empty for none."""
+        ended_at = self._ended.get(self._undelivered, -math.inf)
+        return self._undelivered if self._undelivered in self._ends and now - ended_at < UNDELIVERED_S else ""
 
     def heard(self, view: LiftView, boot: str, event: int, now: float) -> bool:
         """Take the lift as the manager shows it in its answer of that number; False for one that is overtaken by another."""
@@ -204,9 +243,9 @@ class LiftContract:
 
     def due(self, now: float) -> float:
         """Return when to ask again although nothing happens; infinite for never."""
-        if self._in_flight is not None or self.lost:
-            return math.inf
-        times = (self._tell_from, self._paused_until, self._end_from)
+        times = [self._pass_on_until]
+        if self._in_flight is None and not self.lost:
+            times += (self._tell_from, self._paused_until, self._end_from)
         return min((at for at in times if at > now), default=math.inf)
 
     def _wish_of(self, request: LiftRequest) -> Wish | Done:
@@ -220,7 +259,7 @@ class LiftContract:
         floor = next((site for site, name in self.view.floors.items() if name == request.destination_floor), None)
         if floor is None:
             return Done.UNKNOWN_FLOOR
-        # AGV mode: the doors are open whenever the lift has stopped (LiftState.msg)
+        # AGV mode: the doors are open whenever the lift has stopped (LiftRequest.msg)
         return Wish(floor, request.request_type != HUMAN_MODE or request.door_state == DOOR_OPEN)
 
     def _begin(self, session: str) -> None:
@@ -261,11 +300,17 @@ class LiftContract:
         if session and session in self._perhaps:
             self._say_end(session, now)
             return Done.ENDED
+        if session in self._ends:
+            return Done.ENDED
         if self.foreign is not None and session == str(self.foreign):
             return Done.END_FOREIGN
         return Done.END_NOT_HOLDER if session else Done.END_NOBODY
 
     def _say_end(self, session: str, now: float) -> None:
+        if self.lost:
+            self._undelivered = session
+        elif session == self._undelivered:
+            self._undelivered = ""
         self._forget_doubt(session)
         self._note_ended(session, now)
         if session not in self._ends:
@@ -280,13 +325,14 @@ class LiftContract:
 
     def _drop(self) -> None:
         self.session, self.granted, self.wish, self._told, self._again, self._had = "", False, None, None, False, False
+        self.human, self._pass_on_until = False, math.inf
 
     def _next(self, now: float) -> Asked | None:
         lift = self.view.lift
         if self._ends:
             session = self._ends[0]
             left_s = max(0.0, self._ended.get(session, now) + self.grace_s - now)
-            return Ended(lift, session, left_s) if now >= self._end_from else None
+            return Ended(lift, session, left_s, self._adapter) if now >= self._end_from else None
         wish = self.wish
         if wish is None or now < max(self._tell_from, self._paused_until):
             return None
@@ -294,7 +340,7 @@ class LiftContract:
             return None
         if self._waits_for_grace() or now - self._heard_at > FRESH_S:
             return None
-        return Wanted(lift, self.session, wish.floor, wish.hold_door)
+        return Wanted(lift, self.session, wish.floor, wish.hold_door, self._adapter)
 
     def _waits_for_grace(self) -> bool:
         """Whether another session of RMF, which is over, has the lift still."""
@@ -331,7 +377,7 @@ class LiftContract:
     def _reconcile(self, now: float) -> None:
         """Bring what RMF was told together with who holds the lift."""
         holder = self.view.holder
-        theirs = holder.name if holder is not None and holder.face == FACE else ""
+        theirs = holder.name if holder is not None and self._is_rmf() else ""
         if theirs and self.view.ending:
             self._is_ending(theirs, now)
         since = self._ended.get(theirs)
@@ -371,14 +417,16 @@ class LiftContract:
         self._perhaps = [one for one in self._perhaps if one != session]
 
     def _is_held_by(self, session: str) -> bool:
-        return bool(session) and self.view.holder == HeldBy(FACE, session)
+        return bool(session) and self.view.holder == HeldBy(FACE, session, self._adapter)
 
     def _is_current(self) -> bool:
         """Whether the view shows what the manager said last."""
         return self._seen[0] == self._as_of[0] and self._seen[1] >= self._as_of[1]
 
     def _is_rmf(self) -> bool:
-        return self.view.holder is not None and self.view.holder.face == FACE
+        """Whether a session of this adapter's RMF holds the lift."""
+        holder = self.view.holder
+        return holder is not None and (holder.face, holder.adapter) == (FACE, self._adapter)
 
     def _is_free(self) -> bool:
         """Whether nothing is known to speak against a session."""

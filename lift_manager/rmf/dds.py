@@ -57,6 +57,10 @@ class DdsHears(Protocol):
         """Take a request, whatever is in it, in the order of arrival."""
         ...
 
+    def fleet_requested(self, request: LiftRequest) -> None:
+        """Take what a fleet sent to its lift supervisor, in the order of arrival."""
+        ...
+
     def broken(self, text: str) -> None:
         """A request came that could not be read."""
         ...
@@ -121,6 +125,9 @@ class Dds:
     def _open(self, wire: Wire) -> None:
         requests = self._settings.resolved(self._settings.requests_topic)
         wire.hear_requests(requests, self._heard_request, self._heard_broken, self._matched, self._inbox.overrun)
+        # volatile, too: a replay would hold old ENDs of sessions that go on
+        fleets = self._settings.resolved(self._settings.adapter_requests_topic)
+        wire.hear_requests(fleets, self._heard_fleet, self._heard_broken, _nothing, self._inbox.overrun)
         wire.hear_states_of_others(self._states, self._heard_state)
         wire.offer_states(self._states)
         if self._settings.use_sim_time:
@@ -144,6 +151,10 @@ class Dds:
     def _heard_request(self, request: LiftRequest) -> None:
         ends = request.request_type == END_SESSION and request.session_id != ""  # some supervisors send it only once
         self._inbox.put(partial(self._hears.requested, request), _text_of(request), kept=ends)
+
+    def _heard_fleet(self, request: LiftRequest) -> None:
+        # a fleet repeats what it wants, so nothing of it has to be kept
+        self._inbox.put(partial(self._hears.fleet_requested, request), _text_of(request))
 
     def _heard_broken(self, text: str) -> None:
         self._inbox.put(partial(self._hears.broken, text), len(text))
@@ -227,7 +238,7 @@ def _fail(error: Exception) -> None:
 
 
 def _nothing() -> None:
-    """An onlooker does not care who publishes."""
+    """Who publishes does not matter here."""
 
 
 def _wire(settings: RosSettings, opened: Callable[[Wire], None], deliver: Deliver) -> Wire:

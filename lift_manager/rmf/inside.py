@@ -12,7 +12,7 @@ from lift_manager.core.facade import Facade
 from lift_manager.core.rmf_site import described, rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Occurrence
-from lift_manager.domain.rmf import FACE, RmfLift, RmfSite
+from lift_manager.domain.rmf import FACE, RmfLift, RmfSite, rmf_holder, rmf_session
 from lift_manager.domain.state import Holder
 from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
@@ -68,7 +68,7 @@ class Inside:
         return Answer(asked, yes=True, boot=self._facade.boot, event=self._facade.newest)
 
     def _decide(self, asked: Asked) -> Accepted | Refused:
-        holder = Holder(FACE, asked.session)
+        holder = rmf_holder(asked.session, asked.adapter)
         if isinstance(asked, Ended):
             return self._facade.end_session(asked.lift, holder, asked.grace_s)
         return self._facade.request(Ask(asked.lift, holder, asked.floor, asked.hold_door, stays=True))
@@ -141,12 +141,16 @@ def _lift_view(lift: RmfLift) -> LiftView:
         motion=lift.motion.value,
         mode=lift.mode.value,
         robot_mode_on=lift.robot_mode_on,
-        holder=None if holder is None else HeldBy(holder.face, holder.name),
+        holder=None if holder is None else _held_by(holder),
         ending=lift.ending,
         fire_latched=lift.fire_latched,
         waiting_for=lift.waiting_for,
         keeps_off=lift.keeps_off,
     )
+
+
+def _held_by(holder: Holder) -> HeldBy:
+    return HeldBy(FACE, *rmf_session(holder)) if holder.face == FACE else HeldBy(holder.face, holder.name)
 
 
 def _now() -> float:

@@ -15,6 +15,7 @@ def joined(facade: Facade, settings: RosSettings) -> Running:
         lambda hears, deliver: Dds(settings, hears, deliver),
         lambda: Inside(facade),
         use_sim_time=settings.use_sim_time,
+        adapter_id=settings.adapter,
     )
     adapter.open()
     return adapter

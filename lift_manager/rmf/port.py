@@ -16,10 +16,12 @@ class Wanted:
     lift: str
     """The site's name, like `floor`."""
     session: str
-    """RMF's session id; the holder is `rmf:<session>`."""
+    """RMF's session id."""
     floor: str
     hold_door: bool
     """Hold the door open there until another floor is wanted or the session ends."""
+    adapter: str = ""
+    """The id of the adapter that asks: other adapters at the same manager have other sessions, even of the same id."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Ended:
     lift: str
     session: str
     grace_s: float
+    adapter: str = ""
 
 
 Asked = Wanted | Ended

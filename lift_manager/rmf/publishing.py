@@ -66,11 +66,11 @@ def message(contract: LiftContract, asked_at: float, now: float, ros_time: float
         available_floors=tuple(view.floors.values()),
         current_floor=floor,
         destination_floor=_destination(contract, floor),
-        door_state=_door(contract, view) if live else DOOR_MOVING,
+        door_state=_door(contract, view, now) if live else DOOR_MOVING,
         motion_state=_MOTIONS.get(view.motion, MOTION_UNKNOWN) if live else MOTION_UNKNOWN,
         available_modes=AVAILABLE_MODES,
         current_mode=_mode(contract, view) if live else MODE_OFFLINE,
-        session_id=_session(contract),
+        session_id=_session(contract, now),
     )
 
 
@@ -149,17 +149,19 @@ def _floor(contract: LiftContract, view: LiftView) -> str:
     return "" if passes or view.floor is None else view.floors.get(view.floor, "")
 
 
-def _door(contract: LiftContract, view: LiftView) -> int:
+def _door(contract: LiftContract, view: LiftView, now: float) -> int:
     """OPEN is what a robot drives on: only with the lift held for it and nobody else, or with no session told at all."""
     if view.door == "closed":
         return DOOR_CLOSED
-    nobodys = not contract.granted and contract.foreign is None
+    nobodys = not contract.granted and contract.foreign is None and not contract.undelivered_end(now)
     return DOOR_OPEN if view.door == "open" and (nobodys or contract.settled) else DOOR_MOVING
 
 
-def _session(contract: LiftContract) -> str:
+def _session(contract: LiftContract, now: float) -> str:
     if contract.granted:
         return contract.session
+    if session := contract.undelivered_end(now):
+        return session
     return "" if contract.foreign is None else str(contract.foreign)
 
 
@@ -174,7 +176,7 @@ def _destination(contract: LiftContract, floor: str) -> str:
 
 
 def _mode(contract: LiftContract, view: LiftView) -> int:
-    """A lift without a robot mode of its own is in AGV mode for as long as RMF holds it: its door stands open when it has stopped."""
+    """A lift in normal mode is in the mode that was asked for as long as RMF holds it: in AGV mode its door stands open when it has stopped."""
     if view.mode == "normal" and contract.settled and view.robot_mode_on is not False:
-        return MODE_AGV
+        return MODE_HUMAN if contract.human else MODE_AGV
     return _MODES.get(view.mode, MODE_UNKNOWN)

@@ -31,12 +31,12 @@ from rmf_lift_msgs.msg import LiftState as RosLiftState
 from lift_manager.plain.http import Address, BadAddress, Server
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.beside import Beside
-from lift_manager.rmf.messages import LiftState
+from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Manager
 from lift_manager.rmf.publishing import NO_CLOCK_S
 from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
 from lift_manager.rmf.ros_messages import message_of, request_of, state_of
-from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.rmf.ros_settings import BadSettings, RosSettings, check_adapter_id, id_of_adapter
 from lift_manager.rmf.views import Site
 
 _log = logging.getLogger(__name__)
@@ -180,7 +180,7 @@ class AdapterNode:
         names = RosSettings()
         topics = {
             name: str(node.declare_parameter(name, getattr(names, name)).value)
-            for name in ("states_topic", "requests_topic", "fire_topic", "emergency_topic")
+            for name in ("states_topic", "requests_topic", "adapter_requests_topic", "fire_topic", "emergency_topic")
         }
         self._states = node.create_publisher(RosLiftState, topics["states_topic"], STATES_QOS)
         self._rivals = _Rivals(node, self._states.topic_name, self._rival)
@@ -189,11 +189,22 @@ class AdapterNode:
             topics["fire_topic"],
             topics["emergency_topic"],
         )
-        self._adapter = Adapter(manager, Out(self._publish, alarms), self._ros_time)
+        self._adapter = Adapter(
+            manager,
+            Out(self._publish, alarms),
+            self._ros_time,
+            adapter_id=_adapter_id(node, topics["requests_topic"]),
+        )
         self._writers: _Writers | None = None
-        self._requests: deque[RosLiftRequest] = deque()
+        self._requests: deque[tuple[Callable[[LiftRequest, float], None], RosLiftRequest]] = deque()
         """Taken, and not looked at before the timer's turn, which comes within SOON_S: a burst is one look at the lifts."""
         self._subscribe(topics["requests_topic"])
+        node.create_subscription(
+            RosLiftRequest,
+            topics["adapter_requests_topic"],
+            lambda message: self._take(self._adapter.fleet_requested, message),
+            REQUESTS_QOS,
+        )
         self._guard = node.create_guard_condition(self._drain)
         self._inbox = _Inbox(self._guard.trigger)
         self._began = self._monotonic()
@@ -237,7 +248,10 @@ class AdapterNode:
             self._writers = _Writers(self._node, requests.topic_name, self._writer_matched)
 
     def _request(self, message: RosLiftRequest) -> None:
-        self._requests.append(message)
+        self._take(self._adapter.requested, message)
+
+    def _take(self, what: Callable[[LiftRequest, float], None], message: RosLiftRequest) -> None:
+        self._requests.append((what, message))
         if self._comes_at > self._monotonic() + SOON_S:
             self._come_in(SOON_S)
 
@@ -246,7 +260,8 @@ class AdapterNode:
             # what a new writer sends first is a replay, and the next look would come too late to know it
             self._writers.look()
         while self._requests:
-            self._adapter.requested(request_of(self._requests.popleft()), self._monotonic())
+            take, message = self._requests.popleft()
+            take(request_of(message), self._monotonic())
 
     def _matched(self, event: Any) -> None:
         if event.total_count_change > 0:
@@ -327,6 +342,13 @@ class RosLog(logging.Handler):
             self._logger.debug(text)
 
 
+def _adapter_id(node: Node, requests_topic: str) -> str:
+    """Return the id of the adapter at the manager, the same as without ROS. Raises BadSettings."""
+    given = str(node.declare_parameter("adapter_id", "").value)
+    check_adapter_id(given)
+    return given or id_of_adapter(node.context.get_domain_id(), node.resolve_topic_name(requests_topic))
+
+
 def server_of(node: Node) -> Server:
     """Declare and read the parameters that say where the manager is. Raises BadAddress."""
     address = str(node.declare_parameter("manager_address", "localhost").value)
@@ -346,7 +368,7 @@ def _key(file: str) -> str:
 
 
 def run(node: Node, stopping: threading.Event) -> None:
-    """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress."""
+    """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress, BadSettings."""
     way = Beside(server_of(node))
     shell = AdapterNode(node, way)
     executor = SingleThreadedExecutor()
@@ -382,7 +404,7 @@ def main(args: Sequence[str] | None = None) -> int:
     root.setLevel(logging.DEBUG)  # the node's own level decides
     try:
         run(node, stopping)
-    except BadAddress as error:
+    except (BadAddress, BadSettings) as error:
         _log.critical("%s", error)
         return 2
     finally:

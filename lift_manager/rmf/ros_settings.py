@@ -17,6 +17,11 @@ _PEER = re.compile(r"[A-Za-z0-9._:%\[\]-]+", re.ASCII)
 """An IPv4 or IPv6 address (with a zone, with a port) or a host name: what Cyclone DDS takes as a peer."""
 
 
+_ID = re.compile(r"[A-Za-z0-9._/-]*", re.ASCII)
+_ID_LIMIT = 300
+"""As the manager takes it (`domain.rmf.ADAPTER_ID`)."""
+
+
 class BadSettings(ValueError):
     """A setting that cannot be used; the message names it, its value and what it may be."""
 
@@ -31,7 +36,8 @@ class RosSettings:
     states_topic: str = "lift_states"
     requests_topic: str = "lift_requests"
     adapter_requests_topic: str = "adapter_lift_requests"
-    """What the lift supervisor hears, and the adapter does not: the supervisor decides whose turn it is (open-rmf 1.2)."""
+    """What fleets send to the lift supervisor, which decides whose turn it is (open-rmf 1.2). Of it the adapter takes END_SESSION alone, where
+    the supervisor does not pass it on."""
     fire_topic: str = "fire_alarm_trigger"
     emergency_topic: str = "emergency_signal"
     discovery_range: str = "SUBNET"
@@ -40,6 +46,8 @@ class RosSettings:
     cyclonedds_uri: str = ""
     """CYCLONEDDS_URI: XML, or the path of a file. It has the last word, as in rmw_cyclonedds. Not for rclpy."""
     use_sim_time: bool = False
+    adapter_id: str = ""
+    """The adapter's id at the manager; made of domain and namespace where it is empty."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.domain <= HIGHEST_DOMAIN:
@@ -53,6 +61,7 @@ class RosSettings:
             _check_name("the namespace", self.namespace.rstrip("/"))
         for topic in self._topics():
             _check_name("the topic", topic)
+        check_adapter_id(self.adapter_id)
         found = [self.resolved(topic) for topic in self._topics()]
         if twice := next((topic for topic in found if found.count(topic) > 1), None):
             raise BadSettings(f"two of the topics are {twice!r}; each message has a topic of its own")
@@ -76,11 +85,34 @@ class RosSettings:
             cyclonedds_uri=environment.get("CYCLONEDDS_URI", "").strip(),
         )
 
+    @property
+    def adapter(self) -> str:
+        """The id of the adapter at the manager, the same after each start."""
+        return self.adapter_id or id_of_adapter(self.domain, self.resolved(self.requests_topic))
+
     def resolved(self, topic: str) -> str:
         """Return a topic with the namespace before it if it is relative, and without a leading slash."""
         if topic.startswith("/"):
             return topic.strip("/")
         return "/".join(part for part in (self.namespace.strip("/"), topic.strip("/")) if part)
+
+
+def id_of_adapter(domain: int, requests_topic: str) -> str:
+    """Return the id of an adapter that was given none: domain and namespace, so that adapters in two RMFs have two.
+
+    Empty in domain 0 without a namespace, as in the time when adapters had no ids.
+    """
+    namespace, _, last = requests_topic.strip("/").rpartition("/")
+    place = namespace if last == RosSettings.requests_topic else requests_topic.strip("/")
+    return "/".join(part for part in (str(domain or ""), place) if part)
+
+
+def check_adapter_id(text: str) -> None:
+    """Raise BadSettings where it is none."""
+    if len(text) > _ID_LIMIT or not _ID.fullmatch(text):
+        raise BadSettings(
+            f"the adapter's id is {text!r:.80}; it is made of letters, digits and . _ / -, at most {_ID_LIMIT} of them"
+        )
 
 
 def _check_name(what: str, name: str) -> None:

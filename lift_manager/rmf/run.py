@@ -77,7 +77,9 @@ class Running:
         *,
         use_sim_time: bool = False,
         counts: Counts | None = None,
+        adapter_id: str = "",
     ) -> None:
+        self._adapter_id = adapter_id
         self.counts = counts or Counts()
         self._make_rmf = make_rmf
         self._make_way = make_way
@@ -87,7 +89,7 @@ class Running:
     def open(self) -> None:
         """Join RMF, on a running loop; raises what the making of its side raises. Then nothing is heard or said before `run`."""
         shell = _Shell(RosClock(self._use_sim_time), self.counts)
-        shell.open(self._make_rmf, self._make_way)
+        shell.open(self._make_rmf, self._make_way, self._adapter_id)
         self._shell = shell
 
     async def run(self) -> None:
@@ -138,12 +140,12 @@ class _Shell:
         self._is_over = False
         self._names: tuple[str, ...] = ()
 
-    def open(self, make_rmf: Callable[[DdsHears, Deliver], Rmf], make_way: Callable[[], Way]) -> None:
+    def open(self, make_rmf: Callable[[DdsHears, Deliver], Rmf], make_way: Callable[[], Way], adapter_id: str) -> None:
         """Join RMF. What it says waits until the loop has its turn."""
         self._rmf = make_rmf(self, self._deliver)
         self._way = make_way()
         out = Out(self._rmf.publish, self._rmf.alarm)
-        self._adapter = Adapter(self._way, out, self._clock, self._counts)
+        self._adapter = Adapter(self._way, out, self._clock, self._counts, adapter_id=adapter_id)
 
     async def run(self) -> None:
         """Listen to the manager, too; raises what went wrong in any part."""
@@ -162,6 +164,10 @@ class _Shell:
 
     def requested(self, request: LiftRequest) -> None:
         self._adapter.requested(request, self._loop.time())
+        self._soon()
+
+    def fleet_requested(self, request: LiftRequest) -> None:
+        self._adapter.fleet_requested(request, self._loop.time())
         self._soon()
 
     def broken(self, text: str) -> None:

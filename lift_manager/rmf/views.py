@@ -14,9 +14,11 @@ class HeldBy:
     face: str
     name: str
     """With the face `rmf`: the session id of RMF."""
+    adapter: str = ""
+    """With the face `rmf`: the id of the adapter that opened it."""
 
     def __str__(self) -> str:
-        return f"{self.face}:{self.name}"
+        return f"{self.face}:{self.name}@{self.adapter}" if self.adapter else f"{self.face}:{self.name}"
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ def _lift(said: _Said) -> LiftView:
 
 def _holder(value: object, at: str) -> HeldBy:
     said = _Said.of(value, at)
-    return HeldBy(said.text("face"), said.text("name"))
+    # a manager from before adapters had ids does not have it
+    return HeldBy(said.text("face"), said.text("name"), said.text("adapter") if "adapter" in said.values else "")
 
 
 Value = TypeVar("Value")

@@ -20,7 +20,7 @@ _WHY: Mapping[Done, str] = {
         " does request_lift.py of rmf_demos, which sets no request_type (try `lift-manager rmf request`)"
     ),
     Done.END_NOT_HOLDER: "{session} ends a session that it does not have",
-    Done.END_FOREIGN: "RMF ends the session of {session}, which is not RMF's to end",
+    Done.END_FOREIGN: "RMF ends the session of {session}, which is not this RMF's to end",
     Done.UNKNOWN_LIFT: "{session} wants the lift {lift}, which this manager does not have",
     Done.UNKNOWN_FLOOR: "{session} wants the floor {floor}, which is none of {floors}",
     Done.BAD_DOOR: "{session} wants door_state {door}; a request knows 0 (closed) and 2 (open)",

@@ -12,8 +12,7 @@ from lift_manager.core.facade import Facade
 from lift_manager.core.keeper import STOPPING
 from lift_manager.core.rmf_site import rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
-from lift_manager.domain.rmf import FACE
-from lift_manager.domain.state import Holder
+from lift_manager.domain.rmf import rmf_holder
 from lift_manager.web import rmf_docs as docs
 from lift_manager.web.answers import KEPT_WITHIN_S, yes
 from lift_manager.web.bodies import Body, taken
@@ -43,14 +42,14 @@ class _Rmf:
 
     async def wanted(self, request: Request) -> Response:
         def decide(lift: str, body: RmfWantedRequest) -> Accepted | Refused:
-            holder = Holder(FACE, body.session_id)
+            holder = rmf_holder(body.session_id, body.adapter)
             return self._facade.request(Ask(lift, holder, body.floor, body.hold_door, stays=True))
 
         return await self._decided(request, RmfWantedRequest, decide)
 
     async def ended(self, request: Request) -> Response:
         def decide(lift: str, body: RmfEndedRequest) -> Accepted | Refused:
-            return self._facade.end_session(lift, Holder(FACE, body.session_id), body.grace_s)
+            return self._facade.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s)
 
         return await self._decided(request, RmfEndedRequest, decide)
 

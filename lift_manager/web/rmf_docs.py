@@ -27,6 +27,7 @@ What an adapter of Open-RMF needs, and nothing else does: with keys it is a key 
 - `ended` is taken at any floor, in any mode, of a lift that is offline, and as often as it is said. The car is not moved by it.
   Within `grace_s` the same session may go on as if nothing had been said; others are refused until then.
 - Repeats of what is wanted already press nothing and cost no turn.
+- Where several RMFs share a manager, each adapter says its id with every request: what one says of a session of another is refused (`held`).
 """
 
 _LIFT = RmfLiftAnswer(

@@ -53,6 +53,9 @@ class Heard:
     def requested(self, request: LiftRequest) -> None:
         self._note("requested", request)
 
+    def fleet_requested(self, request: LiftRequest) -> None:
+        self._note("fleet requested", request)
+
     def broken(self, text: str) -> None:
         self._note("broken", text)
 

@@ -96,6 +96,7 @@ class Ros:
         kinds = {
             "lift_states": self.lift_msgs.LiftState,
             "lift_requests": self.lift_msgs.LiftRequest,
+            "adapter_lift_requests": self.lift_msgs.LiftRequest,
             "fire_alarm_trigger": importlib.import_module("std_msgs.msg").Bool,
             "emergency_signal": getattr(self.fleet_msgs, "EmergencySignal", None),
         }

@@ -5,6 +5,7 @@ import pytest
 from lift_manager.core.sparing import CALLERS
 from lift_manager.core.waiting import HEARD_WITHIN_S, WaitingLine
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
+from lift_manager.domain.rmf import rmf_holder
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session_requests import Do
 from lift_manager.domain.state import Holder, RobotDoor
@@ -50,6 +51,14 @@ def test_whoever_is_refused_for_another_reason_does_not_wait(code: Refusal) -> N
     line = WaitingLine("lift")
     line.refused(OTHER, Refused(code, "no"), 0.0)
     assert line.length(0.0) == 0
+
+
+def test_each_rmf_waits_as_one() -> None:
+    line = WaitingLine("lift")
+    first, second = rmf_holder("fleet/robot1", ""), rmf_holder("fleet/robot1", "5")
+    for holder in (first, second, rmf_holder("fleet/robot2", "5")):
+        line.refused(holder, Refused(Refusal.HELD, "held"), 0.0)
+    assert (line.length(0.0), line.ahead(second, 0.0), line.first(0.0)) == (2, 1, "rmf")
 
 
 def test_workshop_waits_as_one_and_each_caller_of_a_session_for_itself_for_as_long_as_they_ask() -> None:

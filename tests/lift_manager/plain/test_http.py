@@ -76,6 +76,13 @@ def test_an_address_is_a_host_a_host_with_a_port_or_a_url(text: str, port: int |
         ("http://lifts?a=1", None),
         ("http://lifts#a", None),
         ("http://[lifts", None),
+        ("my lifts", None),
+        ("http://my lifts:5003", None),
+        ("http://lifts/building one", None),
+        ("li\tfts", None),
+        ("http://lifts\u00a0here", None),
+        ("http://lifts/b\u00fcro", None),
+        ("http://[::1]x:5003", None),
     ],
 )
 def test_what_is_no_address_is_refused_with_what_to_write(text: str, port: int | None) -> None:

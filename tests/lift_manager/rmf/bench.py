@@ -86,6 +86,7 @@ class Bench:
     waiting: list[Asked] = field(default_factory=list)
     slow: bool = False
     """Answers are given when `answers` is called."""
+    adapter_id: str = ""
 
     def __post_init__(self) -> None:
         self.adapter = self._adapter()
@@ -95,7 +96,8 @@ class Bench:
         self.waiting.clear()
 
     def _adapter(self) -> Adapter:
-        return Adapter(self, Out(self.sent.append, self.alarm), lambda: EPOCH + self.now)
+        out = Out(self.sent.append, self.alarm)
+        return Adapter(self, out, lambda: EPOCH + self.now, adapter_id=self.adapter_id)
 
     def ask(self, asked: Asked) -> None:
         assert asked.lift not in [one.lift for one in self.waiting], "asked again before it was answered"
@@ -110,7 +112,7 @@ class Bench:
         view = self.views.get(asked.lift)
         if view is None:
             return Answer(asked, yes=False, code="unknown_lift", reason="there is no such lift")
-        ours = HeldBy("rmf", asked.session)
+        ours = HeldBy("rmf", asked.session, asked.adapter)
         if self.refuses in (UNREACHABLE, NOT_SENT, "stopping"):
             return Answer(asked, yes=False, code=self.refuses, reason="nobody answers")
         if isinstance(asked, Wanted):
@@ -162,6 +164,12 @@ class Bench:
             self.adapter.requested(request, self.now)
         self.turn()
         self.step(0.0)
+
+    def fleet(self, *requests: LiftRequest) -> None:
+        """A fleet sends these to its lift supervisor at one moment."""
+        for request in requests:
+            self.adapter.fleet_requested(request, self.now)
+        self.turn()
 
     def step(self, seconds: float = 0.1) -> None:
         """Let a short time pass; the manager is heard at its end."""

@@ -1,5 +1,6 @@
 """The way to a manager in another process: how the lifts are, whatever answers there, and that threads and keys stay where they belong."""
 
+import json
 import logging
 import queue
 import ssl
@@ -11,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.plain.http import Address, Server
+from lift_manager.plain.answers import refusal
+from lift_manager.plain.http import Address, Reply, Server
 from lift_manager.rmf.beside import CARRIERS, CLOSED_WITHIN_S, REASONS, Beside, Pace
 from lift_manager.rmf.port import Ended, Wanted
 from tests.lift_manager.rmf.beside_rig import (
@@ -114,6 +116,13 @@ WRONG = [
     (lambda _, wire: wire.send(problem(503, "stopping", "wait\na bit")), "refuses (stopping): wait a bit"),
     (answers(302, b"", also="location: http://elsewhere/\r\n"), "points elsewhere (HTTP 302); give the address of"),
 ]
+
+
+def test_a_path_behind_the_address_that_no_manager_has_is_named() -> None:
+    server = Server(Address.of("http://[::1]:5003/x"))
+    body = json.dumps({"code": "no_such_path", "detail": "Not Found"}).encode()
+    why = refusal(server, Reply(404, "application/problem+json", body), "")
+    assert why.startswith("the manager at http://[::1]:5003 has nothing under /x: leave that out of its address")
 
 
 @pytest.mark.parametrize(("script", "why"), WRONG)

@@ -135,6 +135,8 @@ def test_a_navigation_graph_is_compared_too(files: Path) -> None:
         ("rmf --domain 300", 2, "232"),
         ("rmf --namespace a-b", 2, "letters, digits and _"),
         ("rmf --manager-address ftp://x", 2, "is no address"),
+        ("rmf --manager-address=my|lifts", 2, "'my lifts' is no address"),
+        ("rmf --adapter-id a@b", 2, "the adapter's id is 'a@b'"),
         ("rmf --key-file none", 1, "none cannot be read"),
         ("rmf request Lift1", 2, "say a floor, or --end without one"),
         ("rmf request Lift1 L1 --end", 2, "say a floor, or --end without one"),
@@ -145,7 +147,7 @@ def test_a_navigation_graph_is_compared_too(files: Path) -> None:
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_sentence(files: Path, given: str, code: int, said: str) -> None:
-    paths = [str(files / word) if word.endswith(".yaml") else word for word in given.split()]
+    paths = [str(files / word) if word.endswith(".yaml") else word.replace("|", " ") for word in given.split()]
     done = call(*paths)
     assert done.returncode == code
     assert said in words(done.stderr)

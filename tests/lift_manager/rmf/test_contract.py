@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from lift_manager.rmf.contract import FRESH_S, HEARD_S, REFUSED_S, REPEAT_S
+from lift_manager.rmf.contract import FRESH_S, HEARD_S, PASS_ON_S, REFUSED_S, REPEAT_S, UNDELIVERED_S
 from lift_manager.rmf.messages import (
     DOOR_MOVING,
     DOOR_OPEN,
     MODE_OFFLINE,
+    LiftRequest,
 )
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.publishing import PERIOD_S
@@ -467,19 +468,165 @@ def test_while_the_manager_is_away_the_lift_is_offline_and_its_session_stays() -
     assert (lift.state.session_id, lift.state.current_mode, lift.state.door_state) == (A, 4, DOOR_MOVING)
 
 
-def test_an_end_while_the_manager_is_away_is_shown_at_once_and_told_first() -> None:
+def test_an_end_while_the_manager_is_away_is_the_first_thing_that_it_is_told() -> None:
     lift = riding()
     lift.adapter.lost("connection refused", lift.now)
     lift.adapter.requested(ends(A), lift.now)
     lift.now += 0.02
     lift.turn()
-    assert (lift.state.session_id, lift.asked[1:]) == ("", [])
+    assert lift.asked[1:] == []
     lift.now += 60
     lift.adapter.requested(wants(B, "Level 3"), lift.now)
     lift.hear()
     assert lift.asked[1:] == [Ended("lift", A, 0.0)], "its grace is over"
     lift.over()
     assert lift.wanted()[1:] == [(B, "L3")]
+
+
+def test_a_session_whose_end_the_manager_does_not_know_is_published_so_that_its_robot_goes_on_ending_it() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.requested(ends(A), lift.now)
+    lift.now += UNDELIVERED_S - 1
+    lift.turn()
+    assert (lift.state.session_id, lift.state.door_state, lift.state.current_mode) == (A, DOOR_MOVING, MODE_OFFLINE)
+    assert lift.adapter.counts.requests["lift_rmf", "ended"] == 1
+    lift.say(ends(A))
+    assert lift.adapter.counts.requests["lift_rmf", "ended"] == 2
+    assert (lift.state.session_id, lift.ended()) == ("", [A])
+
+
+def test_a_later_end_of_the_same_session_is_shown_at_once() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.requested(ends(A), lift.now)
+    lift.hear()
+    lift.over()
+    lift.say(wants(A, "Level 2"))
+    lift.slow = True
+    lift.say(ends(A))
+    assert lift.state.session_id == ""
+
+
+def test_a_robot_does_not_wait_for_ever_for_a_manager_that_stays_away() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.requested(ends(A), lift.now)
+    lift.now += UNDELIVERED_S + 1
+    lift.turn()
+    assert lift.state.session_id == ""
+    lift.hear()
+    assert lift.ended() == [A]
+
+
+def test_no_door_is_open_while_an_end_is_on_its_way_to_a_manager_that_is_back() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.requested(ends(A), lift.now)
+    lift.slow = True
+    sent = len(lift.sent)
+    lift.hear()
+    assert {(state.session_id, state.door_state) for state in lift.sent[sent:]} == {(A, DOOR_MOVING)}
+    lift.answers()
+    lift.step()
+    assert lift.state.session_id == ""
+
+
+def test_an_end_of_the_fleet_that_the_supervisor_drops_ends_the_session_after_a_while_and_moves_nothing() -> None:
+    """Humble drops an END without a current request; all drop one while they serve another session (open-rmf 1.4)."""
+    lift = riding()
+    wanted = lift.wanted()
+    lift.fleet(ends(A, "Level 3"))
+    lift.elapse(PASS_ON_S - 0.5)
+    assert (lift.state.session_id, lift.ended()) == (A, [])
+    lift.fleet(ends(A, "Level 3"))
+    lift.elapse(1)
+    assert (lift.state.session_id, lift.ended(), lift.wanted()) == ("", [A], wanted)
+    assert lift.adapter.counts.requests["lift_rmf", "ended"] == 1
+
+
+def test_the_adapter_wakes_for_an_end_that_is_not_passed_on() -> None:
+    lift = riding()
+    lift.fleet(ends(A))
+    ends_at = lift.now + PASS_ON_S
+    due = lift.now
+    while not lift.ended():
+        lift.now = max(due, lift.now + 0.001)
+        due = lift.adapter.tick(lift.now)
+    assert lift.now == pytest.approx(ends_at, abs=0.05)
+
+
+def test_an_end_that_the_supervisor_passes_on_ends_the_session_once() -> None:
+    lift = riding()
+    lift.fleet(ends(A))
+    lift.say(ends(A))
+    assert (lift.state.session_id, lift.ended()) == ("", [A])
+    lift.fleet(ends(A))
+    lift.over()
+    lift.say(wants(A, "Level 3"))
+    lift.elapse(2 * PASS_ON_S)
+    assert (lift.state.session_id, lift.ended()) == (A, [A])
+
+
+def test_a_fleet_that_goes_on_asking_has_not_ended_its_session() -> None:
+    """An END of rmf-web for a robot that rides: its fleet asks again with the next state, or within a second (open-rmf 1.5)."""
+    lift = riding()
+    for _ in range(5):
+        lift.fleet(ends(A))
+        lift.elapse(1)
+        lift.fleet(wants(A, "Level 2"))
+        lift.elapse(1)
+    assert (lift.state.session_id, lift.ended()) == (A, [])
+
+
+@pytest.mark.parametrize(
+    "request_", [ends(B), ends(""), ends(A, lift="another"), wants(B, "Level 3"), wants(A, "Level 3")]
+)
+def test_nothing_else_that_fleets_send_to_their_supervisor_does_anything(request_: LiftRequest) -> None:
+    lift = riding()
+    lift.fleet(*[request_] * 3)
+    lift.elapse(2 * PASS_ON_S)
+    assert (lift.state.session_id, lift.ended(), lift.wanted()) == (A, [], [(A, "L2")])
+
+
+def test_a_fleet_is_given_no_lift_past_its_supervisor() -> None:
+    lift = bench()
+    lift.fleet(wants(A, "Level 2"))
+    lift.elapse(10)
+    assert (lift.state.session_id, lift.asked) == ("", [])
+
+
+def test_an_adapter_that_was_restarted_hears_the_fleet_end_the_session_that_it_took_up() -> None:
+    lift = riding()
+    lift.restart_adapter()
+    lift.hear()
+    lift.fleet(ends(A))
+    lift.elapse(PASS_ON_S + 0.1)
+    assert (lift.state.session_id, lift.ended()) == ("", [A])
+
+
+@pytest.mark.parametrize(("goes_on", "ended"), [(False, [A]), (True, [])])
+def test_an_end_of_the_fleet_counts_before_the_manager_was_heard(goes_on: bool, ended: list[str]) -> None:
+    lift = riding()
+    lift.restart_adapter()
+    lift.adapter.fleet_requested(ends(A), lift.now)
+    if goes_on:
+        lift.adapter.fleet_requested(wants(A, "Level 2"), lift.now)
+    lift.hear()
+    assert lift.ended() == []
+    lift.elapse(PASS_ON_S + 0.1)
+    assert lift.ended() == ended
+
+
+def test_an_end_of_the_fleet_counts_while_the_manager_is_away() -> None:
+    lift = riding()
+    lift.adapter.lost("connection refused", lift.now)
+    lift.fleet(ends(A))
+    lift.now += PASS_ON_S
+    lift.turn()
+    assert lift.ended() == []
+    lift.hear()
+    assert lift.ended() == [A]
 
 
 def test_after_a_restart_of_the_manager_nothing_is_told_before_rmf_is_heard() -> None:
@@ -596,3 +743,28 @@ def test_a_session_that_was_refused_and_gave_up_does_not_keep_others_off() -> No
     lift.adapter.requested(wants(B, "Level 3"), lift.now)
     lift.hear()
     assert lift.wanted() == [(B, "L3")]
+
+
+@pytest.mark.parametrize(("own", "other"), [("", "5"), ("5", ""), ("5", "6")])
+def test_a_session_of_another_rmf_is_that_of_another_face_whatever_its_name(own: str, other: str) -> None:
+    lift = bench(adapter_id=own)
+    theirs = HeldBy("rmf", A, other)
+    lift.change(floor="L2", door="open", holder=theirs)
+    assert (lift.state.session_id, lift.state.door_state) == (str(theirs) if other else f"rmf:{A}", DOOR_MOVING)
+    lift.say(ends(A), ends(lift.state.session_id))
+    lift.fleet(ends(A), ends(lift.state.session_id))
+    lift.elapse(2 * PASS_ON_S)
+    assert (lift.ended(), lift.asked) == ([], [])
+    lift.say(wants(A, "Level 2"))
+    assert lift.asked == [Wanted("lift", A, "L2", True, own)]
+    assert lift.state.session_id == str(theirs)
+
+
+def test_an_adapter_with_an_id_says_it_with_every_request_and_takes_up_its_own_sessions() -> None:
+    lift = riding(adapter_id="5/building1")
+    lift.restart_adapter()
+    lift.hear()
+    assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_OPEN)
+    lift.say(ends(A))
+    assert [one.adapter for one in lift.asked] == ["5/building1"] * 2
+    assert lift.ended() == [A]

@@ -9,7 +9,7 @@ from cyclonedds.qos import Policy, Qos
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.dds_link import DdsLink
 from lift_manager.rmf.dds_types import WireLiftState, wire_state
-from lift_manager.rmf.messages import LiftState
+from lift_manager.rmf.messages import END_SESSION, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.views import Alarms
 from tests.support.dds_oracle import BOOL
@@ -17,6 +17,7 @@ from tests.support.dds_partner import Offer, Partner, Process, process
 from tests.support.dds_rig import ORACLE, adapter, config, padded, request, settings_of_test, state
 
 REQUESTS, STATES, FIRE = "rt/lift_requests", "rt/lift_states", "rt/fire_alarm_trigger"
+FLEETS = "rt/adapter_lift_requests"
 LOCALHOST_OF_ROS = (
     "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General>"
     "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
@@ -84,6 +85,21 @@ def test_an_adapter_that_starts_again_is_found_and_hears_nothing_of_before(setti
                 dds.publish(state(floor=f"last words {turn}"))
             supervisor.heard(STATES, padded(ORACLE.state(state(floor=f"last words {turn}"))))
             supervisor.heard(FIRE, padded(ORACLE.encoded(BOOL, turn == 1)))
+
+
+def test_no_old_end_of_a_fleet_reaches_an_adapter_that_starts(settings: RosSettings) -> None:
+    with process(settings.domain, config(settings)) as fleet:
+        fleet.offer(FLEETS, "request", Offer(transient=True), readers=0)
+        fleet.write(FLEETS, ORACLE.request(request("old", kind=END_SESSION)))
+        fleet.has_written(FLEETS, 1)
+        with adapter(settings) as (_, heard):
+            history = Partner(settings.domain)
+            ear = history.hear(FLEETS, "request", Offer(transient=True))
+            ear.wait_for(bool)
+            fleet.says(lambda said: said.get("read_by", 0) >= 2)
+            fleet.write(FLEETS, ORACLE.request(request("new", kind=END_SESSION)))
+            assert heard.wait_for("fleet requested") == [request("new", kind=END_SESSION)]
+            history.close()
 
 
 def test_a_subscriber_that_stands_still_holds_up_nobody(

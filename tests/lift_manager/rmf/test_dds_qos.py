@@ -7,6 +7,7 @@ from cyclonedds.qos import Policy
 from cyclonedds.util import duration
 
 from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.messages import END_SESSION
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.views import Alarms
 from tests.support.dds_oracle import BOOL, EMERGENCY_SIGNAL
@@ -14,6 +15,7 @@ from tests.support.dds_partner import Offer, Partner
 from tests.support.dds_rig import ORACLE, Heard, adapter, padded, request, settings_of_test, state
 
 REQUESTS, STATES = "rt/lift_requests", "rt/lift_states"
+FLEETS = "rt/adapter_lift_requests"
 FIRE, EMERGENCY = "rt/fire_alarm_trigger", "rt/emergency_signal"
 ON, OFF = padded(ORACLE.encoded(BOOL, True)), padded(ORACLE.encoded(BOOL, False))
 
@@ -46,6 +48,21 @@ def test_every_publisher_of_requests_is_heard(joined: tuple[Dds, Heard, Partner]
     partner.write(REQUESTS, ORACLE.request(request()))
     assert heard.wait_for("requested") == [request()]
     assert [what for what, _ in heard.events] == ["matched", "requested"]
+
+
+@pytest.mark.parametrize(
+    "offer",
+    [
+        pytest.param(Offer(transient=False, depth=100), id="humble's fleet adapter on Cyclone: volatile"),
+        pytest.param(Offer(transient=True, depth=100), id="iron to main, and rmf-web: transient local"),
+    ],
+)
+def test_every_fleet_adapter_is_heard(joined: tuple[Dds, Heard, Partner], offer: Offer) -> None:
+    _, heard, partner = joined
+    partner.offer(FLEETS, "request", offer)
+    partner.write(FLEETS, ORACLE.request(request(kind=END_SESSION)), ORACLE.request(request()))
+    assert heard.wait_for("fleet requested", 2) == [request(kind=END_SESSION), request()]
+    assert {what for what, _ in heard.events} == {"fleet requested"}
 
 
 def test_a_publisher_that_only_does_its_best_is_not_heard_and_the_log_says_why(
@@ -160,6 +177,7 @@ ENDPOINTS = {
     ("writer", STATES): (f"{LIFT}LiftState_", "ce0553cd08eeeb321bdae554efdb6d2ebb2be9755df2e34895cbef55b51f4c06"),
     ("reader", STATES): (f"{LIFT}LiftState_", "ce0553cd08eeeb321bdae554efdb6d2ebb2be9755df2e34895cbef55b51f4c06"),
     ("reader", REQUESTS): (f"{LIFT}LiftRequest_", "e8f1e0aa4d172703d0d7840c1876448c6c5d75ab58955faf7de7dddc17c096ac"),
+    ("reader", FLEETS): (f"{LIFT}LiftRequest_", "e8f1e0aa4d172703d0d7840c1876448c6c5d75ab58955faf7de7dddc17c096ac"),
     ("writer", FIRE): (f"{STD}Bool_", "feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9"),
     ("writer", EMERGENCY): (
         f"{FLEET}EmergencySignal_",
@@ -188,6 +206,7 @@ def test_everything_has_the_names_types_hashes_and_qos_of_ros() -> None:
     assert best_effort == {("reader", STATES), ("reader", "rt/clock")}
     depths = {key: end.qos[Policy.History].depth for key, end in ends.items()}
     assert depths[("reader", REQUESTS)] >= 100
+    assert depths[("reader", FLEETS)] >= 100
     assert depths[("writer", STATES)] >= 100
 
 

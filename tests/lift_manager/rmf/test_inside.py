@@ -241,3 +241,19 @@ def test_after_close_nothing_is_told_any_more_and_it_may_begin_again() -> None:
         assert both.ears.lost_for == []
 
     inside(check)
+
+
+def test_two_adapters_inside_have_sessions_of_their_own_even_of_one_name() -> None:
+    async def check(both: Both) -> None:
+        other = replace(TO_L1, adapter="5")
+        assert (await both.said(other)).yes
+        await elapse(BETWEEN_S)
+        assert both.ears.lift.holder == HeldBy("rmf", AMR, "5")
+        refused = await both.said(TO_L1)
+        assert (refused.code, f"held by rmf:{AMR}@5" in refused.reason) == ("held", True)
+        assert (await both.said(Ended("lift", AMR, 0))).code == "held"
+        assert (await both.said(Ended("lift", AMR, 0, adapter="5"))).yes
+        await elapse(0.1)
+        assert both.ears.lift.holder is None
+
+    inside(check)

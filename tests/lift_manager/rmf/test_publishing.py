@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import pytest
 
-from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, LiftState, Time
+from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, HUMAN_MODE, LiftState, Time
 from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
 from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
@@ -90,6 +90,33 @@ def test_a_lift_that_rmf_holds_is_in_agv_mode_unless_it_says_that_it_is_not(
     ride.say(ends(A))
     ride.over()
     assert ride.state.current_mode == HUMAN
+
+
+@pytest.mark.parametrize("door", [DOOR_OPEN, DOOR_CLOSED])
+def test_a_lift_that_was_asked_for_in_human_mode_is_in_human_mode(door: int) -> None:
+    ride = riding()
+    assert ride.state.current_mode == AGV
+    ride.say(wants(A, "Level 2", request_type=HUMAN_MODE, door_state=door))
+    assert (ride.state.session_id, ride.state.current_mode) == (A, HUMAN)
+    ride.say(wants(A, "Level 2"))
+    assert ride.state.current_mode == AGV
+
+
+def test_the_mode_of_a_session_ends_with_it() -> None:
+    ride = bench()
+    ride.say(wants(A, "Level 2", request_type=HUMAN_MODE))
+    assert ride.state.current_mode == HUMAN
+    ride.say(ends(A))
+    ride.over()
+    ride.say(wants(B, "Level 2"))
+    assert (ride.state.session_id, ride.state.current_mode) == (B, AGV)
+
+
+def test_a_lift_that_says_itself_that_it_is_in_robot_mode_is_told_as_that() -> None:
+    ride = bench()
+    ride.say(wants(A, "Level 2", request_type=HUMAN_MODE))
+    ride.change(mode="robot")
+    assert ride.state.current_mode == AGV
 
 
 def test_a_lift_that_cannot_be_read_is_offline_and_its_door_is_not_open() -> None:

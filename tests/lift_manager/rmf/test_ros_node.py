@@ -40,14 +40,18 @@ def jazzy() -> Iterator[Ros]:
 def test_topics_types_and_quality_of_service_are_those_of_the_contract(ros: Ros) -> None:
     ros.start()
     assert ros.node.get_name() == "lift_adapter"
-    assert set(ros.world.topics) == {"/lift_states", "/lift_requests"}
-    states, requests = ros.world.topics["/lift_states"], ros.world.topics["/lift_requests"]
+    assert set(ros.world.topics) == {"/lift_states", "/lift_requests", "/adapter_lift_requests"}
+    states, requests, fleets = (
+        ros.world.topics[name] for name in ("/lift_states", "/lift_requests", "/adapter_lift_requests")
+    )
     # one that could not be delivered in a second says what is over, and OPEN would be believed
     offer, wish = ros.offer(depth=100, lifespan_s=1.0), ros.offer(depth=10_000)
     assert [(one.kind, one.offer) for one in states.writers] == [(ros.lift_msgs.LiftState, offer)]
     assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, wish)]
+    assert [(one.kind, one.offer) for one in fleets.readers] == [(ros.lift_msgs.LiftRequest, wish)]
     assert not states.readers
     assert not requests.writers
+    assert not fleets.writers
 
 
 def test_numbers_are_those_of_the_messages(jazzy: Ros) -> None:
@@ -102,6 +106,33 @@ def test_a_request_of_rmf_reaches_the_manager_and_its_answer_rmf(ros: Ros) -> No
     assert isinstance(ros.manager.asked[-1], Ended)
 
 
+@pytest.mark.parametrize(
+    ("namespace", "domain", "said", "known_as"),
+    [("/", 0, "", ""), ("/building1", 5, "", "5/building1"), ("/building1", 5, "test", "test")],
+)
+def test_the_node_is_known_to_the_manager_as_the_adapter_without_ros_is(
+    jazzy: Ros, namespace: str, domain: int, said: str, known_as: str
+) -> None:
+    jazzy.world.namespace, jazzy.world.domain = namespace, domain
+    jazzy.start(adapter_id=said)
+    jazzy.hear(lift())
+    jazzy.writer(f"{namespace.rstrip('/')}/lift_requests").publish(jazzy.request())
+    jazzy.spin(6.0)
+    assert [one.adapter for one in jazzy.manager.asked] == [known_as]
+
+
+def test_an_end_of_a_fleet_that_its_supervisor_drops_reaches_the_manager(ros: Ros) -> None:
+    ros.start()
+    reader, fleet = ros.reader(), ros.writer("/adapter_lift_requests", "fleet")
+    ros.hear(lift(holder=held("fleet/robot1")))
+    fleet.publish(ros.request(request_type=0, destination_floor="", door_state=0))
+    ros.spin(1.5)
+    assert (reader.got[-1].session_id, ros.manager.asked) == ("fleet/robot1", [])
+    ros.spin(1.0)
+    assert reader.got[-1].session_id == ""
+    assert [type(asked) for asked in ros.manager.asked] == [Ended]
+
+
 def test_each_lift_is_published_twice_a_second_and_not_in_answer_to_requests(jazzy: Ros) -> None:
     jazzy.start()
     reader, supervisor = jazzy.reader(), jazzy.writer()
@@ -129,9 +160,10 @@ def test_a_request_that_makes_no_sense_asks_nothing(jazzy: Ros, values: dict[str
 def test_topics_are_under_the_namespace_and_the_names_that_ros_gives_them(ros: Ros) -> None:
     ros.world.namespace = "/building1"
     ros.world.remaps["/building1/states"] = "/sim/lift_states"
-    ros.start(states_topic="states", requests_topic="calls")
+    ros.start(states_topic="states", requests_topic="calls", adapter_requests_topic="fleets")
     assert {topic for topic, place in ros.world.topics.items() if place.writers} == {"/sim/lift_states"}
-    assert {topic for topic, place in ros.world.topics.items() if place.readers} == {"/building1/calls"}
+    read = {topic for topic, place in ros.world.topics.items() if place.readers}
+    assert read == {"/building1/calls", "/building1/fleets"}
     ros.hear(lift(), FIRE)
     assert "/building1/fire_alarm_trigger" in ros.world.topics
     ros.spin(3.0)  # who else is there is asked of the same names
@@ -309,7 +341,8 @@ def test_the_end_before_a_burst_of_other_requests_is_not_lost(ros: Ros) -> None:
 
 def test_the_event_is_used_wherever_it_is_there(ros: Ros) -> None:
     ros.start()
-    assert [bool(one.matched) for one in ros.node.subscriptions] == [ros.world.distro in WITH_EVENT]
+    with_event = {one.topic_name for one in ros.node.subscriptions if one.matched}
+    assert with_event == ({"/lift_requests"} if ros.world.distro in WITH_EVENT else set())
 
 
 def test_another_program_that_publishes_the_same_lift_is_told_once(ros: Ros, caplog: pytest.LogCaptureFixture) -> None:
@@ -345,7 +378,7 @@ def test_nothing_is_said_of_a_fire_where_the_site_does_not_want_it(ros: Ros) -> 
     ros.start()
     ros.hear(lift(fire_latched=True, mode="fire"))
     ros.spin(5.0)
-    assert set(ros.world.topics) == {"/lift_states", "/lift_requests"}
+    assert not {"/fire_alarm_trigger", "/emergency_signal"} & set(ros.world.topics)
 
 
 def test_a_fire_is_told_while_it_lasts_to_who_is_there_and_to_who_comes_later(ros: Ros) -> None:

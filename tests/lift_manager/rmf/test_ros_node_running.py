@@ -129,16 +129,30 @@ def test_a_signal_ends_the_program_in_order(port: int, number: signal.Signals) -
     assert "door_state=1" in last
 
 
-def test_settings_that_cannot_be_used_end_the_program_with_two() -> None:
+@pytest.mark.parametrize(
+    ("parameter", "why"),
+    [
+        ("manager_port:=70000", "port 70000 does not exist; it is a number from 1 to 65535"),
+        (
+            "manager_address:=my lifts",
+            "'my lifts' is no address; write a host, host:port, or a URL such as https://lifts.example:5003",
+        ),
+        (
+            "adapter_id:=a@b",
+            "the adapter's id is 'a@b'; it is made of letters, digits and . _ / -, at most 300 of them",
+        ),
+    ],
+)
+def test_settings_that_cannot_be_used_end_the_program_with_two(parameter: str, why: str) -> None:
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     with installed("jazzy") as ros:
         try:
-            assert ros.ros_node.main(["program", "--ros-args", "-p", "manager_port:=70000"]) == 2
+            assert ros.ros_node.main(["program", "--ros-args", "-p", parameter]) == 2
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
             logging.getLogger("lift_manager").setLevel(logging.NOTSET)
-        assert ros.world.log == [("fatal", "port 70000 does not exist; it is a number from 1 to 65535")]
+        assert ros.world.log == [("fatal", why)]
         # those of rclpy would end the context before the last word is said
         assert ros.world.signal_handlers == "NO"
         assert not ros.world.context_is_up

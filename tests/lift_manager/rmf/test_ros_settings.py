@@ -1,9 +1,12 @@
 """What ROS 2's environment variables mean, and what Cyclone DDS is told because of them."""
 
+import re
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
 
+from lift_manager.domain.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT
 from lift_manager.rmf.dds_config import config_of
 from lift_manager.rmf.ros_settings import BadSettings, RosSettings
 
@@ -163,3 +166,28 @@ def test_system_default_says_nothing_of_its_own() -> None:
 def test_the_users_own_configuration_comes_last() -> None:
     own = config_of(RosSettings(cyclonedds_uri="file:///x.xml"), 1)
     assert own == config_of(RosSettings(), 1) + ",file:///x.xml"
+
+
+@pytest.mark.parametrize(
+    ("given", "known_as"),
+    [
+        ({}, ""),
+        ({"domain": 5}, "5"),
+        ({"namespace": "/building1/"}, "building1"),
+        ({"domain": 5, "namespace": "building1"}, "5/building1"),
+        ({"requests_topic": "/b2/lift_requests", "namespace": "b1"}, "b2"),
+        ({"requests_topic": "calls"}, "calls"),
+        ({"domain": 5, "adapter_id": "test"}, "test"),
+    ],
+)
+def test_an_adapter_is_known_to_the_manager_by_domain_and_namespace_where_nothing_is_said(
+    given: dict[str, Any], known_as: str
+) -> None:
+    assert RosSettings(**given).adapter == known_as
+
+
+@pytest.mark.parametrize("text", ["a@b", "a b", "\u00e4", "a\n", "x" * 301])
+def test_an_id_that_the_manager_does_not_take_is_refused(text: str) -> None:
+    with pytest.raises(BadSettings, match="the adapter's id is"):
+        RosSettings(adapter_id=text)
+    assert re.fullmatch(ADAPTER_ID, text) is None or len(text) > ADAPTER_ID_LIMIT

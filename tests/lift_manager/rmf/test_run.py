@@ -3,13 +3,14 @@
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 
 import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.rmf.dds import DdsHears
-from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Deliver, Hears, Wanted
+from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
+from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears, Wanted
 from lift_manager.rmf.run import AGAIN_S, Running
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 from tests.lift_manager.rmf.bench import AlarmEar
@@ -60,6 +61,9 @@ class FakeRmf:
 
     def send(self, request: LiftRequest) -> None:
         self.deliver(lambda: self.hears.requested(request))
+
+    def send_of_fleet(self, request: LiftRequest) -> None:
+        self.deliver(lambda: self.hears.fleet_requested(request))
 
 
 class FakeWay:
@@ -158,6 +162,20 @@ def test_a_request_reaches_the_manager_and_its_session_the_wire_in_the_same_inst
 
     stage = play(scene)
     assert stage.running.counts.requests["Lift1", "begun"] == 1
+
+
+def test_an_end_of_a_fleet_that_its_supervisor_drops_reaches_the_manager() -> None:
+    async def scene(stage: Stage) -> None:
+        await elapse(1.1)
+        stage.rmfs[0].send(REQUEST)
+        await elapse(0.3)
+        stage.rmfs[0].send_of_fleet(replace(REQUEST, request_type=END_SESSION))
+        await elapse(1.9)
+        assert stage.last().session_id == "fleet/robot1"
+        await elapse(0.2)
+        assert (stage.last().session_id, type(stage.ways[0].asked[-1])) == ("", Ended)
+
+    play(scene)
 
 
 def test_a_manager_that_is_lost_shows_on_the_wire_in_the_same_instant() -> None:

@@ -172,7 +172,7 @@ def test_an_end_while_the_lift_is_offline_counts_and_without_one_the_session_sta
     on_the_wire(play)
 
 
-def test_an_end_while_the_manager_is_away_counts_at_once_and_is_delivered_when_it_is_back() -> None:
+def test_an_end_while_the_manager_is_away_is_delivered_when_it_is_back_and_shown_then() -> None:
     async def play(wire: Wire) -> None:
         await wire.keep_asking(A, 2, 6.0)
         wire.world.judge.excuse(wire.world.now, "down", on=True)
@@ -180,12 +180,14 @@ def test_an_end_while_the_manager_is_away_counts_at_once_and_is_delivered_when_i
         await wire.keep_asking(A, 2, 2.0)
         assert (wire.session, wire.state.current_mode) == (A, MODE_OFFLINE)
         wire.end(A)
-        await elapse(0.1)
-        assert wire.session == ""
-        assert wire.world.judge.holder.last == Holder("rmf", A)
         await elapse(4.0)
+        assert (wire.session, wire.state.current_mode) == (A, MODE_OFFLINE)
+        assert wire.world.judge.holder.last == Holder("rmf", A)
+        wire.world.judge.excuse(wire.world.now, "down", on=False, lasts_s=3.0)
         wire.world.mend_way()
-        await elapse(5.0)
+        await elapse(0.2)
+        assert wire.session == ""
+        await elapse(4.8)
         assert wire.world.judge.holder.last is None
 
     on_the_wire(play)

@@ -29,7 +29,7 @@ LIFTS = st.builds(
     motion=TEXT,
     mode=TEXT,
     robot_mode_on=st.none() | st.booleans(),
-    holder=st.none() | st.builds(HeldBy, face=TEXT, name=TEXT),
+    holder=st.none() | st.builds(HeldBy, face=TEXT, name=TEXT, adapter=TEXT),
     ending=st.booleans(),
     fire_latched=st.booleans(),
     waiting_for=TEXT,
@@ -87,9 +87,18 @@ def spoil(place: str, value: object) -> Any:
 
 PARTS = {"": Site, "alarms/": Alarms, "lifts/0/": LiftView, "lifts/0/holder/": HeldBy}
 KEYS = [f"{place}{field.name}" for place, form in PARTS.items() for field in fields(form)]
+LATER = "lifts/0/holder/adapter"
+"""A manager from before adapters had ids does not say it."""
 
 
-@pytest.mark.parametrize("place", KEYS)
+def test_a_manager_that_knows_no_adapters_has_one() -> None:
+    said = as_sent(SITE)
+    del said["lifts"][0]["holder"]["adapter"]
+    (lift,) = site_of(said).lifts
+    assert lift.holder == HeldBy("rmf", "fleet/amr-7")
+
+
+@pytest.mark.parametrize("place", [key for key in KEYS if key != LATER])
 def test_a_key_that_is_missing_is_named(place: str) -> None:
     said = as_sent(SITE)
     *way, last = place.split("/")

@@ -12,7 +12,7 @@ from lift_manager.domain.access import Role
 from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused
 from lift_manager.domain.description import LiftDescription
 from lift_manager.domain.events import Alarm
-from lift_manager.domain.rmf import RmfRules
+from lift_manager.domain.rmf import RmfRules, rmf_holder, rmf_session
 from lift_manager.domain.state import Holder, Quality, Restrictions, RobotDoor
 from lift_manager.rmf.inside import site_view
 from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site, site_of
@@ -154,6 +154,37 @@ def test_an_end_is_passed_on_with_its_grace() -> None:
     assert (answer.status_code, answer.json()) == (200, {"boot": "b0", "event": 4})
     post(facade, "ended", json={"session_id": "x", "grace_s": 0})
     assert facade.ended == [("lift", AMR, 3.0), ("lift", Holder("rmf", "x"), 0.0)]
+
+
+def test_an_adapter_with_an_id_has_sessions_of_its_own() -> None:
+    facade = FakeManager()
+    assert post(facade, "wanted", json={**WANTED, "adapter": "5/b1"}).status_code == 200
+    assert post(facade, "ended", json={**ENDED, "adapter": "5/b1"}).status_code == 200
+    theirs = Holder("rmf", "fleet/amr-7@5/b1")
+    assert (facade.asked[0].holder, facade.ended[0][1]) == (theirs, theirs)
+    told_of = told(FakeManager({"Güter": replace(RIDING, holder=theirs)})).lifts[0].holder
+    assert told_of == HeldBy("rmf", "fleet/amr-7", "5/b1")
+    assert str(told_of) == str(theirs)
+
+
+@pytest.mark.parametrize("session", ["fleet/amr-7", "amr@fleet", "@", "a@b@c"])
+@pytest.mark.parametrize("adapter", ["", "5", "b1/x.y_z-0"])
+def test_session_and_adapter_are_told_apart_whatever_is_in_a_session_id(session: str, adapter: str) -> None:
+    facade = FakeManager()
+    post(facade, "ended", json={**ENDED, "session_id": session, "adapter": adapter})
+    assert rmf_session(facade.ended[0][1]) == (session, adapter)
+    other = rmf_holder(f"{session}@{adapter}", "")
+    assert facade.ended[0][1] != other
+
+
+@pytest.mark.parametrize("adapter", ["a@b", "a b", "a\n", "x" * 301, 5, None])
+@every_word
+def test_an_id_of_an_adapter_that_is_none_is_refused(what: str, body: dict[str, object], adapter: object) -> None:
+    facade = FakeManager()
+    answer = post(facade, what, json={**body, "adapter": adapter})
+    refused(answer, 422, "malformed")
+    assert answer.json()["field"] == "adapter"
+    assert facade.changes == []
 
 
 class Deciding(FakeManager):

@@ -104,6 +104,7 @@ class World:
         self.topics: dict[str, Topic] = {}
         self.parameters: dict[str, object] = {}
         self.namespace = "/"
+        self.domain = 0
         self.remaps: dict[str, str] = {}
         self.steady_ns = 5_000_000_000
         self.system_ns = 1_700_000_000_000_000_000

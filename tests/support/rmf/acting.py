@@ -6,6 +6,7 @@ import asyncio
 from dataclasses import dataclass, field, replace
 
 from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.rmf import rmf_holder
 from lift_manager.domain.state import Holder
 from lift_manager.lab.virtual_time import elapse
 from register_maps.words import Mode
@@ -21,6 +22,9 @@ PERSON = "the guard"
 STAYS_AWAY_S = 1.0
 """Between two tries of a client of the REST API, and two looks of a person."""
 GAVE_UP = "gave up"
+LEAVES = "leaves"
+LEAVES_WITHIN_S = 30.0
+"""So long an outage waits for a robot that leaves the car, and ends its session in it."""
 PANEL = "rviz"
 AMR = Holder("api", "amr")
 WEB = RmfWeb()
@@ -45,11 +49,6 @@ class Actors:
     def waiting(self) -> str:
         return "; ".join(f"{session}: {step}" for session, step in self.rides.items())
 
-    def is_done_with(self, session: str) -> bool:
-        """Whether a session is that of a robot that only waits for its end, or does not even do that."""
-        robot = self.robots.get(session)
-        return robot is not None and (robot.phase is Phase.END or self.rides.get(session) == GAVE_UP)
-
     def serve_instead(self, session: str, other: str) -> None:
         """Do what `lift-manager rmf request --session SESSION --instead-of OTHER` sends first."""
         world, robot = self.world, self.robots.get(session)
@@ -71,6 +70,8 @@ class Actors:
                 await self._ask_in_panel(event)
             case happens.OtherFace():
                 await self._use_rest(event)
+            case happens.OtherRmf():
+                await self._use_other_rmf(event)
             case happens.Ends() | happens.Repeats() | happens.WebEnd() | happens.Script():
                 await self._send(event)
             case _:
@@ -154,8 +155,8 @@ class Actors:
 
     async def _drive(self, ride: Ride, robot: FleetRobot, floor: str) -> None:
         since = self.world.now
-        self.rides[ride.session] = f"drives at {floor}"
         boards = ride.session not in self.inside
+        self.rides[ride.session] = f"drives at {floor}" if boards else f"{LEAVES} at {floor}"
         self.inside.add(ride.session)
         await elapse(ride.drives_s)
         if not boards:
@@ -218,6 +219,21 @@ class Actors:
         world.judge.wants(world.now, str(AMR), None)
         world.judge.excuse(world.now, "taken", on=False, lasts_s=10.0)
 
+    async def _use_other_rmf(self, event: happens.OtherRmf) -> None:
+        """Take the lift as soon as it is to be had, hold it for a while, and end the session."""
+        world, holder = self.world, rmf_holder(event.session, "other")
+        world.judge.excuse(world.now, "taken", on=True)
+        ask = Ask(world.lift, holder, self._site_floor(event.floor), hold_door=True, stays=True)
+        until = world.now + event.for_s
+        while world.now < until:
+            world.plant.ask(ask)
+            await elapse(STAYS_AWAY_S)
+        while world.judge.holder.last == holder:
+            world.plant.manager.end_session(world.lift, holder, 0.0)
+            await elapse(STAYS_AWAY_S)
+        world.judge.wants(world.now, str(holder), None)
+        world.judge.excuse(world.now, "taken", on=False, lasts_s=10.0)
+
     async def _send(self, event: Event) -> None:
         world = self.world
         match event:
@@ -246,28 +262,6 @@ class Actors:
     async def _strike(self, event: Event) -> None:
         world, judge = self.world, self.world.judge
         match event:
-            case happens.SupervisorRestarts(down_s=down_s):
-                world.site.stop_supervisor()
-                await elapse(down_s)
-                world.site.start_supervisor()
-            case happens.AdapterRestarts(down_s=down_s):
-                judge.excuse(world.now, "adapter", on=True)
-                world.kill_adapter()
-                await elapse(down_s)
-                world.start_adapter()
-                judge.excuse(world.now, "adapter", on=False)
-            case happens.ManagerRestarts(down_s=down_s):
-                judge.excuse(world.now, "down", on=True)
-                await world.kill_manager()
-                await elapse(down_s)
-                await world.start_manager()
-                judge.excuse(world.now, "down", on=False, lasts_s=3.0)
-            case happens.WayCut(for_s=for_s):
-                judge.excuse(world.now, "down", on=True)
-                world.cut_way("the network is cut")
-                await elapse(for_s)
-                world.mend_way()
-                judge.excuse(world.now, "down", on=False, lasts_s=3.0)
             case happens.Unplugged(for_s=for_s):
                 judge.excuse(world.now, "offline", on=True)
                 world.plant.plug(on=False)
@@ -281,7 +275,57 @@ class Actors:
                 await elapse(for_s)
                 world.plant.manager.end_lockout(world.lift, PERSON)
             case _:
+                await self._strike_program(event)
+
+    async def _strike_program(self, event: Event) -> None:
+        world, judge = self.world, self.world.judge
+        match event:
+            case happens.SupervisorRestarts(down_s=down_s):
+                world.site.stop_supervisor()
+                await elapse(down_s)
+                world.site.start_supervisor()
+            case happens.AdapterRestarts(down_s=down_s):
+                await self._restart_adapter(down_s)
+            case happens.ManagerRestarts(down_s=down_s):
+                judge.excuse(world.now, "down", on=True)
+                await world.kill_manager()
+                await elapse(down_s)
+                await world.start_manager()
+                judge.excuse(world.now, "down", on=False, lasts_s=3.0)
+            case happens.WayCut(for_s=for_s):
+                await self._cut_way(for_s)
+            case happens.Outage(for_s=for_s):
+                until = world.now + LEAVES_WITHIN_S
+                while world.now < until and not any(step.startswith(LEAVES) for step in self.rides.values()):
+                    await elapse(0.1)
+                await self._cut_way(for_s, restarts=True)
+            case happens.UnheardEnd(session=session, down_s=down_s):
+                world.site.stop_supervisor()
+                await elapse(down_s / 2)
+                world.site.web.publish(WEB.end(world.name, session, "", world.now))
+                await elapse(down_s / 2)
+                world.site.start_supervisor()
+            case _:
                 raise AssertionError(f"nobody knows how to let {event} happen")
+
+    async def _restart_adapter(self, down_s: float) -> None:
+        world, judge = self.world, self.world.judge
+        judge.excuse(world.now, "adapter", on=True)
+        world.kill_adapter()
+        await elapse(down_s)
+        world.start_adapter()
+        judge.excuse(world.now, "adapter", on=False)
+
+    async def _cut_way(self, for_s: float, *, restarts: bool = False) -> None:
+        world, judge = self.world, self.world.judge
+        judge.excuse(world.now, "down", on=True)
+        world.cut_way("the network is cut")
+        await elapse(for_s / 2)
+        if restarts:
+            await self._restart_adapter(0.0)
+        await elapse(for_s / 2)
+        world.mend_way()
+        judge.excuse(world.now, "down", on=False, lasts_s=3.0)
 
     async def _burn(self, event: happens.Fire) -> None:
         world, judge = self.world, self.world.judge

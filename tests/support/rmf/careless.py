@@ -191,6 +191,58 @@ class LetsAnybodySteal(Adapter):
         super().requested(request, now)
 
 
+class DoesNotReadAlong(Adapter):
+    """Takes what a supervisor passes on, and nothing that fleets send to it."""
+
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        pass
+
+
+class TakesWhatFleetsWant(Adapter):
+    """Does what fleets ask of their supervisor, as LCI does."""
+
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        self.requested(request, now)
+
+
+class EndsWhatGoesOn(Adapter):
+    """Ends a session after an END of its fleet that was not passed on, though the fleet has asked for it since."""
+
+    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type == END_SESSION:
+            super().fleet_requested(request, now)
+
+
+class TakesAnotherRmf(Adapter):
+    """Takes a session of another RMF for one of its own."""
+
+    def heard(self, site: Site, asked_at: float, now: float) -> None:
+        lifts = tuple(
+            lift if lift.holder is None else replace(lift, holder=replace(lift.holder, adapter=""))
+            for lift in site.lifts
+        )
+        super().heard(replace(site, lifts=lifts), asked_at, now)
+
+
+class ForgetsWhatIsUndelivered(Adapter):
+    """Publishes no session any more whose END waits for the manager: a robot of humble then says it no more."""
+
+    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+        self._over: set[str] = set()
+
+        def publish(state: LiftState) -> None:
+            out.publish(replace(state, session_id="") if state.session_id in self._over else state)
+
+        super().__init__(manager, Out(publish, out.alarm), ros_time)
+
+    def requested(self, request: LiftRequest, now: float) -> None:
+        if request.request_type == END_SESSION:
+            self._over.add(request.session_id)
+        else:
+            self._over.discard(request.session_id)
+        super().requested(request, now)
+
+
 def _cleared_on_arrival(state: LiftState, view: LiftView | None) -> LiftState:
     arrived = state.door_state == DOOR_OPEN and state.current_floor == state.destination_floor
     return replace(state, session_id="") if arrived else state
@@ -302,5 +354,10 @@ CARELESS: Mapping[str, Callable[[Manager, Out, Clock], Adapter]] = {
     "does not hear who comes next": ForgetsWhoComesNext,
     "has no grace": _without_grace,
     "publishes changes only": _says(_only_changes),
+    "does not read what fleets say": DoesNotReadAlong,
+    "does what fleets want of their supervisor": TakesWhatFleetsWant,
+    "ends a session that its fleet goes on with": EndsWhatGoesOn,
+    "clears a session before the manager knows of its END": ForgetsWhatIsUndelivered,
+    "takes the session of another RMF": TakesAnotherRmf,
 }
 """By what they do wrong."""

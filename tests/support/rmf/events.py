@@ -64,6 +64,30 @@ class WayCut(Event):
 
 
 @dataclass(frozen=True)
+class Outage(Event):
+    """Adapter and manager do not reach each other, from when a robot leaves the car; the adapter is restarted meanwhile."""
+
+    for_s: float
+
+
+@dataclass(frozen=True)
+class UnheardEnd(Event):
+    """Somebody ends the session of a robot in rmf-web while the lift supervisor is away; its fleet goes on asking."""
+
+    session: str
+    down_s: float
+
+
+@dataclass(frozen=True)
+class OtherRmf(Event):
+    """The adapter of another RMF at the same manager has a session of a robot of the same name."""
+
+    session: str
+    floor: int
+    for_s: float
+
+
+@dataclass(frozen=True)
 class Unplugged(Event):
     """The controller is off the network."""
 

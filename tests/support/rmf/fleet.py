@@ -43,7 +43,8 @@ class Traits:
     """What one distribution's fleet adapter does in its own way."""
 
     timer: bool = False
-    """Asks once a second while a phase lasts, and not on a LiftState; silent while the robot drives."""
+    """Asks once a second while a phase lasts, and not on a LiftState; silent while the robot drives. Every END is of EndLiftSession, which
+    a cancelled or crowded RequestLift makes, too (humble 621dfc9c, `RequestLift.cpp` L172-184 and L226-235)."""
     any_lift: bool = False
     """Asks again on the LiftState of any lift, not only of its own."""
     replan: Replan = Replan.ARRIVED
@@ -101,6 +102,9 @@ class FleetRobot:
         self._arrived = False
         """Main: there was a full match for this destination. Iron: the last state had it as current_floor."""
         self._release_at = math.inf
+        self._ends = False
+        """An EndLiftSession with a timer goes on, in its phase or while the robot waits before a crowded lift."""
+        self._crowded_until = math.inf
 
     # -- the task of the robot
 
@@ -109,7 +113,7 @@ class FleetRobot:
         same, arrived = self.floor == floor, self._arrived and self.floor == floor
         self._set(floor)
         self._inside, self._arrived, self._release_at = inside, arrived, math.inf
-        self.phase, self.saw_it = Phase.REQUEST, False
+        self.phase, self.saw_it, self._ends = Phase.REQUEST, False, False
         if not inside and self._let_through(same=same, arrived=arrived):
             self.phase = Phase.NONE
         return self._ask(now)
@@ -150,11 +154,11 @@ class FleetRobot:
         if now >= self._release_at:
             self._release_at = math.inf
             sent += self._release(now)
-        elif self.phase is Phase.CROWDED:
+        elif self.phase is Phase.CROWDED and now >= self._crowded_until:
             self._set(self._last_floor)
-            self.phase = Phase.REQUEST
+            self.phase, self._ends = Phase.REQUEST, False
             sent += self._ask(now)
-        elif self.phase is Phase.END:
+        elif self._ends:
             sent.append(self._end(self._last_floor, now))
         elif self.phase is Phase.REQUEST:
             sent += self._ask(now)
@@ -164,16 +168,16 @@ class FleetRobot:
     # -- steps
 
     def _looked(self, state: LiftState, now: float) -> Published:
-        if self.phase is Phase.END and state.session_id != self.session:
-            self.phase = Phase.NONE
+        if state.session_id != self.session:
+            self._ends = False
+            if self.phase is Phase.END:
+                self.phase = Phase.NONE
         matches = (state.current_floor, state.door_state, state.session_id) == (self.floor, DOOR_OPEN, self.session)
         if self.phase is not Phase.REQUEST or not matches:
             return []
         if not self._inside and self._crowded():
-            self.phase = Phase.CROWDED
-            sent = self._release(now)
-            self.due = now + CROWDED_WAIT_S
-            return sent
+            self.phase, self._crowded_until = Phase.CROWDED, now + CROWDED_WAIT_S
+            return self._release(now)
         self._arrived = self.saw_it = True
         self.phase = Phase.NONE
         return []
@@ -198,6 +202,7 @@ class FleetRobot:
 
     def _release(self, now: float) -> Published:
         had, self.floor, self._arrived = self.floor, None, False
+        self._ends = self._traits.timer and had is not None
         self._set_due(now)
         if had is None or not (self._traits.timer or self._traits.ends_with_floor):
             return []  # the END goes out on the next LiftState that has its session
@@ -207,5 +212,6 @@ class FleetRobot:
         return LiftRequest(self.lift, Time.of(now), self.session, END_SESSION, floor, DOOR_CLOSED)
 
     def _set_due(self, now: float) -> None:
-        timed = self._traits.timer and self.phase in (Phase.REQUEST, Phase.END)
-        self.due = min(now + TIMER_S if timed else math.inf, self._release_at)
+        timed = self._ends or (self._traits.timer and self.phase is Phase.REQUEST)
+        crowded_until = self._crowded_until if self.phase is Phase.CROWDED else math.inf
+        self.due = min(now + TIMER_S if timed else math.inf, self._release_at, crowded_until)

@@ -31,7 +31,9 @@ RULES: Mapping[str, str] = {
     "stale floor": "no car call but for a floor that the session on the wire wants",
     "storm": "a state that says nothing new goes out twice a second, and not for each request",
     "silent": "a state goes out at least once a second",
-    "ended": "a session that was ended is in no further state",
+    "ended": "a session that was ended is in no further state; but for the time in which the manager cannot know of it",
+    "not ended": "a session that its fleet has ended is over soon, whether or not the supervisor passes it on",
+    "past the supervisor": "a session has the lift only if it was asked for on `lift_requests`",
     "stolen": "a session goes only by its END, or because something ended it",
     "lost": "a session that keeps asking for a free lift is granted",
     "robot mode": "robot mode does not fall while the car moves",
@@ -50,6 +52,10 @@ UNCHANGED_MOST = 12
 CHANGED_MOST = 40
 """States within five seconds that say something new. Chosen: a ride has about ten changes."""
 LOOK_BACK_S = 5.0
+PASSES_ON_S = 2.0
+"""What a supervisor has for passing on an END."""
+FLEET_ENDS_S = 3.0
+"""And within what the session is then over: a state and some messages later."""
 FIRE_TAKES_S = 1.0
 CALLS = frozenset({"go_to", "call", "go", "landing_call"})
 FALLS_FOR = frozenset({Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE})
@@ -77,6 +83,10 @@ class _Session:
     ended_at: float = -math.inf
     asks: int = 0
     floor: str = ""
+    fleet_asks: bool = False
+    """Its fleet has asked for it on `adapter_lift_requests`."""
+    fleet_ended_at: float = math.inf
+    """When the adapter got the first END of its fleet since that last asked for it; infinite while it goes on."""
 
     @property
     def lives(self) -> bool:
@@ -132,6 +142,7 @@ class Judge:
         self._ends: deque[float] = deque(maxlen=200)
         self._last_state_at = math.inf
         self._free_since = math.inf
+        self._adapter_since = -math.inf
         self._fire = False
 
     # -- what the world tells
@@ -201,6 +212,14 @@ class Judge:
         session.asked_at, session.floor = at, request.destination_floor
         session.asks += 1
 
+    def fleet_sent(self, at: float, request: LiftRequest) -> None:
+        """Note what reaches the adapter on `adapter_lift_requests`."""
+        session = self.sessions[request.session_id]
+        if request.request_type == END_SESSION:
+            session.fleet_ended_at = min(session.fleet_ended_at, at)
+        else:
+            session.fleet_asks, session.fleet_ended_at = True, math.inf
+
     def state_sent(self, at: float, state: LiftState) -> None:
         """Judge a LiftState."""
         self.states += 1
@@ -210,13 +229,16 @@ class Judge:
         self.said.add(at, timeless)
         if state.door_state == DOOR_OPEN:
             self._judge_open(at, state)
-        self._judge_session(at, "" if before is None else before.session_id, state.session_id)
+        self._judge_session(at, "" if before is None else before.session_id, state)
         self._judge_lost(at, state)
 
     def quiet(self, at: float) -> None:
-        """The adapter is gone: no state is due."""
+        """The adapter is gone: no state is due, and the next one knows of no END."""
         self._last_state_at = math.inf
         self._free_since = math.inf
+        self._adapter_since = at
+        for session in self.sessions.values():
+            session.fleet_ended_at = math.inf
 
     def drove(self, since: float, at: float, session: str, floor: str) -> None:
         """Judge a robot's way through the door; it began because a LiftState let it."""
@@ -256,7 +278,7 @@ class Judge:
         ours = Holder("rmf", state.session_id) if state.session_id else None
         if ours is not None and ours not in holders:
             self._find(at, "open for another", f"for {state.session_id!r}, and the manager has it for {holders}")
-        elif ours is None and not any(one is None or one.face == "rmf" for one in holders):
+        elif ours is None and not any(one is None or _session_of(one) != str(one) for one in holders):
             self._find(at, "open for another", f"for nobody, and the manager has it for {holders}")
         if ours is not None and self.holds and not any(truth.commands & self.holds for truth in truths):
             self._find(at, "open and not held", f"at {state.current_floor} for {state.session_id!r}")
@@ -264,9 +286,7 @@ class Judge:
     def _judge_call(self, at: float, floor: str) -> None:
         since = at - PRESS_S
         shown = {state.session_id for state in self.said.during(since, at) if state is not None}
-        names = {
-            one.name if one.face == "rmf" else str(one) for one in self.holder.during(since, at) if one is not None
-        }
+        names = {_session_of(one) for one in self.holder.during(since, at) if one is not None}
         # the manager may press before the adapter has heard that it said yes
         first = {name for name, session in self.sessions.items() if session.lives} if not shown - {""} else set()
         heard = (shown | names | first) & self.wanted.keys()
@@ -299,20 +319,32 @@ class Judge:
             )
             times.clear()
 
-    def _judge_session(self, at: float, before: str, session: str) -> None:
-        book = self.sessions
-        restarted = self._is_excused("adapter", at=at, lately_s=self.grace_s + 2.0)
-        if session in book and book[session].is_over and not restarted:
-            self._find(at, "ended", f"{session!r} was ended at {book[session].ended_at:.3f}")
+    def _judge_session(self, at: float, before: str, state: LiftState) -> None:
+        book, session = self.sessions, state.session_id
+        if session in book:
+            self._judge_ended(at, session, is_offline=state.current_mode == MODE_OFFLINE)
+        if session in book and book[session].fleet_asks and not book[session].asks_ever:
+            self._find(at, "past the supervisor", f"{session!r} was never asked for on lift_requests")
         if before == session or before not in book or not book[before].asks_ever:
             return
-        was_ended = book[before].ended_at >= book[before].began_at
+        was_ended = book[before].ended_at >= book[before].began_at or at - book[before].fleet_ended_at >= PASSES_ON_S
         ended_since = book[before].ended_at >= self._said_since(before)
         taken = self._is_excused("down", "fire", "kept off", "adapter", "taken", at=at, lately_s=2.0)
         # the manager does not take an offline lift for anybody: who was only promised it has to ask again
         promised = self._is_excused("offline", at=at, lately_s=2.0) and self.holder.last != Holder("rmf", before)
         if not (was_ended or ended_since or taken or promised):
             self._find(at, "stolen", f"{before!r} becomes {session!r}, and nobody had ended it")
+
+    def _judge_ended(self, at: float, name: str, *, is_offline: bool) -> None:
+        """An adapter that has just begun does not know of an END before, and a manager that is away not of one meanwhile."""
+        session, is_away = self.sessions[name], "down" in self.excused.last
+        if self._is_excused("down", at=at, lately_s=0.0) and (is_offline or not is_away):
+            return
+        restarted = self._is_excused("adapter", at=at, lately_s=self.grace_s + 2.0)
+        if session.is_over and session.ended_at >= self._adapter_since and not restarted:
+            self._find(at, "ended", f"{name!r} was ended at {session.ended_at:.3f}")
+        if at - session.fleet_ended_at > FLEET_ENDS_S:
+            self._find(at, "not ended", f"{name!r} was ended by its fleet at {session.fleet_ended_at:.3f}")
 
     def _said_since(self, session: str) -> float:
         """Since when it has been said without a break."""
@@ -346,6 +378,11 @@ class Judge:
     def _find(self, at: float, rule: str, text: str) -> None:
         self.findings.append(Found(at, rule, text))
         self.hears()
+
+
+def _session_of(holder: Holder) -> str:
+    """Return the session of this RMF that a holder is, or how another face, or another RMF, is shown."""
+    return holder.name if holder.face == "rmf" and "@" not in holder.name else str(holder)
 
 
 def _nobody() -> None:

@@ -15,7 +15,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.rmf.adapter import Adapter
 from register_maps.load import Changes, load
 from tests.support.rmf.acting import PERSON, Actors
-from tests.support.rmf.events import AdapterRestarts, Ends, Event, Fire, LockedOut, SupervisorRestarts, WebEnd
+from tests.support.rmf.events import Ends, Event, Fire, LockedOut, SupervisorRestarts, UnheardEnd, WebEnd
 from tests.support.rmf.judge import Found, Judge, kept_for
 from tests.support.rmf.world import MakeAdapter, RmfWorld, Setting
 from tests.support.trip_sites import COMPLETIONS, Completion, site_of
@@ -31,7 +31,7 @@ PATIENCE_S = 25.0
 """A person does something about robots that get no further for so long, where RMF itself has lost them."""
 
 
-NEEDS_HELP = (AdapterRestarts, SupervisorRestarts, Ends, WebEnd, Fire, LockedOut)
+NEEDS_HELP = (SupervisorRestarts, Ends, WebEnd, UnheardEnd, Fire, LockedOut)
 """After these RMF, or a robot that nobody can see, may need a person: see `_help`."""
 
 
@@ -143,8 +143,8 @@ async def _all(world: RmfWorld, events: Sequence[Event], played: Played, *, to_f
 async def _help(world: RmfWorld, actors: Actors, played: Played) -> None:
     """Do what a person does about a robot that waits for a message that RMF has lost for good.
 
-    Humble sends an END once only, and a supervisor that was restarted may serve a robot that waits outside before the one in the
-    car: it drops every request of the other for as long as the first one asks.
+    A supervisor that was restarted may serve a robot that waits outside before the one in the car: it drops every request of the other
+    for as long as the first one asks.
     """
     got, since = (0, ""), world.now
     while True:
@@ -157,11 +157,8 @@ async def _help(world: RmfWorld, actors: Actors, played: Played) -> None:
         state = world.plant.manager.state(world.lift)
         doubt = None if state is None else kept_for(state)
         current = None if supervisor is None else supervisor.current.get(world.name)
-        ending = actors.is_done_with(shown)
         if doubt is not None and not actors.inside:
             world.plant.manager.acknowledge(world.lift, PERSON)
-        elif ending and (current is None or current.session_id != shown):
-            world.plant.manager.force_release(world.lift, PERSON, "its robot is gone")
         elif current is not None and current.session_id != shown:
             kept = shown if doubt is None else doubt.name  # a robot that a fire or a lockout has left in the car
             actors.serve_instead(kept, current.session_id)

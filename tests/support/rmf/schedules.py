@@ -52,7 +52,12 @@ def draw(seed: int) -> Schedule:
     if "manager" in kinds and "way" in kinds:
         kinds.remove("way")  # one of them is over before the other
     troubles = [TROUBLES[kind](dice, rides) for kind in kinds]
-    return Schedule(seed, dice.choice(MAPS), setting, (*rides, *troubles))
+    map_name = dice.choice(MAPS)
+    # drawn last: what a seed stood for before these were there stays as it was
+    more = dice.choice((*MORE_TROUBLES, *(None for _ in MORE_TROUBLES)))
+    if more is not None and not NOT_WITH[more] & set(kinds) and (more not in ALONE or len(rides) == 1):
+        troubles.append(MORE_TROUBLES[more](dice, rides))
+    return Schedule(seed, map_name, setting, (*rides, *troubles))
 
 
 def shrink(schedule: Schedule, fails: Callable[[Schedule], bool]) -> Schedule:
@@ -121,5 +126,20 @@ TROUBLES: Mapping[str, Callable[[Random, list[Ride]], Event]] = {
     "ends": _ends,
     "repeats": lambda dice, _: happens.Repeats(_at(dice), 200, 0.02),
 }
-ALONE = frozenset({"web end"})
+MORE_TROUBLES: Mapping[str, Callable[[Random, list[Ride]], Event]] = {
+    "outage": lambda dice, _: happens.Outage(_at(dice), dice.choice((2.0, 8.0))),
+    "unheard end": lambda dice, rides: happens.UnheardEnd(
+        _at(dice), dice.choice(rides).session, dice.choice((1.0, 6.0))
+    ),
+    "other rmf": lambda dice, rides: happens.OtherRmf(
+        _at(dice), dice.choice(rides).session, dice.randrange(FLOORS), dice.choice((2.0, 10.0))
+    ),
+}
+NOT_WITH: Mapping[str, frozenset[str]] = {
+    "outage": frozenset({"manager", "way", "adapter"}),
+    "unheard end": frozenset({"supervisor", "web end"}),
+    "other rmf": frozenset({"rest"}),
+}
+"""One of two of a kind would be over before the other."""
+ALONE = frozenset({"web end", "unheard end"})
 """Of several robots, another one may get the lift while the ended one is in the car: RMF itself does not get out of that."""

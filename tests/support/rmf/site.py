@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Callable
+from copy import copy
 from random import Random
 from typing import TypeVar
 
@@ -27,6 +28,7 @@ class Writer:
         self._site = site
         self.history: deque[LiftRequest] = deque(maxlen=DEPTH)
         self.to_supervisor: Channel[LiftRequest]
+        self.to_adapter = site.channel_of_fleets()
         self.connect()
 
     def connect(self) -> None:
@@ -34,8 +36,9 @@ class Writer:
         self.to_supervisor = self._site.channel(self._site.supervisor_asked)
 
     def publish(self, request: LiftRequest) -> None:
-        """Send to the supervisor, if there is one."""
+        """Send to the supervisor, if there is one, and to the adapter, which reads along."""
         self.history.append(request)
+        self.to_adapter.send(request)
         if self._site.supervisor is not None:
             self.to_supervisor.send(request)
 
@@ -87,14 +90,21 @@ class RmfSite:
         most_s: float,
         *,
         request: Callable[[LiftRequest], None],
+        fleet_request: Callable[[LiftRequest], None],
         matched: Callable[[], None],
         stepped: Callable[[FleetRobot], None],
     ) -> None:
-        """`most_s` is the longest delay of a message; `matched` hears of each new writer of `lift_requests`."""
+        """`most_s` is the longest delay of a message; `matched` is called for each new writer of `lift_requests`.
+
+        `request` takes what comes on `lift_requests`, `fleet_request` what comes on `adapter_lift_requests`.
+        """
         self._make = SUPERVISORS[distribution]
         self._dice = dice
         self._most_s = most_s
         self._request = request
+        self._fleet_request = fleet_request
+        self._dice_of_fleets = copy(dice)
+        """Of its own, so that a schedule drawn before this topic was modelled comes to the same."""
         self._matched = matched
         self.stepped = stepped
         self.supervisor: Supervisor | None = None
@@ -108,6 +118,10 @@ class RmfSite:
     def channel(self, deliver: Callable[[M], None]) -> Channel[M]:
         """Return a way to a reader, with delays as they are here."""
         return Channel(self._dice, self._most_s, deliver)
+
+    def channel_of_fleets(self) -> Channel[LiftRequest]:
+        """Return a way from a writer of `adapter_lift_requests` to the adapter, which gets no history: its reader is volatile."""
+        return Channel(self._dice_of_fleets, self._most_s, self._fleet_request)
 
     # -- what the adapter and others publish
 
@@ -159,7 +173,7 @@ class RmfSite:
     def adapter_gone(self) -> None:
         """Lose what is under way to the adapter and from it."""
         self._to_adapter.cut()
-        for channel in self._direct.values():
+        for channel in (*self._direct.values(), *(writer.to_adapter for writer in (*self.fleets.values(), self.web))):
             channel.cut()
 
     def adapter_is_back(self) -> None:

@@ -37,6 +37,8 @@ class AnyAdapter(Hears, Protocol):
 
     def requested(self, request: LiftRequest, now: float) -> None: ...
 
+    def fleet_requested(self, request: LiftRequest, now: float) -> None: ...
+
     def request_writer_matched(self, now: float) -> None: ...
 
     def tick(self, now: float) -> float: ...
@@ -128,6 +130,7 @@ class RmfWorld:
                 self.dice,
                 self.setting.message_s,
                 request=self._requested,
+                fleet_request=self._fleet_requested,
                 matched=self._matched,
                 stepped=self._robot_stepped,
             )
@@ -199,6 +202,12 @@ class RmfWorld:
         if self.adapter is not None:
             self.judge.arrived(self.now, request)
             self.adapter.requested(request, self.now)
+            self._soon()
+
+    def _fleet_requested(self, request: LiftRequest) -> None:
+        if self.adapter is not None:
+            self.judge.fleet_sent(self.now, request)
+            self.adapter.fleet_requested(request, self.now)
             self._soon()
 
     def _matched(self) -> None:

@@ -28,6 +28,13 @@ class Parameter:
     value: Any
 
 
+class Context:
+    def get_domain_id(self) -> int:
+        if not world.context_is_up:
+            raise RuntimeError("Context must be initialized before it can have a domain id")
+        return world.domain
+
+
 class Node:
     def __init__(self, node_name: str) -> None:
         if not world.context_is_up:
@@ -36,6 +43,7 @@ class Node:
         self._parameters: dict[str, Parameter] = {}
         self._logger = RcutilsLogger()
         self._clock = Clock(clock_type=ClockType.ROS_TIME)
+        self.context = Context()
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
         self.timers: list[Timer] = []
@@ -48,6 +56,9 @@ class Node:
 
     def get_namespace(self) -> str:
         return world.namespace
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        return _whole(topic)
 
     def get_logger(self) -> RcutilsLogger:
         return self._logger
