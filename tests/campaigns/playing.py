@@ -2,7 +2,7 @@
 
 import asyncio
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -134,14 +134,25 @@ def disk_for(schedule: Schedule) -> SimulatedDisk:
     return SimulatedDisk(schedule.disk, seed=schedule.seed, keep=JOURNAL_ROWS)
 
 
+More = Callable[[World], Iterable[Coroutine[Any, Any, None]]]
+
+
+def _nobody(world: World) -> Iterable[Coroutine[Any, Any, None]]:
+    return ()
+
+
 def play(
     schedule: Schedule,
     *,
     witnesses: Iterable[Witness] = (),
     disk: SimulatedDisk | None = None,
     steady: bool = False,
+    more: More = _nobody,
 ) -> Played:
-    """Play a schedule to its end and judge it; a crash is a finding. `disk` is one of `disk_for`, `steady` as in WireFaults."""
+    """Play a schedule to its end and judge it; a crash is a finding.
+
+    `disk` is one of `disk_for`, `steady` as in WireFaults; `more` makes what else is done beside the events.
+    """
     loaded, disk = site_for(schedule), disk or disk_for(schedule)
     oracle = judge_of(loaded)
     played = Played(schedule, oracle.findings)
@@ -153,7 +164,8 @@ def play(
         for weather in world.weather.values():
             weather.steady = steady
         async with world.running():
-            actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
+            doing = [*(act(world, LIFT, event, played) for event in schedule.events), *more(world)]
+            actors = [asyncio.ensure_future(one) for one in doing]
             await elapse(LASTS_S)
             for actor in actors:
                 actor.cancel()
