@@ -34,10 +34,10 @@ SHOWN = 3
 """Differences of one recording that are shown in full."""
 
 
-def names_of(first: int, minutes: int, visits: int) -> list[str]:
+def names_of(first: int, minutes: int, visits: int, *, every_map: bool = True) -> list[str]:
     """Return the recordings to make: a minute for each seed, one on every map that none of them drew, and minutes with visits."""
     found = [f"minute-{seed:05d}" for seed in range(first, first + minutes)]
-    drawn = {schedule_of(name).map for name in found}
+    drawn = {schedule_of(name).map for name in found} if every_map else set(shipped())
     found += [f"minute-{first:05d}-{name}" for name in sorted(set(shipped()) - drawn)]
     return found + [f"visit-{seed:05d}" for seed in range(first, first + visits)]
 
@@ -134,12 +134,9 @@ def report(found: Comparison, *, show: int = SHOWN) -> Iterator[str]:
         yield f"first of {count:3d} recordings, {total[channel, kind, about]:4d} in all  {channel}: {kind} {', '.join(about)}"
     later = sum(count for sort, count in total.items() if sort not in first)
     yield f"{later} others of {len(total.keys() - first.keys())} sorts, never first"
-    for one in found.put_aside:
-        yield (
-            f"accepted {one.seen} times: {one.reason}"
-            if one.seen
-            else f"accepted and NOT SEEN, take it out: {one.reason}"
-        )
+    for judged in found.put_aside:
+        seen = f"accepted {judged.seen} times" if judged.seen else "accepted and NOT SEEN, take it out"
+        yield f"{seen}: {judged.reason}"
 
 
 def main() -> int:
@@ -152,6 +149,7 @@ def main() -> int:
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="with other recordings, and not with this tree")
     parser.add_argument("--seeds", type=int, default=MINUTES)
     parser.add_argument("--visits", type=int, default=VISITS, help="minutes with robots and people over HTTP")
+    parser.add_argument("--no-more-maps", action="store_true", help="leave out maps that no seed has drawn")
     parser.add_argument("--seed", type=int, default=1, help="of the first minute; the others follow")
     parser.add_argument("--texts", action="store_true", help="compare the texts too, but for times and numbers in them")
     parser.add_argument("--show", type=int, default=SHOWN, help="channels of each recording that are shown in full")
@@ -172,7 +170,7 @@ def main() -> int:
 def _run(given: argparse.Namespace) -> int:
     began = time.monotonic()
     if given.out is not None:
-        names = names_of(given.seed, given.seeds, given.visits)
+        names = names_of(given.seed, given.seeds, given.visits, every_map=not given.no_more_maps)
         record_to(Folder(given.out), names, processes=given.processes)
         sys.stdout.write(f"{len(names)} recordings in {given.out}, {time.monotonic() - began:.0f} s\n")
         return 0

@@ -148,8 +148,9 @@ class Recorder:
 
     def _answered(self, at: float, said: Mapping[str, object], answer: object) -> None:
         self._add("inputs", at, _plain(said))
-        refused = isinstance(answer, Refused)
-        reply = {"success": not refused, "code": answer.code, "msg": answer.message} if refused else {"success": True}
+        reply: dict[str, Json] = {"success": True}
+        if isinstance(answer, Refused):
+            reply = {"success": False, "code": answer.code, "msg": answer.message}
         self._add("replies", at, _plain({**said, "reply": reply}))
 
     def _noted(self, row: Row) -> None:

@@ -4,8 +4,7 @@ a network. For recordings: what is asked for and answered is JSON, so that nothi
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, replace
 from random import Random
 from typing import Any
@@ -47,22 +46,20 @@ class Visit:
 def visits(seed: int) -> tuple[Visit, ...]:
     """Draw who comes in the minute of a seed."""
     random = Random(f"visits {seed}")
-    found = []
-    for number in range(random.choice((1, 2, 2, 3))):
-        pickup = random.randrange(8)
-        found.append(
-            Visit(
-                at=random.uniform(0.5, 4) if not number else random.uniform(3, 40),
-                by=random.choice(("session", "session", "ride", "ride", "workshop", "person")),
-                robot=random.choice(("r1", "r2")),
-                pickup=pickup,
-                destination=pickup + random.randrange(1, 4),
-                for_s=random.choice((8.0, 30.0, 60.0, 60.0)),
-                mute=random.random() < 0.15,
-                ends=random.random() < 0.8,
-            )
-        )
-    return tuple(found)
+    return tuple(_draw(random, first=not number) for number in range(random.choice((1, 2, 2, 3))))
+
+
+def _draw(random: Random, *, first: bool) -> Visit:
+    return Visit(
+        at=random.uniform(0.5, 4) if first else random.uniform(3, 40),
+        by=random.choice(("session", "session", "ride", "ride", "workshop", "person")),
+        robot=random.choice(("r1", "r2")),
+        pickup=random.randrange(8),
+        destination=random.randrange(8),
+        for_s=random.choice((8.0, 30.0, 60.0, 60.0)),
+        mute=random.random() < 0.15,
+        ends=random.random() < 0.8,
+    )
 
 
 def with_visits(schedule: Schedule) -> Schedule:
@@ -109,27 +106,28 @@ class Client:
         return answer.status_code, said
 
 
-@asynccontextmanager
-async def _given_up(after_s: float) -> AsyncIterator[None]:
+async def _in_time(seconds: float, doing: Coroutine[Any, Any, None]) -> bool:
+    """Return whether it was done within so many seconds; what was not is given up."""
     try:
-        async with asyncio.timeout(after_s):
-            yield
+        async with asyncio.timeout(seconds):
+            await doing
+        return True
     except TimeoutError:
-        return
+        return False
 
 
 async def _visit(client: Client, visit: Visit, floors: Sequence[str]) -> None:
     await elapse(visit.at)
-    start, destination = floors[visit.pickup % len(floors)], floors[visit.destination % len(floors)]
+    start = floors[visit.pickup % len(floors)]
+    elsewhere = [floor for floor in floors if floor != start]
+    destination = elsewhere[visit.destination % len(elsewhere)]
     match visit.by:
         case "session":
             await _session(client, visit, start, destination)
         case "ride":
             await _ride(client, visit, start, destination)
         case "workshop":
-            async with _given_up(visit.for_s):
-                await _workshop(client, start, 12.0)
-                await _workshop(client, destination, 12.0)
+            await _in_time(visit.for_s, _workshop(client, (start, destination)))
             await _ask(client, destination, 0)
         case _:
             await client.post(f"/api/v1/lifts/{LIFT}/lockout", {"by": "the guard", "reason": "moving furniture"})
@@ -146,38 +144,43 @@ async def _ask(client: Client, floor: str, door: int) -> None:
     await client.post("/open-rmf/demo-lift/lift_request", {"floor": floor, "door_state": door}, lift_name=LIFT)
 
 
-async def _workshop(client: Client, floor: str, for_s: float) -> None:
-    for _ in range(round(for_s)):
-        await _ask(client, floor, 2)
-        await elapse(1.0)
+async def _workshop(client: Client, floors: Sequence[str]) -> None:
+    for floor in floors:
+        for _ in range(12):
+            await _ask(client, floor, 2)
+            await elapse(1.0)
 
 
 async def _session(client: Client, visit: Visit, start: str, destination: str) -> None:
-    """Open a session, be brought from one floor to another, and close it; end where it is refused for good."""
+    """Open a session and be brought from one floor to another; close it, unless it falls silent."""
+    places: list[str] = []
+    done = await _in_time(visit.for_s, _trip(client, visit, (start, destination), places))
+    if places and visit.ends and not done:
+        await client.post(f"{places[0]}/close", {})
+
+
+async def _trip(client: Client, visit: Visit, floors: tuple[str, str], places: list[str]) -> None:
+    """Where the session is goes into `places`."""
     sessions = f"/api/v1/lifts/{LIFT}/sessions"
     wish = {"robot": visit.robot, "ttl_s": 20.0, "idempotency_key": f"{visit.robot}-{visit.at:.3f}"}
-    opened: Json = None
-    place = ""
-    async with _given_up(visit.for_s):
-        while opened is None:
-            status, said = await client.post(sessions, wish)
-            opened = said if status in (200, 201) else None
-            await elapse(SAYS_EVERY_S if opened is None else 0.0)
-        place = f"{sessions}/{opened['id']}"
-        await client.post(f"{place}/commands", {"do": "go_to", "floor": start})
-        await _until_open(client, place, start)
-        await elapse(BOARDS_S)
-        if visit.mute:
-            return
-        await client.post(f"{place}/commands", {"do": "robot_in_place"})
-        await client.post(f"{place}/commands", {"do": "go_to", "floor": destination}, wait="2")
-        await _until_open(client, place, destination)
-        await elapse(BOARDS_S)
-        await client.post(f"{place}/commands", {"do": "let_go_door"})
-        await client.post(f"{place}/close", {"robot": "left"})
+    while not places:
+        status, said = await client.post(sessions, wish)
+        if status in (200, 201):
+            places.append(f"{sessions}/{said['id']}")
+        else:
+            await elapse(SAYS_EVERY_S)
+    (place,), (start, destination) = places, floors
+    await client.post(f"{place}/commands", {"do": "go_to", "floor": start})
+    await _until_open(client, place, start)
+    await elapse(BOARDS_S)
+    if visit.mute:
         return
-    if place and visit.ends:
-        await client.post(f"{place}/close", {})
+    await client.post(f"{place}/commands", {"do": "robot_in_place"})
+    await client.post(f"{place}/commands", {"do": "go_to", "floor": destination}, wait="2")
+    await _until_open(client, place, destination)
+    await elapse(BOARDS_S)
+    await client.post(f"{place}/commands", {"do": "let_go_door"})
+    await client.post(f"{place}/close", {"robot": "left"})
 
 
 async def _until_open(client: Client, place: str, floor: str) -> None:
@@ -191,23 +194,29 @@ async def _until_open(client: Client, place: str, floor: str) -> None:
 
 
 async def _ride(client: Client, visit: Visit, start: str, destination: str) -> None:
-    """Begin a ride and do what it is told, as a robot that takes its time through the door."""
+    """Begin a ride and follow it; cancel it where it takes too long."""
     wish = {"lift": "any", "from": start, "to": destination, "robot": visit.robot}
     status, said = await client.post("/api/v1/rides", wish | {"idempotency_key": f"{visit.robot}-{visit.at:.3f}"})
     if status not in (200, 201, 202):
         return
-    ride, inside = f"/api/v1/rides/{said['id']}", False
-    async with _given_up(visit.for_s):
-        while said.get("phase") not in OVER:
-            await elapse(LOOKS_EVERY_S)
-            _, said = await client.get(ride)
-            if said.get("guidance") != ("leave" if inside else "enter"):
-                continue
-            await elapse(BOARDS_S)
-            inside = not inside
-            if visit.mute:
-                return
-            await client.post(f"{ride}/{'entered' if inside else 'left'}", {})
-        return
-    if visit.ends:
+    ride = f"/api/v1/rides/{said['id']}"
+    done = await _in_time(visit.for_s, _follow(client, visit, ride))
+    if visit.ends and not done:
         await client.post(f"{ride}/cancel", {"reason": "it takes too long"})
+
+
+async def _follow(client: Client, visit: Visit, ride: str) -> None:
+    """Do what a ride says, as a robot that takes its time through the door."""
+    inside = False
+    while True:
+        await elapse(LOOKS_EVERY_S)
+        _, said = await client.get(ride)
+        if said.get("phase") in OVER:
+            return
+        if said.get("guidance") != ("leave" if inside else "enter"):
+            continue
+        await elapse(BOARDS_S)
+        inside = not inside
+        if visit.mute:
+            return
+        await client.post(f"{ride}/{'entered' if inside else 'left'}", {})
