@@ -54,7 +54,7 @@ class Kind(StrEnum):
     COUNT = "count"
     """It is the same, and is repeated more or less often."""
     SHORT = "short"
-    """A state of a moment that one of them does not have."""
+    """A state of a moment is another one, or one of them does not have it."""
     ORDER = "order"
     """Two entries of almost the same moment have changed places."""
 
@@ -273,17 +273,19 @@ class _Channel:
             before, now = self._ours[i], self._theirs[j]
             if before.at != now.at and abs(before.at - now.at) > LATER_S:
                 change = f"at {now.at:.3f} s instead of {before.at:.3f} s"
-                yield self._difference(Kind.TIME, i, j, (self._sort(before),), [f"! {change}: {self._words(i, j)}"])
+                yield self._difference(Kind.TIME, i, j, (self._sort(before),), [f"! {change}: {self._words(i)}"])
             elif not self._as_often(before.count, now.count):
                 change = f"{now.count} times instead of {before.count}"
-                yield self._difference(Kind.COUNT, i, j, (self._sort(before),), [f"! {change}: {self._words(i, j)}"])
+                yield self._difference(Kind.COUNT, i, j, (self._sort(before),), [f"! {change}: {self._words(i)}"])
 
     def _changed(self, i: int, j: int) -> Difference:
         before, now = dict(_flat(self._ours[i].entry)), dict(_flat(self._theirs[j].entry))
         fields = tuple(_uppermost(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
         lines = [f"- {self._ours[i].at:8.3f} {name}: {before.get(name, '(none)')}" for name in fields]
         lines += [f"+ {self._theirs[j].at:8.3f} {name}: {now.get(name, '(none)')}" for name in fields]
-        return self._difference(Kind.CHANGED, i, j, fields, [*lines, f"  in {self._words(i, j)}"])
+        passing = self._lasts_briefly(self._ours, i) and self._lasts_briefly(self._theirs, j)
+        kind = Kind.SHORT if passing else Kind.CHANGED
+        return self._difference(kind, i, j, fields, [*lines, f"  in {self._words(i)}"])
 
     def _alone(self, missing: Sequence[int], extra: list[int]) -> Iterator[Difference]:
         """Yield what only one of them has; what both have, a moment apart and in another place, is out of order."""
@@ -300,7 +302,7 @@ class _Channel:
             if twin is not None:
                 extra.remove(twin)
                 change = f"! at {self._theirs[twin].at:.3f} s instead of {item.at:.3f} s, and in another place"
-                yield self._difference(Kind.ORDER, i, twin, (self._sort(item),), [f"{change}: {self._words(i, twin)}"])
+                yield self._difference(Kind.ORDER, i, twin, (self._sort(item),), [f"{change}: {self._words(i)}"])
                 continue
             kind = Kind.SHORT if self._is_short(self._ours, i) else Kind.MISSING
             lines = [f"- {item.at:8.3f} {_words(self._kind, self._ours, i)}"]
@@ -313,12 +315,14 @@ class _Channel:
 
     def _is_short(self, items: Sequence[Item], place: int) -> bool:
         """Whether a state lasted for a moment, or is that from before such a moment again."""
-        if self._kind not in SNAPSHOTS:
-            return False
-        item = items[place]
-        lasts = place + 1 < len(items) and item.until - item.at <= SHORT_S
-        again = place >= 2 and items[place - 2].key == item.key and item.at - items[place - 1].at <= SHORT_S
-        return lasts or again
+        if self._lasts_briefly(items, place):
+            return True
+        again = self._kind in SNAPSHOTS and place >= 2 and items[place - 2].key == items[place].key
+        return again and items[place].at - items[place - 1].at <= SHORT_S
+
+    def _lasts_briefly(self, items: Sequence[Item], place: int) -> bool:
+        last = place + 1 == len(items)
+        return self._kind in SNAPSHOTS and not last and items[place].until - items[place].at <= SHORT_S
 
     def _as_often(self, before: int, now: int) -> bool:
         if self._kind == "reads":
@@ -345,7 +349,7 @@ class _Channel:
             (*context, *lines),
         )
 
-    def _words(self, i: int, _j: int) -> str:
+    def _words(self, i: int) -> str:
         return _words(self._kind, self._ours, i)
 
     def _sort(self, item: Item) -> str:
