@@ -133,7 +133,8 @@ def report(found: Comparison, *, show: int = SHOWN) -> Iterator[str]:
     for (channel, kind, about), count in first.most_common():
         yield f"first of {count:3d} recordings, {total[channel, kind, about]:4d} in all  {channel}: {kind} {', '.join(about)}"
     later = sum(count for sort, count in total.items() if sort not in first)
-    yield f"{later} others of {len(total.keys() - first.keys())} sorts, never first"
+    if later:
+        yield f"{later} others of {len(total.keys() - first.keys())} sorts, never first"
     for judged in found.put_aside:
         seen = f"accepted {judged.seen} times" if judged.seen else "accepted and NOT SEEN, take it out"
         yield f"{seen}: {judged.reason}"
