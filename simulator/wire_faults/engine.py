@@ -70,6 +70,16 @@ class WireFaults:
         return self._ledger.done
 
     @property
+    def steady(self) -> bool:
+        """Whether draws depend on the request and the time alone, so that one request more or less changes nothing for the others."""
+        return self._ledger.steady
+
+    @steady.setter
+    def steady(self, steady: bool) -> None:
+        """Decide it for the faults that are set from now on."""
+        self._ledger.steady = steady
+
+    @property
     def on_exchange(self) -> Callable[[Exchange], None] | None:
         """Hears of each exchange as soon as its answers are planned, so their times may lie ahead.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import random
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -12,6 +14,10 @@ from simulator.wire_faults.bases import ConnectionFault, InsteadFault, RequestFa
 from simulator.wire_faults.faults import WireFault
 from simulator.wire_faults.losses import ConnectionLimit
 from simulator.wire_faults.target import FUNCTION_AT
+
+SLOT_S = 1.0
+"""A steady chance is drawn by the request and the slot of this length in which it comes. Chosen: longer than requests shift
+because others are sent before them, and shorter than faults last."""
 
 
 class Struck(NamedTuple):
@@ -57,10 +63,14 @@ class Entry:
     chance: random.Random
     """Its own: what one fault does is the same whichever others are set beside it."""
     used: int = 0
+    steady: SteadyChance | None = None
+    """Where what it draws depends on the request and the time alone."""
 
-    def strikes(self, elapsed_s: float) -> bool:
-        """Whether this occasion is one of those; it is used up then."""
+    def strikes(self, elapsed_s: float, frame: bytes = b"") -> bool:
+        """Whether this occasion is one of those; it is used up then. `frame` is the request; empty for an attempt to connect."""
         fault = self.fault
+        if self.steady is not None:
+            self.chance = self.steady.chance(elapsed_s, frame)
         if not fault.from_s <= elapsed_s < fault.until_s:
             return False
         if fault.times is not None and self.used >= fault.times:
@@ -75,6 +85,24 @@ class Entry:
         self.used -= 1
 
 
+class SteadyChance:
+    """Draws for one fault: the same for the nth request of a kind within a slot, whatever other requests there are."""
+
+    def __init__(self, seed: str) -> None:
+        self._seed = seed
+        self._slot = -1
+        self._counts: Counter[bytes] = Counter()
+
+    def chance(self, elapsed_s: float, frame: bytes) -> random.Random:
+        """Return what to draw from for a request; its transaction id does not matter."""
+        slot, content = math.floor(elapsed_s / SLOT_S), frame[2:]
+        if slot != self._slot:
+            self._slot = slot
+            self._counts.clear()
+        self._counts[content] += 1
+        return random.Random(f"{self._seed} {slot} {content.hex()} {self._counts[content]}")
+
+
 @dataclass(slots=True)
 class Ledger:
     """The faults that are set, and the record of what they did."""
@@ -86,13 +114,16 @@ class Ledger:
     entries: list[Entry] = field(default_factory=list)
     clients: int = 0
     """Connections that were let in and are not closed yet."""
+    steady: bool = False
+    """Whether draws depend on the request and the time alone, and not on how much was asked before."""
     _added: dict[str, int] = field(default_factory=dict)
 
     def add(self, fault: WireFault) -> None:
         """Set it; it has used up nothing yet."""
         name = repr(fault)
         nth = self._added[name] = self._added.get(name, 0) + 1
-        self.entries.append(Entry(fault, random.Random(f"{self.seed} {name} {nth}")))
+        seed = f"{self.seed} {name} {nth}"
+        self.entries.append(Entry(fault, random.Random(seed), steady=SteadyChance(seed) if self.steady else None))
 
     def remove(self, fault: WireFault) -> None:
         """Take away the one that was set first, of several equal ones."""
@@ -115,7 +146,7 @@ class Ledger:
             fault = entry.fault
             if not isinstance(fault, RequestFault) or (taken and isinstance(fault, InsteadFault)):
                 continue
-            if not fault.suits(frame[FUNCTION_AT]) or not fault.on.covers(frame) or not entry.strikes(elapsed_s):
+            if not fault.suits(frame[FUNCTION_AT]) or not fault.on.covers(frame) or not entry.strikes(elapsed_s, frame):
                 continue
             struck.append(entry)
             taken = taken or isinstance(fault, InsteadFault)

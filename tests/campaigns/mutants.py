@@ -180,6 +180,26 @@ MUTANTS: tuple[Mutant, ...] = (
         (Edit("lift_manager/domain/call.py", "if call is None or call.floor != floor:", "if True:"),),
     ),
     Mutant(
+        "row before a press",
+        (
+            Edit(
+                "lift_manager/core/recording.py",
+                "        return row if session is None else _both(row, session)\n",
+                "        return _answered(None)\n",
+            ),
+        ),
+    ),
+    Mutant(
+        "session before a press",
+        (
+            Edit(
+                "lift_manager/core/recording.py",
+                "        return row if session is None else _both(row, session)\n",
+                "        return row\n",
+            ),
+        ),
+    ),
+    Mutant(
         "workshop's door word",
         (Edit("lift_manager/web/workshop.py", '"door_state": DOOR_STATE[state.robot_door],', '"door_state": 2,'),),
     ),

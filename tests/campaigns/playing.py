@@ -2,7 +2,7 @@
 
 import asyncio
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -15,11 +15,13 @@ from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, RobotWord
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.press_rows import PressRows
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import Witness
-from lift_manager.lab.world.world import World
+from lift_manager.lab.world.world import JOURNAL_ROWS, World
 from register_maps.load import Changes, LoadedMap, load
 from simulator import faults as device
 from simulator.faults import Fault
@@ -31,6 +33,7 @@ from tests.campaigns.schedules import (
     POLL_S,
     Asks,
     DeviceFails,
+    DiskFails,
     Event,
     Patience,
     PeopleCome,
@@ -61,6 +64,8 @@ class Played:
     invitations: int = 0
     rides: int = 0
     """Robots that were let out where they wanted to go."""
+    people: list[tuple[float, PersonActs, object]] = field(default_factory=list)
+    """What people with the right to do so did, when, and what they were answered."""
     aboard: Aboard = field(init=False)
     """Whose robots stand in the cars."""
 
@@ -113,24 +118,54 @@ def loaded_site(
     return LoadedSite(site, {LIFT: loaded}, Path("campaign"))
 
 
-def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
-    """Play a schedule to its end and judge it; a crash is a finding."""
-    loaded = loaded_site(
+def site_for(schedule: Schedule) -> LoadedSite:
+    """Return the site that a schedule is played on."""
+    return loaded_site(
         schedule.map,
         schedule.max_session_hold_s,
         schedule.lease_s,
         schedule.between_sessions_s,
         schedule.patience,
     )
+
+
+def disk_for(schedule: Schedule) -> SimulatedDisk:
+    """Return a disk for one play of a schedule."""
+    return SimulatedDisk(schedule.disk, seed=schedule.seed, keep=JOURNAL_ROWS)
+
+
+More = Callable[[World], Iterable[Coroutine[Any, Any, None]]]
+
+
+def _nobody(world: World) -> Iterable[Coroutine[Any, Any, None]]:
+    return ()
+
+
+def play(
+    schedule: Schedule,
+    *,
+    witnesses: Iterable[Witness] = (),
+    disk: SimulatedDisk | None = None,
+    steady: bool = False,
+    more: More = _nobody,
+) -> Played:
+    """Play a schedule to its end and judge it; a crash is a finding.
+
+    `disk` is one of `disk_for`, `steady` as in WireFaults; `more` makes what else is done beside the events.
+    """
+    loaded, disk = site_for(schedule), disk or disk_for(schedule)
     oracle = judge_of(loaded)
     played = Played(schedule, oracle.findings)
 
     async def main() -> None:
         settings = {LIFT: Parameters(speed=schedule.speed)}
-        witnesses_of_ours = (oracle, Rules(oracle), played.aboard)
-        world = World(loaded, (*witnesses_of_ours, *witnesses), seed=schedule.seed, settings=settings)
+        ours = (oracle, Rules(oracle), PressRows(oracle, disk), played.aboard)
+        world = World(loaded, (*ours, *witnesses), seed=schedule.seed, settings=settings, disk=disk)
+        for weather in world.weather.values():
+            weather.steady = steady
         async with world.running():
-            actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
+            doing = [*(act(world, LIFT, event, played) for event in schedule.events), *more(world)]
+            actors = [asyncio.ensure_future(one) for one in doing]
             await elapse(LASTS_S)
             for actor in actors:
                 actor.cancel()
@@ -168,10 +203,14 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
                 world.end(lift, event.fault)
         case WireFails():
             await _spoil(world, lift, event)
+        case DiskFails():
+            world.spoil_disk(event.fault)
+            await elapse(event.for_s)
+            world.mend_disk(event.fault)
         case Restarts():
             await world.restart()
         case PersonActs():
-            _person_acts(world, lift, event.what)
+            played.people.append((asyncio.get_running_loop().time(), event, _person_acts(world, lift, event.what)))
         case PeopleCome():
             traffic = Traffic(per_minute=event.per_minute)
             world.populate(lift, People(seed=event.seed, floors=len(world.lifts[lift].floors), traffic=traffic))
@@ -185,15 +224,15 @@ async def _spoil(world: World, lift: str, event: WireFails) -> None:
         world.mend(controller, event.fault)
 
 
-def _person_acts(world: World, lift: str, what: str) -> None:
+def _person_acts(world: World, lift: str, what: str) -> object:
     manager = world.manager
     match what:
         case "acknowledge":
-            manager.acknowledge(lift, "the guard")
+            return manager.acknowledge(lift, "the guard")
         case "lock_out":
-            manager.lock_out(lift, "the guard", "moving furniture")
+            return manager.lock_out(lift, "the guard", "moving furniture")
         case _:
-            manager.end_lockout(lift, "the guard")
+            return manager.end_lockout(lift, "the guard")
 
 
 def applies(world: World, name: str, fault: Fault) -> bool:

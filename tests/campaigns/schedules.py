@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from random import Random
 from typing import Any
 
+from lift_manager.lab.world.disk import DiskFault, Pace
 from lift_manager.lab.world.fault_names import every_device_fault
 from register_maps.words import Mode, Table
 from simulator import faults as device
@@ -22,6 +23,10 @@ IN_PIECES = 0.15
 """Share of minutes in which what is read of a lift may not belong together: they are what a second reading is for."""
 TEARS = (("generic-registers", 2), ("seer-generic", 1))
 """Maps, and how much at once, where door and floor come in different reads and little else delays them."""
+ON_DISK = 0.3
+"""Share of minutes in which state and journal are on a simulated disk; in the others commits take no time."""
+PACES = (Pace(0.002, 0.02), Pace(0.005, 0.3), Pace(0.02, 1.5), Pace(0.2, 4.0))
+"""A good disk, a busy one, a worn card, and one that is hardly of use."""
 HOLDERS = ("workshop", "fleet:r1", "fleet:r2")
 
 
@@ -97,6 +102,15 @@ class Restarts:
 
 
 @dataclass(frozen=True)
+class DiskFails:
+    """A fault of the disk with the manager's state and journal."""
+
+    at: float
+    fault: DiskFault
+    for_s: float
+
+
+@dataclass(frozen=True)
 class Patience:
     """What a site says of a slow controller; None: what its map says."""
 
@@ -110,7 +124,7 @@ class Patience:
         return f"{at_once} at once, readings count for {self.max_age_s} s, time-out {self.timeout_s} s"
 
 
-Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | Restarts
+Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | Restarts | DiskFails
 
 
 @dataclass(frozen=True)
@@ -125,10 +139,13 @@ class Schedule:
     between_sessions_s: float
     events: tuple[Event, ...]
     patience: Patience = Patience()
+    disk: Pace | None = None
+    """None: commits take no time and do not fail."""
 
     def __str__(self) -> str:
         head = f"seed {self.seed}, {self.map}, speed {self.speed:g}, hold {self.max_session_hold_s:g} s, lease {self.lease_s:g} s"
         head += f", {self.patience}" if self.patience != Patience() else ""
+        head += f", commits take {self.disk.least_s:g} to {self.disk.most_s:g} s" if self.disk is not None else ""
         return "\n".join([head, *(f"  {event.at:6.2f} s  {event}" for event in self.events)])
 
 
@@ -156,7 +173,22 @@ def draw(seed: int, maps: Sequence[str]) -> Schedule:
         between_sessions_s=random.choice((0.0, 5.0)),
         events=tuple(sorted(events, key=lambda event: event.at)),
     )
-    return _in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule
+    return _on_disk(_in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule)
+
+
+def _on_disk(schedule: Schedule) -> Schedule:
+    """Give some minutes a disk that is slow or fails. Its draws are its own: those of the rest are as without it."""
+    random = Random(f"disk {schedule.seed}")
+    if random.random() >= ON_DISK:
+        return schedule
+    pace = random.choice(PACES)
+    fails = [_disk_fails(random) for _ in range(random.choice((0, 1, 1, 2)))]
+    events = sorted((*schedule.events, *fails), key=lambda event: event.at)
+    return replace(schedule, disk=pace, events=tuple(events))
+
+
+def _disk_fails(random: Random) -> DiskFails:
+    return DiskFails(random.uniform(0, 50), random.choice(tuple(DiskFault)), random.choice((0.5, 3.0, 10.0, 60.0)))
 
 
 def _in_pieces(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedule:
@@ -201,6 +233,9 @@ def _smaller(schedule: Schedule) -> list[Schedule]:
     found = [replace(schedule, events=events[:n] + events[n + 1 :]) for n in range(len(events))]
     for n, event in enumerate(events):
         found += [replace(schedule, events=(*events[:n], one, *events[n + 1 :])) for one in _simpler(event)]
+    if schedule.disk is not None:
+        others = tuple(event for event in events if not isinstance(event, DiskFails))
+        found.append(replace(schedule, disk=None, events=others))
     plain = replace(schedule, speed=1.0), replace(schedule, lease_s=300.0), replace(schedule, max_session_hold_s=900.0)
     return found + [one for one in plain if one != schedule]
 

@@ -308,3 +308,22 @@ def test_whatever_is_mixed_nothing_comes_from_before_its_request_and_the_seed_re
         assert all(delay_s >= 0.0 for _, replies in came for delay_s, _ in replies)
         assert sorted(exchange.sent_at for exchange in exchanges) == [tid / 10 for tid in range(1, 60)]
         assert all(at >= exchange.sent_at for exchange in exchanges for at, _ in exchange.answers)
+
+
+def test_a_steady_draw_depends_on_the_request_and_the_time_and_not_on_what_else_was_asked() -> None:
+    read, other = frames.read(Table.HOLDING, 0), frames.read(Table.HOLDING, 9)
+
+    def struck(*, more: bool) -> list[float]:
+        faults = WireFaults(seed=4, start=0.0)
+        faults.steady = True
+        faults.add(DropRequest(probability=0.5))
+        connection = faults.connection(0.0)
+        for number in range(60):
+            now = 0.2 * number + (0.01 if more else 0.0)
+            if more and number % 7 == 0:
+                connection.take(frames.frame(other, 1000 + number), now)
+            connection.take(frames.frame(read, number + (500 if more else 0)), now)
+        return [round(one.at - (0.01 if more else 0.0), 3) for one in faults.done if one.frame and one.frame[9] == 0]
+
+    assert struck(more=False) == struck(more=True)
+    assert 10 < len(struck(more=False)) < 50

@@ -45,6 +45,14 @@ RESTART = "restart"
 STOP = "stop"
 """And before its orderly end, which lets go of robot mode too, wherever the car is: nobody is left to do it later."""
 
+
+@dataclass(frozen=True, slots=True)
+class Forgot:
+    """And with a restart, if the disk did not have the newest of some lifts: a fire or a lockout may be forgotten with it."""
+
+    lifts: tuple[str, ...]
+
+
 _WORDS = frozenset({"robot_left", "robot_in_place"})
 """What the lift may still be told after a session."""
 
@@ -199,6 +207,8 @@ class Rules:
         """Forget what a manager that is killed forgets; what people said is not among it."""
         for book in self._books.values() if struck.fault == STOP else ():
             book.stopping = True
+        for lift in struck.fault.lifts if isinstance(struck.fault, Forgot) else ():
+            self._books[lift].fire_since = self._books[lift].locked_since = math.inf
         if struck.fault == RESTART:
             for book in self._books.values():
                 # the session may go on, and is told then

@@ -20,15 +20,15 @@ from lift_manager import app
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
-from lift_manager.core.journal import ShortJournal
 from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Clock, ShortMemory
+from lift_manager.core.memory import Clock
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Occurrence, StateChanged
 from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.device import Device, MemoryController
-from lift_manager.lab.world.rules import RESTART, STOP
+from lift_manager.lab.world.disk import DiskFault, DiskJournal, DiskMemory, SimulatedDisk
+from lift_manager.lab.world.rules import RESTART, STOP, Forgot
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
@@ -103,10 +103,12 @@ class World:
         settings: Mapping[str, Parameters] | None = None,
         look_s: float = LOOK_S,
         clock: Clock | None = None,
+        disk: SimulatedDisk | None = None,
     ) -> None:
         """Put everything together; raises WorldError for two lifts behind one unit.
 
-        `settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states.
+        `settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states; `disk` holds state
+        and journal, without one commits take no time.
         """
         self.loaded = loaded
         self.lifts: dict[str, SimulatedLift] = {}
@@ -128,7 +130,10 @@ class World:
         self._names = {(spec.host, spec.port): name for name, spec in loaded.controllers.items()}
         self.released = False
         """Whether every output was seen to be let go at the end."""
-        self._memory = ShortMemory()
+        self.disk = disk or SimulatedDisk(keep=JOURNAL_ROWS)
+        """It outlives every manager."""
+        self._memory = DiskMemory(self.disk)
+        self._journal = DiskJournal(self.disk)
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
         """The manager, task by task."""
@@ -171,6 +176,16 @@ class World:
         """Take a fault off the wire again."""
         self.weather[controller].remove(fault)
         self._struck(Struck(controller, fault, began=False), ())
+
+    def spoil_disk(self, fault: DiskFault) -> None:
+        """Let the disk fail."""
+        self.disk.begin(fault)
+        self._struck(Struck("disk", fault, began=True), ())
+
+    def mend_disk(self, fault: DiskFault) -> None:
+        """Let it work again."""
+        self.disk.end(fault)
+        self._struck(Struck("disk", fault, began=False), ())
 
     def set_inputs(self, lift: str, inputs: Inputs) -> None:
         """Change what people press, hold and turn."""
@@ -218,6 +233,10 @@ class World:
             controller.hang_up()
         self._hearing.close()
         self._struck(Struck("manager", RESTART, began=True), ())
+        if forgotten := tuple(self._memory.unwritten):
+            self._struck(Struck("disk", Forgot(forgotten), began=True), ())
+        self._memory.drop()
+        self._journal.drop()
         self._build()
         self._start()
 
@@ -228,11 +247,10 @@ class World:
 
     def _build(self) -> None:
         # a manager of its own memory: what a killed one still hears of its presses changes nothing on the disk
-        disk, self._memory = self._memory, ShortMemory()
-        for lift in self.lifts:
-            self._memory.keep(lift, disk.recall(lift))
-        journal = ShortJournal(keep=JOURNAL_ROWS)
-        building = app.build(self.loaded, make_wire=self._wire, memory=self._memory, journal=journal, clock=self._clock)
+        self._memory, self._journal = DiskMemory(self.disk), DiskJournal(self.disk)
+        building = app.build(
+            self.loaded, make_wire=self._wire, memory=self._memory, journal=self._journal, clock=self._clock
+        )
         self.manager = building.manager
         self.links = building.links
 
@@ -241,6 +259,8 @@ class World:
         self._hearing.enter_context(self.manager.tap(self._heard))
         self._ask_for_states()
         parts = [*(link.run() for link in self.links), *self.manager.drives(), self.manager.run()]
+        if not self.disk.instant:
+            parts += [self.manager.remember(), self.manager.record()]
         self._program = [self._tasks.create_task(part) for part in parts]
 
     def _heard(self, said: Occurrence) -> None:

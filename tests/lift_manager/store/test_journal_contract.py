@@ -1,8 +1,8 @@
-"""What any journal of the manager does, in the process or on the disk."""
+"""What any journal of the manager does: in the process, on the disk, or on the disk of a simulated world."""
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,11 @@ import pytest
 
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lab.world.disk import DiskFault, DiskJournal, Pace, SimulatedDisk
 from tests.lift_manager.store.journal_disk import Disk, journal, press, read_only, stored, writing, written
+from tests.support.virtual_time import run_virtual
+
+Main = Callable[[], Coroutine[None, None, None]]
 
 HARD_TO_WRITE = [
     Row(RowKind.REQUEST, ""),
@@ -27,9 +31,11 @@ class Kept:
     journal: Journal
     look: Callable[[], list[tuple[str, str, object]]]
     spoil: Callable[[], Journal]
+    run: Callable[[Main], None] = lambda main: asyncio.run(main())
+    """On the clock that the journal lives on."""
 
 
-@pytest.fixture(params=["short", "file"])
+@pytest.fixture(params=["short", "file", "simulated disk", "instant disk"])
 def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Kept:
     path = tmp_path / "site.journal.db"
     if request.param == "file":
@@ -38,6 +44,8 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Kept:
             lambda: [(row.kind, row.text, json.loads(row.data)) for row in stored(path)],
             lambda: journal(path, Disk(read_only)),
         )
+    if request.param != "short":
+        return on_simulated_disk(instant=request.param == "instant disk")
     short = ShortJournal()
 
     def spoil() -> ShortJournal:
@@ -45,6 +53,20 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Kept:
         return short
 
     return Kept(short, lambda: [(row.kind.value, row.text, row.data) for row in short.rows], spoil)
+
+
+def on_simulated_disk(*, instant: bool) -> Kept:
+    disk = SimulatedDisk(None if instant else Pace(0.005, 1.0), seed=1)
+    full = SimulatedDisk(Pace(0.005, 1.0), seed=1)
+
+    def spoil() -> DiskJournal:
+        full.begin(DiskFault.FULL)
+        return DiskJournal(full)
+
+    def look() -> list[tuple[str, str, object]]:
+        return [(row.kind.value, row.text, row.data) for row in (*disk.rows, *full.rows)]
+
+    return Kept(DiskJournal(disk), look, spoil, run_virtual)
 
 
 def test_rows_are_kept_in_the_order_of_the_calls(kept: Kept) -> None:
@@ -60,7 +82,7 @@ def test_rows_are_kept_in_the_order_of_the_calls(kept: Kept) -> None:
             assert kept.journal.trouble == ""
             assert told.empty()
 
-    asyncio.run(main())
+    kept.run(main)
     rows = kept.look()
     assert [kind for kind, *_ in rows] == ["write", "press"] * 40 + ["outcome"]
     assert [data for kind, _, data in rows if kind == "press"] == [{"n": number} for number in range(40)]
@@ -73,11 +95,11 @@ def test_a_press_that_may_go_is_there_when_it_is_answered(kept: Kept) -> None:
                 assert await kept.journal.before(press(number)) is None
                 assert kept.look()[-1] == ("press", press(number).text, {"n": number})
 
-    asyncio.run(main())
+    kept.run(main)
 
 
 def test_nothing_to_write_is_settled_at_once(kept: Kept) -> None:
-    asyncio.run(written(kept.journal))
+    kept.run(lambda: written(kept.journal))
     assert kept.look() == []
 
 
@@ -87,7 +109,7 @@ def test_what_is_noted_before_it_runs_is_written_when_it_runs(kept: Kept) -> Non
         await written(kept.journal)
         assert [text for _, text, _ in kept.look()] == ["started"]
 
-    asyncio.run(main())
+    kept.run(main)
 
 
 @pytest.mark.parametrize("row", HARD_TO_WRITE)
@@ -97,7 +119,7 @@ def test_no_text_and_no_number_is_too_strange_to_be_noted(kept: Kept, row: Row) 
         kept.journal.note(press(1))
         await written(kept.journal)
 
-    asyncio.run(main())
+    kept.run(main)
     assert [kind for kind, *_ in kept.look()] == [row.kind.value, "press"]
 
 
@@ -111,7 +133,7 @@ def test_where_there_is_trouble_a_press_is_refused_at_once_with_its_words(kept: 
             assert answer.done()
             assert answer.result() == spoilt.trouble != ""
 
-    asyncio.run(main())
+    kept.run(main)
     assert kept.look() == []
 
 
@@ -121,5 +143,5 @@ def test_an_answer_that_nobody_waits_for_any_more_disturbs_nothing(kept: Kept) -
             kept.journal.before(press(1)).cancel()
             assert await kept.journal.before(press(2)) is None
 
-    asyncio.run(main())
+    kept.run(main)
     assert kept.look()[-1] == ("press", press(2).text, {"n": 2})

@@ -1,7 +1,7 @@
-"""What any memory of the manager does, in the process or on the disk."""
+"""What any memory of the manager does: in the process, on the disk, or on the disk of a simulated world."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
@@ -12,7 +12,11 @@ from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
+from lift_manager.lab.world.disk import DiskMemory, Pace, SimulatedDisk
 from lift_manager.store.state_file import opened
+from tests.support.virtual_time import run_virtual
+
+Main = Callable[[], Coroutine[None, None, None]]
 
 AT = datetime(2026, 3, 2, 21, 30, 5, 250_000, tzinfo=UTC)
 SINGAPORE = timezone(timedelta(hours=8))
@@ -55,13 +59,27 @@ def no_trouble(lift: str, text: str) -> None:
     raise AssertionError(f"{lift}: {text}")
 
 
-@pytest.fixture(params=["short", "file"])
-def again(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], Memory]:
+@pytest.fixture(params=["short", "file", "simulated disk", "instant disk"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def again(kind: str, tmp_path: Path) -> Callable[[], Memory]:
     """Make the memory, or make it again, as a restart of the manager does."""
-    if request.param == "file":
+    if kind == "file":
         return lambda: opened(tmp_path / "state.json", "Main hospital", LIFTS)
-    short = ShortMemory()
-    return lambda: short
+    if kind == "short":
+        short = ShortMemory()
+        return lambda: short
+    disk = SimulatedDisk(None if kind == "instant disk" else Pace(0.01, 2.0), seed=1)
+    return lambda: DiskMemory(disk)
+
+
+@pytest.fixture
+def run(kind: str) -> Callable[[Main], None]:
+    """Run a coroutine on the clock that the memory lives on."""
+    return run_virtual if kind == "simulated disk" else lambda main: asyncio.run(main())
 
 
 async def written(memory: Memory) -> None:
@@ -79,7 +97,9 @@ def test_a_lift_that_nothing_was_kept_of_is_free(again: Callable[[], Memory]) ->
 
 
 @pytest.mark.parametrize("value", VALUES)
-def test_what_is_kept_is_recalled_at_once_and_after_a_restart(again: Callable[[], Memory], value: Remembered) -> None:
+def test_what_is_kept_is_recalled_at_once_and_after_a_restart(
+    again: Callable[[], Memory], run: Callable[[Main], None], value: Remembered
+) -> None:
     async def main() -> None:
         memory = again()
         memory.keep("east", Remembered(fire_since=AT))
@@ -88,10 +108,10 @@ def test_what_is_kept_is_recalled_at_once_and_after_a_restart(again: Callable[[]
         await written(memory)
         assert again().recall("east") == value
 
-    asyncio.run(main())
+    run(main)
 
 
-def test_each_lift_has_its_own(again: Callable[[], Memory]) -> None:
+def test_each_lift_has_its_own(again: Callable[[], Memory], run: Callable[[Main], None]) -> None:
     async def main() -> None:
         memory = again()
         for lift, value in zip(LIFTS, VALUES[1:], strict=False):
@@ -102,14 +122,16 @@ def test_each_lift_has_its_own(again: Callable[[], Memory]) -> None:
         await written(memory)
         assert [again().recall(lift) for lift in LIFTS] == [Remembered(), VALUES[2]]
 
-    asyncio.run(main())
+    run(main)
 
 
-def test_nothing_to_write_is_settled_at_once(again: Callable[[], Memory]) -> None:
-    asyncio.run(written(again()))
+def test_nothing_to_write_is_settled_at_once(again: Callable[[], Memory], run: Callable[[Main], None]) -> None:
+    run(lambda: written(again()))
 
 
-def test_a_press_waits_for_nothing_once_everything_is_written(again: Callable[[], Memory]) -> None:
+def test_a_press_waits_for_nothing_once_everything_is_written(
+    again: Callable[[], Memory], run: Callable[[Main], None]
+) -> None:
     async def main() -> None:
         memory = again()
         assert memory.written("east") is None
@@ -120,4 +142,4 @@ def test_a_press_waits_for_nothing_once_everything_is_written(again: Callable[[]
         assert memory.written("east") is None
         assert memory.trouble == ""
 
-    asyncio.run(main())
+    run(main)

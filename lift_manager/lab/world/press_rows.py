@@ -1,0 +1,78 @@
+"""The judge of the disk: nothing is pressed before its row and its session are on it, and so nothing while it fails.
+
+That releases go on meanwhile needs no rule here: `oracle` finds an output that nobody wants, whatever the disk does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivers.modbus.steps import StepKind
+from lift_manager.commissioning.detection import Lie
+from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.events import Event
+from lift_manager.domain.journal import Row, RowKind
+from lift_manager.domain.state import LiftState
+from lift_manager.lab.world.disk import SimulatedDisk
+from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import Struck
+from register_maps.vocabulary import CALLS
+from simulator.wire_faults import Exchange
+
+CALLS_OF_SESSIONS = frozenset(CALLS)
+"""What is pressed for nobody but the holder of a session; holds may outlast theirs for a while."""
+
+
+class PressRows:
+    """A witness of presses and of the disk that tells its findings to the oracle."""
+
+    def __init__(self, oracle: Oracle, disk: SimulatedDisk) -> None:
+        self._oracle = oracle
+        self._disk = disk
+        self._fresh: set[tuple[str, str]] = set()
+        """Lifts and commands with a row on the disk that no press was seen of yet."""
+        self._pressed: set[tuple[str, str]] = set()
+        """Those that were pressed with a row and not released since."""
+        disk.on_noted.append(self._noted)
+        disk.on_committed.append(self._committed)
+
+    def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        """See whether there is a row for each; a hold that the controller dropped may be pressed again with its old one."""
+        book = self._oracle.judges[lift]
+        for name in sorted(commands - book.repeated):
+            key = (lift, name)
+            if key not in self._fresh and (name in CALLS_OF_SESSIONS or key not in self._pressed):
+                text = f"{name} is pressed, and no row of it is on the disk"
+                self._oracle.find(at, lift, "pressed before its row", text, Lie.OUTPUT)
+            self._fresh.discard(key)
+            self._pressed.add(key)
+        kept = self._disk.states.get(lift)
+        if commands & CALLS_OF_SESSIONS and (kept is None or kept.session is None):
+            text = f"{', '.join(sorted(commands))}, and a restart would not know for whom"
+            self._oracle.find(at, lift, "pressed before its session", text, Lie.OUTPUT)
+
+    def looked(self, at: float, lift: str, truth: Truth) -> None:
+        """Nothing about the lift itself is judged here."""
+
+    def published(self, at: float, lift: str, state: LiftState) -> None:
+        """Nothing about states is judged here."""
+
+    def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
+        """Nothing about the wire is judged here."""
+
+    def heard(self, at: float, event: Event) -> None:
+        """Nothing about events is judged here."""
+
+    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+        """Nothing about requests is judged here."""
+
+    def struck(self, at: float, struck: Struck) -> None:
+        """Nothing excuses a press without its row but what the oracle knows of."""
+
+    def _noted(self, row: Row) -> None:
+        if row.kind is RowKind.WRITE and row.data.get("what") == StepKind.RELEASE:
+            self._pressed.discard((row.lift, str(row.data["command"])))
+
+    def _committed(self, rows: Sequence[Row]) -> None:
+        self._fresh |= {(row.lift, str(row.data["command"])) for row in rows if row.kind is RowKind.PRESS}
