@@ -20,9 +20,10 @@ def always() -> str | None:
 class WriteLog(Protocol):
     """Writes down what is told to one lift. Never raises, and only `before` has an answer to wait for."""
 
-    def before(self, command: Command, frames: tuple[str, ...]) -> Future[str | None]:
+    def before(self, command: Command, frames: tuple[str, ...], *, again: bool = False) -> Future[str | None]:
         """Note that this is about to be pressed; tell when that is written down: None, or why it may not be pressed.
 
+        `again` says that it is a hold that was found off, and is pressed again for the same request.
         `frames` are the writes it will be, as far as they are known before words that others write too are read.
         """
         ...

@@ -209,6 +209,7 @@ async def run(
 
         async with asyncio.TaskGroup() as tasks:
             manager.note(_started(loaded))
+            polling = tasks.create_task(guarded(manager.run()))
             parts = list(_parts(building, loaded, faces.keys, tls, adapter))
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
@@ -229,7 +230,7 @@ async def run(
             released = await _let_go(building.manager)
             manager.note(manager_ended(released=released))
             serving.cancel()
-            await _write_down(building.manager)
+            await _write_down(building.manager, polling)
             for task in running:
                 task.cancel()
     if crashes:
@@ -244,11 +245,11 @@ def _parts(
     tls: ServerCertificates | None,
     adapter: Running | None,
 ) -> Iterator[Coroutine[None, None, None]]:
-    """Yield what runs all the time, except for the web server."""
+    """Yield what runs all the time, except for the polls and the web server."""
     manager = building.manager
     yield from (link.run() for link in building.links)
     yield from manager.drives()
-    yield from (manager.run(), manager.remember(), manager.record(), building.metrics.run(), remind(loaded))
+    yield from (manager.remember(), manager.record(), building.metrics.run(), remind(loaded))
     if keys is not None:
         yield keys.run(manager.note)
     if tls is not None:
@@ -359,7 +360,10 @@ async def _let_go(manager: LiftManager) -> bool:
     return True
 
 
-async def _write_down(manager: LiftManager) -> None:
+async def _write_down(manager: LiftManager, polling: asyncio.Task[None]) -> None:
+    """End the polls and wait for the disk: to a poll in flight, the end of its link would be news that nobody writes down any more."""
+    polling.cancel()
+    await asyncio.wait([polling])
     try:
         async with asyncio.timeout(REMEMBER_WITHIN_S):
             await manager.settled()

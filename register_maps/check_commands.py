@@ -122,6 +122,29 @@ def _action(_: RegisterMap, name: str, command: Command) -> Said:
         yield ("timed_by",), "is for a pulse; for a hold that the device ends say `on_link_loss: timed_by_device`"
 
 
+def _taken(_: RegisterMap, name: str, command: Command) -> Said:
+    given = [key for key in ("self_clearing", "cleared_after_s") if getattr(command, key) and not command.is_heartbeat]
+    fits = command.action == "hold" and command.repeat_pulse_s is None and name not in CALLS
+    for key in given:
+        if not fits:
+            yield (key,), "belongs to a hold that is one level and no call; remove it"
+        elif command.refresh_s is None:
+            yield (key,), "a hold that the controller clears has to be written again: say `refresh_s`"
+    if fits and command.self_clearing:
+        yield from _self_clearing(command)
+    elif fits and (command.cleared_after_s or 0.0) <= (command.refresh_s or 0.0) and given:
+        yield ("cleared_after_s",), "is not longer than `refresh_s`: say `self_clearing: true` instead"
+
+
+def _self_clearing(command: Command) -> Said:
+    if command.cleared_after_s is not None:
+        yield ("cleared_after_s",), "`self_clearing` is cleared at once; remove one of the two"
+    confirms = command.confirm.any_of if command.confirm is not None else ("readback",)
+    if "readback" in confirms:
+        cure = "name what shows the hold, such as `confirm: {any_of: [effect], within_s: 10}`"
+        yield ("self_clearing",), f"a point that the controller clears confirms nothing; {cure}"
+
+
 def _heartbeat(source: RegisterMap, name: str, command: Command) -> Said:
     if name != "heartbeat" or not command.is_heartbeat:
         if name != "heartbeat" and command.every_s is not None:
@@ -226,6 +249,7 @@ _RULES: tuple[Callable[[RegisterMap, str, Command], Said], ...] = (
     _point,
     _read_back,
     _action,
+    _taken,
     _heartbeat,
     _until,
     _times,

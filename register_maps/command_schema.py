@@ -61,6 +61,10 @@ class Command(Part):
     refresh_s: Seconds | None = None
     repeat_pulse_s: Seconds | None = None
     """A hold for a controller that drops a stuck button: pressed for `width_s`, and pressed anew this often."""
+    self_clearing: bool = False
+    """The controller takes the hold and clears its point, so the point does not show whether the hold is on."""
+    cleared_after_s: Seconds | None = None
+    """The controller clears the point of a hold once it was on for so long, and goes on if it is written again: no drop."""
     on_link_loss: Literal["device_watchdog", "timed_by_device", "latches"] | None = None
     bounded_by: Literal["session"] | None = None
     requires: tuple[str, ...] = ()

@@ -6,7 +6,8 @@ than it is written to; a lamp on the point of a call shows what is registered, w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import chain
 from math import inf
 
 from register_maps.address import space
@@ -14,6 +15,9 @@ from register_maps.codec import Codec, CommandCodec, Point
 from register_maps.words import Table
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+
+TAKEN_REFRESHES = 3
+"""A hold whose point the program has cleared goes on for so many of its refresh times. Chosen: as a hold that is not written again."""
 
 _Place = tuple[str, int]
 """Space and address on the wire."""
@@ -29,6 +33,46 @@ class Objection(Exception):
 
 class Silence(Exception):
     """The device is not on its network: no answer comes at all, and no connection lasts."""
+
+
+class _Cleared:
+    """Holds whose points the program clears, at once or after a time; each goes on for a while, to be written again."""
+
+    def __init__(self) -> None:
+        self.commands: dict[Point, CommandCodec] = {}
+        self.taken: dict[str, float] = {}
+        """Commands that go on although their point was cleared, and until when."""
+        self._clears: dict[Point, float] = {}
+        """When a point is cleared next."""
+
+    @property
+    def next_at(self) -> float:
+        return min(chain(self._clears.values(), self.taken.values()), default=inf)
+
+    def wrote(self, point: Point, before: int, value: int, now: float) -> None:
+        """A client wrote such a point."""
+        command = self.commands[point]
+        rest = command.spec.rest & point.mask
+        if value == rest:
+            self._clears.pop(point, None)
+        elif before == rest:
+            self._clears[point] = now + (command.spec.cleared_after_s or 0.0)
+            self.taken.pop(command.name, None)
+
+    def end(self, at: float) -> Iterator[tuple[Point, int]]:
+        """Take what is due, and yield the points to be cleared, each with its rest."""
+        for name in [name for name, until in self.taken.items() if until <= at]:
+            del self.taken[name]
+        for point in [point for point, clears_at in self._clears.items() if clears_at <= at]:
+            del self._clears[point]
+            spec = self.commands[point].spec
+            self.taken[self.commands[point].name] = at + TAKEN_REFRESHES * (spec.refresh_s or 1.0)
+            yield point, spec.rest & point.mask
+
+    def forget(self) -> None:
+        """Power came on."""
+        self.taken.clear()
+        self._clears.clear()
 
 
 class Cells:
@@ -55,6 +99,7 @@ class Cells:
         """Points that the device lets go by itself."""
         self._ends: dict[Point, tuple[float, int]] = {}
         """When such a point comes to rest, and the value of rest."""
+        self._cleared = _Cleared()
         self._timed_coils: dict[_Place, tuple[Point, CommandCodec]] = {}
         self._echoes: list[tuple[Point, Point]] = []
         """Outputs that are read back elsewhere: where they are written and where they are read."""
@@ -77,6 +122,8 @@ class Cells:
         for point in command.points:
             if command.is_timed_coil:
                 self._timed_coils[_place(point)] = point, command
+            elif command.spec.self_clearing or command.spec.cleared_after_s is not None:
+                self._cleared.commands[point] = command
             elif _is_timed(command):
                 self._timed.setdefault(_place(point), []).append((point, command))
         if command.read_points and command.read_points != command.points:
@@ -102,6 +149,9 @@ class Cells:
             self.stale = self.stale or (name, place) in self._spoken
             for point, command in self._timed.get((name, place), ()):
                 self._time(point, command, point.within(old), now)
+            for point in self._cleared.commands:
+                if _place(point) == (name, place):
+                    self._cleared.wrote(point, point.within(old), point.within(cells[place]), now)
             if (name, place) in self._timed_coils:
                 self._ends.pop(self._timed_coils[name, place][0], None)
         self._note_next_end()
@@ -138,8 +188,18 @@ class Cells:
             raise Objection(ILLEGAL_VALUE)
         return timed
 
+    @property
+    def taken(self) -> Collection[str]:
+        """Commands that go on although the program has cleared their points."""
+        return self._cleared.taken
+
     def end_next(self) -> None:
         """Let the device end what it ends next."""
+        if self._cleared.next_at == self.next_end:
+            for point, rest in self._cleared.end(self.next_end):
+                self._let_go(point, rest)
+            self._note_next_end()
+            return
         point, (_, rest) = min(self._ends.items(), key=lambda item: item[1][0])
         del self._ends[point]
         self._note_next_end()
@@ -149,6 +209,7 @@ class Cells:
         """Put all outputs at rest, as after power came on."""
         self.stale = True
         self._ends.clear()
+        self._cleared.forget()
         self._note_next_end()
         self._pretended.clear()
         for image in (self.written, self.seen, self._shown):
@@ -206,6 +267,7 @@ class Cells:
 
     def _note_next_end(self) -> None:
         self.next_end = min((at for at, _ in self._ends.values()), default=inf)
+        self.next_end = min(self.next_end, self._cleared.next_at)
 
     def _time(self, point: Point, command: CommandCodec, before: int, now: float) -> None:
         spec = command.spec

@@ -263,7 +263,7 @@ class RegisterFace:
         self._inputs = replace(self._inputs, signs_of_life=self._inputs.signs_of_life + 1)
 
     def _take_inputs(self, *, ours: bool = True) -> None:
-        asked = asks.asked(self._codec, self._cells.seen, self._codes)
+        asked = dict.fromkeys(self._cells.taken, 1) | asks.asked(self._codec, self._cells.seen, self._codes)
         heard = self._troubles.heard(asked, ours=ours)
         if heard != self._inputs.asked:
             self._inputs = replace(self._inputs, asked=heard)

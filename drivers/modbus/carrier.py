@@ -8,12 +8,14 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 
+from drivers.driver import Permit
 from drivers.errors import BUSY, ControllerException, DriverError, PressRefused, Sent
 from drivers.modbus.foreign import Watch
+from drivers.modbus.output import match
 from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.steps import CHANGE, Step, StepKind
+from drivers.modbus.steps import CHANGE, Phase, Step, StepKind
 from drivers.modbus.writer import Writer
 from drivers.model import Result
 
@@ -58,14 +60,15 @@ class Carrier:
         """Whether a bug was met, and everything is let go because of it."""
         return self._bug is not None
 
-    async def run(self) -> None:
+    async def run(self, press_again: Callable[[str], None]) -> None:
         """Carry out presses, holds and releases until cancelled.
 
+        `press_again` has it written down that a hold which was found off is pressed again.
         A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
         """
         async with asyncio.TaskGroup() as workers:
             for endpoint in self._wakes:
-                workers.create_task(self._work(endpoint))
+                workers.create_task(self._work(endpoint, press_again))
             if self._watch.has_work:
                 workers.create_task(self._look_for_others())
 
@@ -87,9 +90,11 @@ class Carrier:
             if not self._outputs.pending(name):
                 self._presses.end(name, Result.REJECTED, NOT_SENT)
 
-    async def _work(self, endpoint: str) -> None:
+    async def _work(self, endpoint: str, press_again: Callable[[str], None]) -> None:
         loop = asyncio.get_running_loop()
         while True:
+            for name in self._outputs.needing_rows(endpoint):
+                press_again(name)
             step = self._outputs.next(loop.time() + _EARLY_S, endpoint)
             if step is not None and self._permissions.waits(step):
                 self._outputs.failed(step, maybe_sent=False, now=loop.time())
@@ -110,7 +115,7 @@ class Carrier:
 
     async def _look_for_others(self) -> None:
         try:
-            await self._watch.run()
+            await self._watch.run(self.stir)
         except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
             self._let_go_because_of(bug, "the look at our outputs")
 
@@ -130,6 +135,9 @@ class Carrier:
         cells = self._outputs.covered(step) if step.kind in CHANGE else ()
         self._watch.writing(cells)
         try:
+            looked = await self._look_first(step, permit)
+            if looked is False:
+                return
             async for request in self._writer.write(step, self._outputs.cells(step), permit):
                 maybe_sent = True
                 if press is not None and step.kind is StepKind.PRESS:
@@ -138,7 +146,7 @@ class Carrier:
             self._complained.discard(step.name)
             if press is not None and step.kind is StepKind.PRESS and not press.future.done():
                 self._presses.await_proof(press, self._writer.confirm(step.name), self._permissions.values())
-            if not self._outputs.looked_at_later(step, loop.time()):
+            if looked is None and not self._outputs.looked_at_later(step, loop.time()):
                 await self._look_back(step, press)
         except PressRefused as refused:
             # a hold that may not be refreshed stays on until it is let go or falls by its limit
@@ -157,6 +165,32 @@ class Carrier:
         finally:
             self._watch.writing(cells)
             self.end_dropped()
+
+    async def _look_first(self, step: Step, permit: Permit | None) -> bool | None:
+        """Look whether a hold is still on before it is refreshed. Returns False where it is not, and nothing is to be written.
+
+        None says that the write is to be looked at afterwards. A look that the controller refuses keeps no hold from its refresh.
+        """
+        output = self._outputs.output(step.name) if step.kind is StepKind.REFRESH else None
+        if output is None or not output.is_looked_at_first or (permit is not None and permit() is not None):
+            return None
+        if not self._watch.compares(step.name):
+            return None
+        try:
+            cells = await self._writer.cells(step.name)
+        except ControllerException:
+            return None
+        if output.phase is not Phase.ON:
+            return False
+        was_held, now = output.verified, asyncio.get_running_loop().time()
+        excused = self._permissions.is_tripped()
+        holds = match(output.codec, cells, output.code)
+        stays = output.found(holds=holds, now=now, excused=excused)
+        if not stays and was_held and not excused:
+            self._watch.found_off(step.name, cells)
+        if not stays:
+            return False
+        return True if holds and output.verified and not output.codec.shared else None
 
     async def _look_back(self, step: Step, press: Press | None) -> None:
         """Look whether what a step wrote has come about, where anybody asks for it."""

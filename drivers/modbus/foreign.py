@@ -26,8 +26,12 @@ _log = logging.getLogger(__name__)
 SECOND_LOOK_S = 0.3
 """From a look that shows a difference to the one that decides. Chosen: longer than the cycle of a PLC, which may show a write late,
 and shorter than the pause between two refreshes of ours."""
+HELD_LOOK_S = 0.5
+"""How often our outputs are compared while a hold is refreshed. Chosen: between two refreshes, and RMF and the workshop's adapter look
+once a second."""
 QUIET_LOOKS = 5
-"""After so many looks without a difference somebody else has stopped writing. Chosen: 10 s; who writes now and then is one episode."""
+QUIET_S = 10.0
+"""After so many looks without a difference, and so long, somebody else has stopped writing. Chosen: who writes now and then is one episode."""
 UNEVEN = math.sqrt(5) / 2
 """The pause is so many times `look_s`: no fraction of whole numbers, so the looks do not fall into step with our refreshes, which would
 hide for ever what happens between them. All pauses are the same: those that vary about a mean stay in step with it."""
@@ -45,6 +49,17 @@ class _Difference:
     """What we wrote last; None for rest."""
     text: str
     """Printed address, what it reads and what we wrote."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Notice:
+    """Something to be told."""
+
+    text: str
+    name: str = ""
+    """The hold that was dropped, if that is what it says."""
+    at: float = -math.inf
+    """When that was found: only a reading from after it shows whether a watchdog was the reason."""
 
 
 class Watch:
@@ -78,14 +93,15 @@ class Watch:
         }
         points = [point for command in self._commands.values() for point in command.read_points]
         limits = {"max_registers": settings.max_registers_per_read, "max_bits": settings.max_bits_per_read}
+        self._refreshed = [name for name in self._commands if outputs.output(name).is_looked_at_first]
         self._blocks = plan_reads(points, codec.served, **limits)
         self._writes: dict[Cell, int] = {}
         """Beginnings and ends of our writes, counted together: while one is under way the number is odd."""
-        self._quiet: dict[str, int] = {}
-        """Outputs that somebody else writes, with the looks since the last difference."""
+        self._quiet: dict[str, tuple[int, float]] = {}
+        """Outputs that somebody else writes, with the looks since the last difference, and when that was."""
         self._fights: set[str] = set()
         """Holds that are hardly pressed again any more, and of which that was told."""
-        self.notices: list[str] = []
+        self.notices: list[_Notice] = []
         """What is to be told, oldest first."""
 
     @property
@@ -93,25 +109,33 @@ class Watch:
         """Whether anything is ever compared."""
         return bool(self._blocks) and not math.isinf(self._every_s)
 
-    def take_notices(self) -> tuple[str, ...]:
-        """Hand out what is to be told, once."""
-        notices = tuple(self.notices)
-        self.notices.clear()
-        return notices
+    def take_notices(self, read_at: float) -> tuple[str, ...]:
+        """Hand out what is to be told, once, with a reading that was asked for at `read_at`."""
+        early = [notice for notice in self.notices if notice.at > read_at]
+        notices = [notice for notice in self.notices if notice.at <= read_at]
+        self.notices[:] = early
+        if self._tripped():
+            # the lift says itself who let go of its outputs
+            for name in [notice.name for notice in notices if notice.name]:
+                self._quiet.pop(name, None)
+            notices = [notice for notice in notices if not notice.name]
+        return tuple(notice.text for notice in notices)
 
     def writing(self, cells: Iterable[Cell]) -> None:
         """A write of ours that may change what stands in these cells begins or ends."""
         for cell in cells:
             self._writes[cell] = self._writes.get(cell, 0) + 1
 
-    async def run(self) -> None:
-        """Look until cancelled."""
+    async def run(self, stir: Callable[[], None]) -> None:
+        """Look until cancelled; `stir` says that something may be due."""
         looks = 1
         while True:
-            await asyncio.sleep(UNEVEN * max(self._every_s, SHARE * looks * self._usual_s()))
+            holds = any(self._outputs.output(name).phase is Phase.ON for name in self._refreshed)
+            every_s = min(self._every_s, HELD_LOOK_S) if holds else self._every_s
+            await asyncio.sleep(UNEVEN * max(every_s, SHARE * looks * self._usual_s()))
             looks = 1
             try:
-                looks = await self._look_twice()
+                looks = await self._look_twice(stir)
             except DriverError as error:
                 _log.debug("%s: could not look at our outputs: %s", self._lines.link("").name, error)
 
@@ -119,11 +143,16 @@ class Watch:
         """How long a look takes."""
         return sum(self._lines.round_trip_s(block.endpoint) for block in self._blocks)
 
-    async def _look_twice(self) -> int:
+    async def _look_twice(self, stir: Callable[[], None]) -> int:
         """Look, and once more where something differs; returns how often it has looked."""
         first = await self._look()
         self._count_quiet(first)
-        differs = {name: found for name, found in first.items() if found is not None}
+        for name, found in first.items():
+            if found is not None and found.code is not None and not self._tripped():
+                # it was seen to be on: one look is enough
+                self._dropped(name, found.text)
+                stir()
+        differs = {name: found for name, found in first.items() if found is not None and found.code is None}
         if not differs:
             return 1
         await asyncio.sleep(SECOND_LOOK_S)
@@ -157,26 +186,47 @@ class Watch:
         return tuple(self._writes.get(point.cell, 0) for point in self._commands[name].points)
 
     def _count_quiet(self, found: Mapping[str, _Difference | None]) -> None:
+        now = asyncio.get_running_loop().time()
         for name in [name for name in self._quiet if name in found and found[name] is None]:
-            self._quiet[name] += 1
-            if self._quiet[name] >= QUIET_LOOKS:
+            looks, since = self._quiet[name]
+            self._quiet[name] = looks + 1, since
+            if looks + 1 >= QUIET_LOOKS and now - since >= QUIET_S:
                 del self._quiet[name]
-                self.notices.append(f"{self._printed(name)} reads what we wrote again")
+                self.notices.append(_Notice(f"{self._printed(name)} reads what we wrote again"))
 
     def _found(self, name: str, difference: _Difference) -> None:
         now = asyncio.get_running_loop().time()
-        if difference.code is None:
-            text = f"somebody else writes {name} {difference.text}; {self._let_go(name, now)}"
+        self._tell(name, _Notice(f"somebody else writes {name} {difference.text}; {self._let_go(name, now)}"))
+
+    def compares(self, name: str) -> bool:
+        """Whether nobody but us decides what stands at the points of this output."""
+        return name in self._commands
+
+    def found_off(self, name: str, cells: Cells) -> None:
+        """A hold that was seen to be on was found off before its refresh."""
+        output = self._outputs.output(name)
+        self._found_off(name, _compared(output.codec, cells, output.code))
+
+    def _dropped(self, name: str, where: str) -> None:
+        """A hold was found off between two refreshes: it is pressed again, or only refreshed where its map says why it is off."""
+        output, now = self._outputs.output(name), asyncio.get_running_loop().time()
+        if output.was_taken(now):
+            output.refresh_at = now
+        elif output.only_kept:
+            output.release()
         else:
-            if self._tripped():
-                return  # the lift says itself who let go of it
-            text = f"{name} was let go by the controller or by somebody else {difference.text}"
-            output = self._outputs.output(name)
-            output.drop(now)
-            output.verified = False
+            output.fall(now, pause_s=0.0, excused=False)
+            self._found_off(name, where)
+
+    def _found_off(self, name: str, where: str) -> None:
+        text = f"{name} was let go by the controller or by somebody else {where}"
+        self._tell(name, _Notice(text, name, asyncio.get_running_loop().time()))
+
+    def _tell(self, name: str, notice: _Notice) -> None:
+        """Tell of somebody else who writes an output, once until that has ended."""
         if name not in self._quiet:
-            self.notices.append(text)
-        self._quiet[name] = 0
+            self.notices.append(notice)
+        self._quiet[name] = 0, asyncio.get_running_loop().time()
         self.tell_fights()
 
     def _let_go(self, name: str, now: float) -> str:
@@ -196,8 +246,10 @@ class Watch:
         fights = {name for name in self._outputs.names if self._outputs.output(name).yields}
         for name in sorted(fights - self._fights):
             self.notices.append(
-                f"{self._printed(name)} was let go {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
-                f" else; it is pressed again once in {FIGHT_S:g} s at most: find out who else writes there"
+                _Notice(
+                    f"{self._printed(name)} was let go {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
+                    f" else; it is pressed again once in {FIGHT_S:g} s at most: find out who else writes there"
+                )
             )
         self._fights |= fights
 

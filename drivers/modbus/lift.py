@@ -31,8 +31,9 @@ from drivers.modbus.rows import Rows, Wish
 from drivers.modbus.signals import Signals
 from drivers.modbus.steps import Phase
 from drivers.modbus.writer import Writer
-from drivers.model import Command, LiftReading, LiftValues, Outcome, Proof, Result, SignalValue
+from drivers.model import Command, CommandKind, LiftReading, LiftValues, Outcome, Proof, Result, SignalValue
 from register_maps.codec import Cell, Codec
+from register_maps.words import Side
 
 _ONLY_ALIVE = frozenset({SIGNAL})
 
@@ -79,6 +80,8 @@ class ModbusLift:
         self._floor_under_way = car_floor is None or car_floor.known_while is None
         self._diagnosis = Diagnosis(codec, self._lines, settings.name)
         self._outputs = Outputs(self._commands, codec.written)
+        self._again = {name: _command(name) for name in self._outputs.names}
+        """What is told to the log when a hold is pressed again: no call ever is, so none of them has a floor."""
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
         notes = Notes(log, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._lines, settings, notes)
@@ -177,14 +180,14 @@ class ModbusLift:
             raise self._heartbeat.error(at)
         if self._presses.waiting:
             self._presses.look(values, at)
-        return LiftReading(at, epoch, values, self._watch.take_notices() if self._notices else ())
+        return LiftReading(at, epoch, values, self._watch.take_notices(at) if self._notices else ())
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
 
         A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
         """
-        await self._carrier.run()
+        await self._carrier.run(self._press_again)
 
     def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
         """Give a command once; it waits until it is written down."""
@@ -211,6 +214,8 @@ class ModbusLift:
         if self._outputs.wanted(name):
             self._permissions.note(name, permit)
             self._outputs.hold(name, now, begin=begin)
+            if self._outputs.output(name).needs_row:
+                self._press_again(name)
         elif not begin:
             self._drop(name, Result.REJECTED, NOT_SENT)
         elif (wish := self._rows.waiting(name)) is not None:
@@ -259,7 +264,7 @@ class ModbusLift:
         """Whether this hold is on and verified, by read-back or, where the map asks for it, by its effect."""
         if self._values is None or command.name not in self._outputs:
             return False
-        if self._outputs.phase(command.name) is not Phase.ON:
+        if not self._outputs.output(command.name).is_held:
             return False
         any_of = self._writer.confirm(command.name).any_of
         if "readback" in any_of and not self._outputs.verified(command.name):
@@ -289,6 +294,10 @@ class ModbusLift:
 
     def _enter(self, wish: Wish) -> None:
         """It is written down: from here on the outputs see to it."""
+        if wish.again:
+            self._outputs.record(wish.command.name)
+            self._carrier.stir()
+            return
         name, now = wish.command.name, asyncio.get_running_loop().time()
         resting = self._outputs.phase(name) is Phase.REST
         if wish.press is not None:
@@ -301,6 +310,12 @@ class ModbusLift:
         if wish.press is not None or resting:
             self._carrier.end_dropped()
             self._carrier.stir()
+
+    def _press_again(self, name: str) -> None:
+        """Have it written down that a hold is pressed again; the outputs see to the rest."""
+        now = asyncio.get_running_loop().time()
+        if self._rows.waiting(name) is None and self._rows.may_ask(name, now):
+            self._rows.ask(Wish(self._again[name], always, now, again=True))
 
     def _refused(self, wish: Wish, reason: str) -> None:
         """It could not be written down, so nothing of it is pressed."""
@@ -380,3 +395,8 @@ class ModbusLift:
         """Let go of what somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
         self._carrier.stir()
+
+
+def _command(name: str) -> Command:
+    kind, _, side = name.partition(".")
+    return Command(CommandKind(kind), side=Side(side) if side else None)

@@ -34,6 +34,9 @@ it is refreshed more often than that. Chosen: as for a failed call; a controller
 MOST_PRESSES = 3
 """So often a hold that the controller dropped is pressed again within `FIGHT_S`. Chosen: a drop-out heals by one; a door that is
 pressed open and released against somebody else flaps, and people are in it."""
+TAKEN_WITHIN_S = 1.0
+"""By how much the clocks of a controller that clears a point as its map says, and ours, may differ beyond a refresh. Chosen: a write and
+two looks on a slow link."""
 FIGHT_S = 60.0
 """Chosen: longer than any hiccup of a controller."""
 
@@ -62,6 +65,14 @@ class Output:
     not_before: float = -math.inf
     rested_at: float = -math.inf
     verified: bool = False
+    answered: bool = False
+    """The controller answered the newest write of it."""
+    dropped: bool = False
+    """It was dropped, and was not seen to stay on since: the read-back of the press that follows proves little against a second writer."""
+    recorded: bool = False
+    """Pressing it again is in the journal, so the press may leave."""
+    set_at: float | None = None
+    """When its point was last written from rest to on; None where that was before this process began."""
     paused: bool = False
     """Between two pulses of a hold that is made of pulses."""
     unwanted: bool = False
@@ -92,15 +103,26 @@ class Output:
         return self.codec.spec
 
     @property
+    def shows(self) -> bool:
+        """Whether what stands at its points shows that it is on: not a lamp, nor a command bit that the controller consumes."""
+        return bool(self.codec.read_points) and not self.codec.lamp and not self.spec.self_clearing
+
+    @property
     def is_only_looked_at(self) -> bool:
         """Whether it is read back from time to time, because nothing writes it again. A call is never written again."""
-        looks = self.spec.action == "hold" and bool(self.codec.read_points) and not self.codec.lamp
-        return looks and math.isinf(self.every_s) and not self.codec.is_call
+        return self.is_written_again and self.shows and math.isinf(self.every_s)
+
+    @property
+    def is_looked_at_first(self) -> bool:
+        """Whether it is read back before each refresh: a refresh that finds it off would be a press that nobody noticed."""
+        refreshed = self.is_written_again and self.spec.repeat_pulse_s is None and not math.isinf(self.every_s)
+        # of what the controller grants, its grant is the judge
+        return refreshed and self.shows and self.spec.granted_by is None
 
     @property
     def looks(self) -> bool:
         """Whether it is read back next instead of written: a write would press what is only kept, should it be off by now."""
-        unsure = self.only_kept and not self.verified
+        unsure = self.only_kept and not self.verified and not self.spec.self_clearing
         return self.yields or unsure or (self.is_only_looked_at and not self.gone)
 
     def pause_s(self, *, looked: bool) -> float:
@@ -122,9 +144,7 @@ class Output:
         """
         if self.phase is not Phase.ON:
             return self.phase is Phase.REST
-        made_of_pulses = self.spec.action != "hold" or self.spec.repeat_pulse_s is not None
-        pressed_again = self.is_only_looked_at or self.gone or self.yields
-        return self.was_seen and not (made_of_pulses or self.codec.is_call or pressed_again)
+        return self.is_looked_at_first and self.verified and not (self.gone or self.yields)
 
     @property
     def let_go_at(self) -> float:
@@ -141,7 +161,25 @@ class Output:
     @property
     def asserts(self) -> bool:
         """Whether whoever writes its cells has to write it pressed."""
-        return self.phase is Phase.ON and not self.paused and not self.yields and not self.spec.ends_itself
+        off = self.paused or self.yields or self.needs_row
+        return self.phase is Phase.ON and not off and not self.spec.ends_itself
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it is on as far as the answers to our writes go: neither dropped nor in doubt."""
+        return self.phase is Phase.ON and self.answered and not (self.gone or self.dropped or self.yields)
+
+    @property
+    def needs_row(self) -> bool:
+        """Whether it is to be pressed again, and that is not in the journal yet."""
+        return self.phase is Phase.ON and self.gone and not self.recorded
+
+    @property
+    def due_at(self) -> float:
+        """When it is next written or looked at while it is on; infinity while a press of it waits for its row."""
+        if self.needs_row:
+            return math.inf
+        return max(self.refresh_at, self.not_before) if self.gone else self.refresh_at
 
     @property
     def can_be_adopted(self) -> bool:
@@ -166,6 +204,7 @@ class Output:
             return
         if self.phase is Phase.DUE and self.is_written_again and match(self.codec, cells, self.code):
             self.phase, self.verified, self.was_seen, self.refresh_at = Phase.ON, True, True, now
+            self.answered = True
             return
         if self.phase in (Phase.REST, Phase.DUE) and at_rest:
             return
@@ -177,7 +216,8 @@ class Output:
 
     def _keep(self, now: float) -> None:
         """It is on for somebody from before: it goes on like a hold that was pressed now, but for the press."""
-        self.phase, self.verified, self.was_seen, self.gone, self.only_kept = Phase.ON, True, True, False, True
+        self.phase, self.verified, self.was_seen, self.gone = Phase.ON, True, True, False
+        self.answered, self.only_kept, self.set_at = True, not self.spec.self_clearing, None
         self.fall_at = now + (self.spec.max_hold_s or math.inf)
         if math.isinf(self.every_s):
             self.refresh_at = now + LOOK_S if self.is_only_looked_at else math.inf
@@ -188,7 +228,7 @@ class Output:
         """It was seen to be gone, after it had been seen to be there. Nothing counts twice that was not written in between."""
         if self.gone or self.yields or not self.was_seen:
             return
-        self.gone = True
+        self.gone, self.dropped, self.recorded = True, True, False
         self.dropped_at = (*(at for at in self.dropped_at if now - at < FIGHT_S), now)
         if len(self.dropped_at) > MOST_PRESSES:
             self.yields, self.gone, self.refresh_at = True, False, now + LOOK_S
@@ -197,13 +237,55 @@ class Output:
         """End the yielding once its time is over, for one press: if that is dropped within `FIGHT_S`, it yields again."""
         if self.yields and self.is_written_again and now - self.dropped_at[-1] >= FIGHT_S:
             self.dropped_at = (now,) * MOST_PRESSES
-            self.yields, self.gone, self.refresh_at = False, True, now
+            self.yields, self.gone, self.recorded, self.refresh_at = False, True, False, now
+
+    def asserted(self, now: float, *, looked: bool) -> None:
+        """The controller answered the write of it as pressed, or the look at it."""
+        self.refresh_at = now + self.pause_s(looked=looked)
+        if not looked:
+            self.paused = self.gone = self.recorded = False
+            self.answered = True
+        if self.spec.repeat_pulse_s is not None:
+            self.pause_at = now + (self.spec.width_s or math.inf)
+
+    def found(self, *, holds: bool, now: float, excused: bool) -> bool:
+        """It was read back before a refresh. Returns whether it is to be refreshed: what is off is pressed again, or kept off."""
+        if holds:
+            # after a write without an answer only the read-back of the next one counts
+            self.verified, self.was_seen = self.answered, True
+            self.dropped = self.dropped and not self.answered
+            return True
+        if self.was_taken(now):
+            self.set_at = now
+            return True
+        if self.only_kept:
+            self.release()
+            return False
+        self.fall(now, pause_s=0.0 if self.verified or not self.was_seen else LOOK_S, excused=excused)
+        return False
+
+    def was_taken(self, now: float) -> bool:
+        """Whether the controller has cleared it to have it written again, as its map says; then the hold goes on."""
+        after_s = self.spec.cleared_after_s
+        if after_s is None or self.dropped or not self.answered:
+            return False
+        late_s = 0.0 if self.set_at is None else now - self.set_at - after_s
+        return -TAKEN_WITHIN_S <= late_s <= self.every_s + TAKEN_WITHIN_S
+
+    def fall(self, now: float, *, pause_s: float, excused: bool) -> None:
+        """It was seen to be off while it is wanted: it is pressed again after the pause, unless that happened too often."""
+        if not excused:
+            self.drop(now)
+        self.verified = False
+        if self.is_written_again and not self.yields:
+            self.recorded = self.recorded and self.gone
+            self.refresh_at, self.gone = now + pause_s, True
 
     def press_failed(self, *, maybe_sent: bool, now: float) -> None:
         """A press, or the look at it, failed: what may have been pressed is let go."""
         self.armed_at = None
         if self.phase is Phase.ON and self.is_written_again:
-            self.refresh_at, self.gone = now + RETRY_S, True
+            self.verified, self.refresh_at = False, now + RETRY_S
         elif not maybe_sent and self.phase in (Phase.LEAVING, Phase.LETTING_GO):
             self.rest(self.rested_at)
             self.try_at = now + RETRY_S
@@ -214,7 +296,11 @@ class Output:
 
     def adopted(self, cells: Cells, now: float) -> bool:
         """Keep a wanted hold as it is. One that the controller dropped is written again, unless it is a call or only kept."""
+        if self.spec.self_clearing:
+            self.refresh_at = min(now, self.refresh_at)
+            return True
         self.verified = match(self.codec, cells, self.code)
+        self.recorded = self.recorded and self.gone
         self.gone = not self.verified
         self.refresh_at = min(now, self.refresh_at)
         return self.verified or not (self.codec.is_call or self.only_kept)
@@ -242,7 +328,7 @@ class Output:
         elif self.phase in (Phase.LEAVING, Phase.ON):
             # handed out, its bytes may wait behind an answer still: then they do not leave
             self.unwanted = self.phase is Phase.LEAVING
-            self.only_kept = self.can_be_adopted
+            self.only_kept = self.can_be_adopted and not self.spec.self_clearing
 
     def release(self) -> None:
         """Want rest."""
@@ -261,6 +347,7 @@ class Output:
         self.phase, self.rested_at, self.verified = Phase.REST, now, False
         self.paused, self.unwanted, self.echoed, self.only_kept, self.foreign = False, False, False, False, 0
         self.was_seen, self.yields, self.dropped_at = False, False, ()
+        self.dropped, self.recorded, self.gone, self.answered = False, False, False, False
         if self.again:
             self.again = False
             self.phase, self.code = Phase.DUE, self.next_code

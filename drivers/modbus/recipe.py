@@ -134,6 +134,19 @@ class Outputs:
         output = self._outputs[name]
         return output.again or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
 
+    def looks_first(self, name: str) -> bool:
+        """Whether an output is read back before each refresh instead of after it."""
+        output = self._outputs[name]
+        return output.is_looked_at_first and not output.codec.shared
+
+    def needing_rows(self, endpoint: str) -> list[str]:
+        """List the holds of one device that are to be pressed again and are not in the journal yet."""
+        return [name for name, output in self._at(endpoint) if output.needs_row]
+
+    def record(self, name: str) -> None:
+        """Pressing this hold again is in the journal."""
+        self._outputs[name].recorded = self._outputs[name].gone
+
     def given(self, name: str, now: float) -> bool:
         """Whether it is wanted and not let go, or may be on for somebody from before."""
         output = self._outputs[name]
@@ -160,7 +173,7 @@ class Outputs:
     def still_wanted(self, step: Step) -> bool:
         """Whether somebody still wants what a press or refresh asks for."""
         output = self._outputs[step.name]
-        if step.kind is StepKind.PRESS:
+        if step.kind is StepKind.PRESS and output.phase is not Phase.ON:
             return output.phase is Phase.LEAVING and not output.unwanted
         return output.phase is Phase.ON
 
@@ -171,7 +184,7 @@ class Outputs:
         """
         self._expire(now)
         due = self._release_due(now, endpoint) or self._other_due(now, endpoint)
-        if due is not None and due.kind is StepKind.PRESS:
+        if due is not None and due.kind is StepKind.PRESS and self._outputs[due.name].phase is Phase.DUE:
             self._outputs[due.name].phase = Phase.LEAVING
         return due
 
@@ -230,7 +243,8 @@ class Outputs:
                 kind, code = (StepKind.PRESS, output.code) if armed else (StepKind.RESET, None)
                 yield self._free_at(name), Step(kind, name, code)
             if output.phase is Phase.ON:
-                yield output.refresh_at, Step(StepKind.LOOK if output.looks else StepKind.REFRESH, name, output.code)
+                again = StepKind.PRESS if output.gone else StepKind.REFRESH
+                yield output.due_at, Step(StepKind.LOOK if output.looks else again, name, output.code)
         for cycle in self._cycles:
             if cycle.block.endpoint == endpoint and self._image.idle(cycle.block):
                 yield cycle.at, Step(StepKind.CYCLE, "", None, cycle.block)
@@ -250,7 +264,7 @@ class Outputs:
             if output.phase is Phase.DUE or output.again:
                 times.append(output.give_up_at)
             if output.phase is Phase.ON:
-                times += [output.fall_at, output.refresh_at]
+                times += [output.fall_at, output.due_at]
         return min(times)
 
     def cells(self, step: Step, without: Collection[str] = ()) -> Cells:
@@ -285,8 +299,8 @@ class Outputs:
                 output.armed_at = now + output.spec.reset_first_s
             case StepKind.PAUSE:
                 output.pause_at, output.paused = math.inf, True
-            case StepKind.PRESS if output.phase is Phase.LEAVING:
-                output.phase, output.verified, output.armed_at = Phase.ON, False, None
+            case StepKind.PRESS if output.phase is Phase.LEAVING or output.gone:
+                output.phase, output.verified, output.armed_at, output.set_at = Phase.ON, False, None, now
                 output.paused = output.unwanted = False
                 output.not_before = max(output.not_before, now + output.spec.min_repeat_s)
                 if output.spec.width_s is not None and output.spec.repeat_pulse_s is None:
@@ -294,10 +308,7 @@ class Outputs:
             case _:
                 pass
         if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
-            output.refresh_at = now + output.pause_s(looked=step.kind is StepKind.LOOK)
-            output.paused = output.gone = False
-            if output.spec.repeat_pulse_s is not None:
-                output.pause_at = now + (output.spec.width_s or math.inf)
+            output.asserted(now, looked=step.kind is StepKind.LOOK)
 
     def looked(self, step: Step, *, holds: bool, now: float, excused: bool = False) -> None:
         """The cells were read back, or cannot be; `holds` says whether they hold what the step wrote.
@@ -309,13 +320,12 @@ class Outputs:
             if output.only_kept and not holds:
                 output.release()
                 return
-            if not holds and not excused:
-                output.drop(now)
+            if holds:
+                output.verified = output.was_seen = True
+                output.dropped = output.dropped and step.kind is not StepKind.LOOK
+                return
             # one that did not come back at the first try is not tried at that pace: each try is a rising edge
-            pause_s = RETRY_S if output.verified or not output.was_seen else LOOK_S
-            output.verified, output.was_seen = holds, output.was_seen or holds
-            if not holds and output.is_written_again and not output.yields:
-                output.refresh_at, output.gone = now + pause_s, True
+            output.fall(now, pause_s=RETRY_S if output.verified or not output.was_seen else LOOK_S, excused=excused)
         elif output.phase is Phase.LETTING_GO and step.kind in (StepKind.RELEASE, StepKind.VERIFY):
             if holds or output.foreign == 1:
                 output.rest(now)
@@ -346,6 +356,7 @@ class Outputs:
                 output.pause_at = now + RETRY_S
             case StepKind.REFRESH | StepKind.LOOK:
                 output.verified = False
+                output.answered = output.answered and step.kind is StepKind.LOOK
                 slowly_s = min(REJECTED_PAUSE_S, max(RETRY_S, output.every_s))
                 output.refresh_at = now + (slowly_s if rejected else RETRY_S)
             case _:

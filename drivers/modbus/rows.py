@@ -32,6 +32,8 @@ class Wish:
     """When it was asked for last."""
     press: Press | None = None
     """None for a hold."""
+    again: bool = False
+    """A hold that is wanted and on as far as we know, and was found off."""
     timer: asyncio.TimerHandle | None = None
 
 
@@ -65,7 +67,7 @@ class Rows:
         if self._write_log is None or (wish.press is None and name in self._notes.unpressed):
             self._enter(wish)
             return
-        row = self._write_log.before(wish.command, self._planned(wish.command))
+        row = self._write_log.before(wish.command, self._planned(wish.command), again=wish.again)
         if row.done():
             self._answered(wish, row)
             return

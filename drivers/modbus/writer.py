@@ -131,11 +131,17 @@ class Writer:
         if command.lamp or not command.read_points:
             # what is read there is the controller's answer and not our write: a release can be no surer than its echo
             return True if release else None
+        if command.spec.self_clearing and not release:
+            return None
         if not (
             release or step.kind is StepKind.LOOK or command.shared or "readback" in self.confirm(step.name).any_of
         ):
             return None
-        return match(command, await self._lines.cells(self._read_blocks[step.name]), step.code)
+        return match(command, await self.cells(step.name), step.code)
+
+    async def cells(self, name: str) -> Cells:
+        """Return what stands at the points where a command is read back. Raises DriverError."""
+        return await self._lines.cells(self._read_blocks[name])
 
     async def _write_block(
         self,

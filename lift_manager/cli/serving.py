@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from socket import socket
@@ -18,7 +19,7 @@ from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
 from lift_manager.config.load import LoadedSite
-from lift_manager.plain.signals import stop_on_signals
+from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.rmf.dds import DdsError
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.errors import StoreError
@@ -60,6 +61,7 @@ def serve(
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
     """Run the lift manager for a site."""
+    stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     allow_files()
     loaded = loaded_site(site)
@@ -78,7 +80,7 @@ def serve(
     with sock:
         stores = Stores(memory, _journal(loaded, place), _keys(loaded, place, sock))
         try:
-            released = run(_serve(loaded, sock, stores, settings))
+            released = run(_serve(loaded, sock, stores, settings, stopped_early))
         except* DdsError as group:
             raise not_joined(group.exceptions[0]) from group
         except* (ControllerTaken, LockUnusable, ListenError) as group:
@@ -117,9 +119,14 @@ def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
     return keys
 
 
-async def _serve(loaded: LoadedSite, sock: socket, stores: Stores, rmf: RosSettings | None) -> bool:
+async def _serve(
+    loaded: LoadedSite, sock: socket, stores: Stores, rmf: RosSettings | None, stopped_early: Callable[[], bool]
+) -> bool:
     stop = asyncio.Event()
     stop_on_signals(stop)
+    if stopped_early():
+        # an earlier manager may have left outputs on: they are let go of before this one ends
+        stop.set()
     host, port = sock.getsockname()[:2]
     scheme = "http" if loaded.site.api.tls is None else "https"
 

@@ -19,7 +19,8 @@ READINGS_S = 1.0
 """How long two polls in a row may take, with the answers of a slow controller. Chosen: the usual poll takes 0.2 s."""
 
 FOREIGN_WRITER_S = 6.0
-"""Within which a foreign write is told: our outputs are compared every 2 s, and two looks must agree (`drivers.modbus`)."""
+"""Within which a foreign write is told: our outputs are compared every 2 s, and two looks must agree on a press; a refreshed hold is
+read back before each refresh (`drivers.modbus`)."""
 
 
 @unique

@@ -212,12 +212,13 @@ async def _command(codec: Codec, command: CommandCodec, code: int, on: Bench) ->
             continue
         heard = await on.write(step, outputs.cells(step))
         outputs.written(step, now)
-        looked, seen = await on.look(step)
+        first = step.kind is StepKind.REFRESH and command.name in outputs and outputs.looks_first(command.name)
+        looked, seen = await on.look(Step(StepKind.LOOK, step.name, step.code) if first else step)
         if looked:
             # a device in memory shows nothing where outputs are read elsewhere; a real one shows what was written
             outputs.looked(step, holds=True, now=now)
         when = "at the end" if let_go and step.kind is StepKind.RELEASE else f"{now:g} s"
-        written.append(tuple(_step(step, when, heard, seen)))
+        written.append(tuple(_step(step, when, heard, seen, looks_first=first)))
         repeated = repeated or step.kind in _REPEATED
         if repeated and command.spec.action == "hold" and not let_go:
             outputs.let_go(command.name)
@@ -235,11 +236,16 @@ _PURPOSE: Mapping[StepKind, str] = {
 }
 
 
-def _step(step: Step, when: str, heard: Iterable[Heard], seen: Iterable[Heard]) -> Iterator[Sent]:
+def _step(
+    step: Step, when: str, heard: Iterable[Heard], seen: Iterable[Heard], *, looks_first: bool = False
+) -> Iterator[Sent]:
+    if looks_first:
+        yield from _all(when, "is it still on", seen)
     for one in heard:
         purpose = _PURPOSE[step.kind] if one.request.is_write else "read afresh, because others use this register too"
         yield Sent(when, purpose, one)
-    yield from _all(when, "read back", seen)
+    if not looks_first:
+        yield from _all(when, "read back", seen)
 
 
 def _all(when: str, purpose: str, heard: Iterable[Heard]) -> list[Sent]:

@@ -235,5 +235,9 @@ def _action(spec: Command) -> Iterator[str]:
             yield f"made of presses of {width:g} s, every {spec.repeat_pulse_s:g} s"
     if spec.refresh_s is not None:
         yield f"written again every {spec.refresh_s:g} s"
+    if spec.self_clearing:
+        yield "taken and cleared by the controller, so its point does not show whether it is on"
+    if spec.cleared_after_s is not None:
+        yield f"cleared by the controller after {spec.cleared_after_s:g} s, to see it written again"
     if spec.bounded_by == "session":
         yield "ends with the session"

@@ -103,7 +103,7 @@ class SessionKeeper:
     @property
     def door_held(self) -> bool:
         """Whether our hold of every door at the session's floor is on and verified, where the map has one."""
-        return self.session is not None and self.serving.door_held(self.session)
+        return self.session is not None and self.serving.door_held(self.session, self._last_sight())
 
     @property
     def letting_go(self) -> bool:
@@ -126,7 +126,7 @@ class SessionKeeper:
 
     def info(self, session: Session, now: float) -> SessionInfo:
         """Return the session that goes on as its holder sees it."""
-        kept_open = self.serving.keeps_open(session)
+        kept_open = self.serving.keeps_open(session, self._last_sight())
         facts = Facts(self.book.opened_at, self.arrived, kept_open, self.handshake.who, self.waits)
         return info_of(session, self._options, facts, now)
 
@@ -207,7 +207,7 @@ class SessionKeeper:
     def look(self, now: float) -> None:
         """See what has become of the requests within the session."""
         if self.session is not None and self.book.waiting:
-            self.book.look(self.serving.view(self.session, self.waits, now), now)
+            self.book.look(self.serving.view(self.session, self._last_sight(), self.waits, now), now)
 
     def _act(self, now: float) -> None:
         if self.session is not None and self.session.over_at is not None and now >= self.session.over_at:

@@ -187,12 +187,12 @@ class LiftLog:
         for changes in (self._modes, self._links):
             changes.tell(_now(), end=end)
 
-    def before(self, command: Command, frames: tuple[str, ...]) -> Future[str | None]:
+    def before(self, command: Command, frames: tuple[str, ...], *, again: bool = False) -> Future[str | None]:
         """Note what is about to be pressed; answer when row and session are written, or why nothing may be pressed."""
         self._requests.tell(self._holder)  # what was asked comes before what is pressed because of it
         if trouble := self._memory.trouble:
             return _answered(trouble)
-        row = self._journal.before(rows.pressing(self._lift, self._holder, command, frames))
+        row = self._journal.before(rows.pressing(self._lift, self._holder, command, frames, again=again))
         session = self._memory.written(self._lift)
         return row if session is None else _both(row, session)
 

@@ -21,7 +21,7 @@ from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.following import View
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
-from lift_manager.domain.sight import Sight, barred, left
+from lift_manager.domain.sight import Sight, barred, left, shuts
 
 UNGRANTED_S = 30.0
 """So long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through it, and
@@ -74,20 +74,25 @@ class Serving:
             self.doors.adopt(session.floor, permit)
             self._found_held = True
 
-    def door_held(self, session: Session) -> bool:
-        """Whether what keeps the door open at the session's floor is on and verified, where the map has anything for that."""
+    def door_held(self, session: Session, sight: Sight | None) -> bool:
+        """Whether what keeps the door open at the session's floor is on and verified, where the map has anything for that.
+
+        The hold of a door that is seen shut or closing is none: a controller whose watchdog let go of it may read on still.
+        """
         if session.floor is None or not self.doors.held(session.floor):
+            return False
+        if sight is not None and shuts(sight, self._options.doors_at[session.floor]):
             return False
         return not self._call_is_hold(session) or (
             self.call.told and self._button.keeps_door and not self._button.forgotten
         )
 
-    def keeps_open(self, session: Session) -> bool:
+    def keeps_open(self, session: Session, sight: Sight | None) -> bool:
         """Whether the door is held at the session's floor, on a map that has anything for that."""
         # a session from before a restart may name a floor that is no more
         if session.floor is None or session.floor not in self._options.floors:
             return False
-        return self.why_no_hold(session.floor) is None and self.door_held(session)
+        return self.why_no_hold(session.floor) is None and self.door_held(session, sight)
 
     def wants(self, session: Session, now: float) -> None:
         """Take a request that was accepted: a new call, or the same one again."""
@@ -112,14 +117,14 @@ class Serving:
         if self.call.arrived:
             self._button.let_go_of_door()
 
-    def view(self, session: Session, waits: str, now: float) -> View:
+    def view(self, session: Session, sight: Sight | None, waits: str, now: float) -> View:
         """Return what the session has on the lift; `waits` is what it waits for."""
         in_place, left_word = self._handshake.told(now)
         calls_held = self.call.arrived and not self._button.door_at_rest
         return View(
             floor=session.floor,
             call=self.call.progress(now),
-            door_held=self.door_held(session),
+            door_held=self.door_held(session, sight),
             door_given=self.doors.given or calls_held,
             door_free=self.doors.at_rest and not calls_held,
             hold_spent=session.hold_spent,

@@ -129,7 +129,7 @@ class SessionDesk:
             return found
         keeper.session = found = replace(found, heard_at=now)
         keeper.look(now)
-        given = request.do is Do.LET_GO_DOOR and keeper.serving.view(found, "", now).door_given
+        given = request.do is Do.LET_GO_DOOR and keeper.serving.view(found, None, "", now).door_given
         refused = self._doing[request.do](found, request, offline, now)
         if refused is not None:
             return refused

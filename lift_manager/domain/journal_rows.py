@@ -146,10 +146,16 @@ def short(text: str) -> str:
     return text if len(text) <= FLOOR_LETTERS else f"{text[:FLOOR_LETTERS]}..."
 
 
-def pressing(lift: str, holder: Holder | None, command: Command, frames: tuple[str, ...]) -> Row:
-    """Return the row that a press waits for. It says what is wanted and not what came of it."""
+def pressing(
+    lift: str, holder: Holder | None, command: Command, frames: tuple[str, ...], *, again: bool = False
+) -> Row:
+    """Return the row that a press waits for. It says what is wanted and not what came of it.
+
+    `again` says that it is a hold that was found off.
+    """
     data: dict[str, Json] = {"command": command.name, "floor": command.floor, "frames": list(frames)}
-    return Row(RowKind.PRESS, f"{command} is to be pressed", lift, "" if holder is None else str(holder), data)
+    why = " again: it was found off" if again else ""
+    return Row(RowKind.PRESS, f"{command} is to be pressed{why}", lift, "" if holder is None else str(holder), data)
 
 
 def written(lift: str, holder: Holder | None, write: Written) -> Row:

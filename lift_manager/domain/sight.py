@@ -120,6 +120,11 @@ def under_way(sight: Sight) -> bool:
     return is_shut and sight.values.motion in (Motion.UP, Motion.DOWN, Motion.MOVING)
 
 
+def shuts(sight: Sight, sides: tuple[Side, ...]) -> bool:
+    """Whether any of these doors is seen shut or closing: whatever holds it has no effect."""
+    return any(sight.values.doors.get(side) in (Door.CLOSED, Door.CLOSING) for side in sides)
+
+
 def left(sight: Sight, floor: FloorName) -> bool:
     """Whether the car is seen elsewhere, or moving; re-levelling at the floor with the door open is neither."""
     here, motion = sight.floor == floor, sight.values.motion

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Callable
 from contextlib import suppress
 
 
@@ -14,3 +15,10 @@ def stop_on_signals(stop: asyncio.Event) -> None:
         # not every event loop has signal handlers; there Ctrl-C still raises KeyboardInterrupt
         with suppress(NotImplementedError):
             loop.add_signal_handler(number, stop.set)
+
+
+def remember_sigterm() -> Callable[[], bool]:
+    """Keep SIGTERM from ending a program that has no event loop yet; returns what says whether it came."""
+    came: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: came.append(number))
+    return lambda: bool(came)

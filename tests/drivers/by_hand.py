@@ -17,8 +17,8 @@ class LogByHand:
     waiting: list[asyncio.Future[str | None]] = field(default_factory=list)
     told: list[Written] = field(default_factory=list)
 
-    def before(self, command: Command, frames: tuple[str, ...]) -> asyncio.Future[str | None]:
-        self.rows.append((str(command), frames))
+    def before(self, command: Command, frames: tuple[str, ...], *, again: bool = False) -> asyncio.Future[str | None]:
+        self.rows.append((f"{command} again" if again else str(command), frames))
         row: asyncio.Future[str | None] = asyncio.get_running_loop().create_future()
         if self.answers:
             row.set_result(self.trouble)

@@ -1,6 +1,7 @@
 """Somebody else writes our outputs: it is told once and let go of, nobody fights, and what is not ours any more does not count as held."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from drivers.modbus.memory import MemoryDevice, exception, silence
 from drivers.model import Command, CommandKind
 from register_maps.words import Side, Table
+from tests.drivers.by_hand import LogByHand
 from tests.drivers.linked import now
 from tests.drivers.rig import HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
 from tests.support.virtual_time import elapse
@@ -513,3 +515,207 @@ def test_a_block_that_is_written_all_the_time_goes_on_at_rest_once_its_hold_is_g
     cyclic = "action: hold, max_hold_s: 30, on_link_loss: latches, confirm: {any_of: [readback], within_s: 2}"
     block = 'write_blocks:\n  - {at: "holding:16", count: 2, function: 16, every_s: 0.5}\n'
     on_rig(check, commands(cyclic) + block)
+
+
+FOUGHT = "was let go 4 times within 60 s"
+
+
+@dataclass
+class Fight:
+    """What became of a door hold that somebody else clears."""
+
+    cleared: list[float] = field(default_factory=list)
+    """When it was cleared while it was on."""
+    pressed: list[float] = field(default_factory=list)
+    """When it rose again."""
+    held: list[tuple[float, bool]] = field(default_factory=list)
+    """Whether it counted as held, each time with what stood there."""
+
+
+async def fight(made: Rig, seconds: float, clears: Callable[[float | None], bool]) -> Fight:
+    """Want the door hold for so long. `clears` is told since when it is on, and says whether somebody clears it now."""
+    found, until_s, on_since = Fight(), now() + seconds, now()
+    was_on = True
+    while now() < until_s:
+        made.lift.hold(HOLD_FRONT, allowed)
+        is_on = made.cells(Table.HOLDING, 17) == [1]
+        if is_on and not was_on:
+            found.pressed.append(now())
+            on_since = now()
+        if clears(on_since) and is_on:
+            made.device.values[Table.HOLDING][17] = 0
+            found.cleared.append(now())
+            is_on = False
+        if not is_on and made.lift.held(HOLD_FRONT):
+            found.held.append((now(), is_on))
+        was_on = is_on
+        await elapse(0.01)
+    return found
+
+
+def periodic(every_s: float, first_s: float) -> Callable[[float | None], bool]:
+    """Clear it every so often."""
+    at = [now() + first_s]
+
+    def clears(_: float | None) -> bool:
+        if now() < at[0]:
+            return False
+        at[0] += every_s
+        return True
+
+    return clears
+
+
+def not_fought(made: Rig, log: LogByHand, found: Fight) -> None:
+    told = next(reading.at for reading in made.readings if reading.notices)
+    assert told <= found.cleared[0] + 6
+    assert any(FOUGHT in notice for notice in notices(made))
+    # each press has a row of its own before it; after the fourth drop there is none for a minute
+    rows = [row for row, _ in log.rows if row.startswith("hold_door")]
+    assert rows == ["hold_door.front"] + 3 * ["hold_door.front again"]
+    assert len(found.pressed) == 3
+    assert not made.lift.held(HOLD_FRONT)
+
+
+@pytest.mark.parametrize("first_s", [0.0, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize("every_s", [0.5, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize("refresh_s", [1, 2])
+def test_a_second_writer_of_any_period_and_phase_is_told_and_not_fought(
+    refresh_s: int, every_s: float, first_s: float
+) -> None:
+    log = LogByHand()
+
+    async def check(made: Rig) -> None:
+        await keep(made, 8)
+        found = await fight(made, 50, periodic(every_s, first_s))
+        not_fought(made, log, found)
+        # on a quick link it counts as held for no longer than from one look to the next
+        off_s = sum(0.01 for _ in found.held)
+        assert off_s <= 4 * 0.6
+
+    on_rig(check, commands(REFRESHED.replace("refresh_s: 1", f"refresh_s: {refresh_s}")), log=log)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.1, 0.3])
+def test_a_monostable_that_clears_a_hold_just_before_each_refresh_is_told_and_not_fought(delay_s: float) -> None:
+    log = LogByHand()
+
+    async def check(made: Rig) -> None:
+        await keep(made, 8)
+        found = await fight(made, 50, lambda on_since: on_since is not None and now() - on_since >= 0.8)
+        not_fought(made, log, found)
+
+    on_rig(check, commands(), {"": MemoryDevice(delay_s=delay_s)}, log=log)
+
+
+def test_a_hold_that_was_dropped_counts_as_held_again_only_once_it_has_stood_until_the_next_look() -> None:
+    async def check(made: Rig) -> None:
+        await keep(made, 5)
+        made.device.values[Table.HOLDING][17] = 0
+        held: list[tuple[bool, bool]] = []
+        await keep(made, 3, lambda: held.append((made.cells(Table.HOLDING, 17) == [1], made.lift.held(HOLD_FRONT))))
+        assert (True, False) in held, "the read-back of the press alone does not make up for it"
+        assert held[-1] == (True, True)
+
+    on_rig(check, commands())
+
+
+def test_a_drop_while_nothing_can_be_written_down_is_pressed_again_once_it_can() -> None:
+    log = LogByHand()
+
+    async def check(made: Rig) -> None:
+        await keep(made, 5)
+        log.trouble = "the disk is full"
+        made.device.values[Table.HOLDING][17] = 0
+        await keep(made, 5)
+        assert made.cells(Table.HOLDING, 17) == [0]
+        log.trouble = None
+        await keep(made, 5)
+        assert made.lift.held(HOLD_FRONT)
+
+    on_rig(check, commands(), log=log)
+
+
+def test_a_hold_that_falls_while_refreshes_are_lost_is_a_drop_without_an_alarm() -> None:
+    log = LogByHand()
+
+    async def check(made: Rig) -> None:
+        await keep(made, 5)
+        made.device.fail_next(silence(executes=False), times=3, on=lambda request: request.is_write)
+        await keep(made, 2)
+        made.device.values[Table.HOLDING][17] = 0
+        assert not made.lift.held(HOLD_FRONT)
+        await keep(made, 8)
+        assert made.lift.held(HOLD_FRONT)
+        assert [row for row, _ in log.rows] == ["hold_door.front", "hold_door.front again"]
+        assert notices(made) == []
+
+    on_rig(check, commands(), log=log)
+
+
+SELF_CLEARING = (
+    "action: hold, max_hold_s: 30, refresh_s: 1, self_clearing: true, on_link_loss: device_watchdog,"
+    " confirm: {any_of: [effect], within_s: 5}"
+)
+
+
+def test_a_controller_that_consumes_its_command_is_no_fight_and_its_door_says_whether_it_is_held() -> None:
+    log = LogByHand()
+
+    async def check(made: Rig) -> None:
+        taken: list[float] = []
+
+        def consume() -> None:
+            if made.cells(Table.HOLDING, 17) == [1]:
+                made.device.values[Table.HOLDING][17] = 0
+                taken.append(now())
+
+        await keep(made, 10, consume)
+        assert not made.lift.held(HOLD_FRONT), "the door is shut"
+        made.device.values[Table.DISCRETE][1] = 1
+        held: list[bool] = []
+
+        def consume_and_look() -> None:
+            consume()
+            held.append(made.lift.held(HOLD_FRONT))
+
+        await keep(made, 60, consume_and_look)
+        assert all(held[5:])
+        assert len(taken) == pytest.approx(70, abs=3)
+        assert notices(made) == []
+        assert [row for row, _ in log.rows] == ["hold_door.front"]
+        made.device.fail_next(silence(executes=False), times=2, on=lambda request: request.is_write)
+        await keep(made, 1.5, consume)
+        assert not made.lift.held(HOLD_FRONT), "nobody knows whether it was written again"
+
+    on_rig(check, commands(SELF_CLEARING), log=log)
+
+
+def test_a_controller_that_clears_a_hold_when_its_map_says_is_no_fight_and_the_hold_goes_on() -> None:
+    log = LogByHand()
+    taking = REFRESHED.replace("refresh_s: 1", "refresh_s: 1, cleared_after_s: 5")
+
+    async def check(made: Rig) -> None:
+        on_since = [now()]
+        await keep(made, 3)
+        held: list[bool] = []
+
+        def take() -> None:
+            held.append(made.lift.held(HOLD_FRONT))
+            if made.cells(Table.HOLDING, 17) == [0]:
+                on_since[0] = now()
+            elif now() - on_since[0] >= 5:
+                made.device.values[Table.HOLDING][17] = 0
+                on_since[0] = now()
+
+        await keep(made, 120, take)
+        assert all(held)
+        assert notices(made) == []
+        assert [row for row, _ in log.rows] == ["hold_door.front"]
+        # sooner than that it was somebody else
+        await keep(made, 2)
+        made.device.values[Table.HOLDING][17] = 0
+        await keep(made, 2)
+        assert len(notices(made)) == 1
+
+    on_rig(check, commands(taking), log=log)

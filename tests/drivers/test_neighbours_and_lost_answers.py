@@ -264,7 +264,9 @@ def test_a_hold_that_the_controller_dropped_is_noticed_and_pressed_again() -> No
         await elapse(1.5)
         assert not made.lift.held(HOLD_FRONT)
         await elapse(5.0)
-        assert made.lift.held(HOLD_FRONT)
+        assert made.cells(Table.COIL, 0) == [1]
+        await elapse(2.0)
+        assert made.lift.held(HOLD_FRONT), "it stayed on until the next look"
 
     on_rig(check, f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:0", {HOLD}}}}}\n')
 

@@ -424,7 +424,7 @@ def test_an_adopted_hold_that_the_controller_drops_later_is_written_again_as_any
 
     async def check(made: Rig) -> None:
         device.values[Table.COIL][8] = 0
-        for _ in range(30):
+        for _ in range(50):
             made.lift.hold(HOLD_FRONT, allowed)
             await elapse(0.1)
         assert made.lift.held(HOLD_FRONT)
@@ -505,7 +505,7 @@ def test_a_hold_that_may_not_be_begun_stays_at_rest_and_one_that_was_begun_goes_
         made.lift.hold(HOLD_FRONT, allowed)
         await elapse(0.5)
         dropped(made)
-        for _ in range(30):
+        for _ in range(50):
             made.lift.hold(HOLD_FRONT, allowed, begin=False)
             await elapse(0.1)
         assert made.lift.held(HOLD_FRONT), "somebody has asked for it"

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import signal
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
@@ -12,13 +13,16 @@ from drivers.modbus.settings import LinkSettings
 from lift_manager import app
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.site import Site
+from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory, Trouble
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask
 from lift_manager.domain.hours import RobotHours, read_hours
+from lift_manager.domain.journal import Row
 from lift_manager.domain.service import Remembered
 from lift_manager.domain.state import Holder, Quality
 from lift_manager.lab.plant import simulated_lift
+from lift_manager.plain.signals import remember_sigterm
 from lift_manager.web.server import listen
 from register_maps.load import load
 from register_maps.words import Door, Side
@@ -114,6 +118,76 @@ def test_a_bug_in_one_part_ends_the_manager_only_after_everything_is_let_go(capl
     with caplog.at_level(logging.INFO), pytest.raises(ExceptionGroup, match="because of a bug"):
         asyncio.run(main())
     assert "everything we held is let go and verified" in caplog.text
+
+
+class Mute:
+    """Stands between a manager and a controller, and passes on no answer any more once it is told to."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self.is_mute = False
+        self.asked = asyncio.Event()
+        """Something was asked since then."""
+
+    @contextlib.asynccontextmanager
+    async def serve(self) -> AsyncIterator[int]:
+        """Listen on a free port, and give it."""
+        server = await asyncio.start_server(self._connected, "127.0.0.1", 0)
+        try:
+            yield int(server.sockets[0].getsockname()[1])
+        finally:
+            server.close()
+            await server.wait_closed()
+
+    async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        behind_reader, behind = await asyncio.open_connection("127.0.0.1", self._port)
+        with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError):
+            while head := await reader.readexactly(6):
+                behind.write(head + await reader.readexactly(int.from_bytes(head[4:6], "big")))
+                answer = await behind_reader.readexactly(6)
+                answer += await behind_reader.readexactly(int.from_bytes(answer[4:6], "big"))
+                if self.is_mute:
+                    self.asked.set()
+                else:
+                    writer.write(answer)
+        behind.close()
+        writer.close()
+
+
+class SettledJournal(ShortJournal):
+    """Knows what was noted after the end had seen everything on the disk."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_settled = False
+        self.late: list[str] = []
+
+    def note(self, row: Row) -> None:
+        super().note(row)
+        if self.is_settled:
+            self.late.append(row.text)
+
+    async def settled(self) -> None:
+        self.is_settled = True
+
+
+def test_an_end_with_a_poll_in_flight_notes_nothing_after_the_last_row_is_written() -> None:
+    async def main() -> None:
+        plc = controller()
+        await plc.start()
+        mute, journal, stop, ready = Mute(plc.port), SettledJournal(), asyncio.Event(), asyncio.Event()
+        async with mute.serve() as port, asyncio.timeout(20), asyncio.TaskGroup() as tasks:
+            running = app.run(site_of(port), listen("127.0.0.1", 0), stop=stop, ready=ready.set, journal=journal)
+            tasks.create_task(running)
+            await ready.wait()
+            mute.is_mute = True
+            await mute.asked.wait()
+            stop.set()
+        await plc.stop()
+        assert journal.is_settled
+        assert journal.late == []
+
+    asyncio.run(main())
 
 
 class WatchedMemory(ShortMemory):
@@ -302,3 +376,32 @@ def test_a_lift_on_two_devices_is_seen_on_one_and_called_on_the_other(tmp_path: 
             assert sensors.asked == {bytes([2, 0, 0, 0, 5])}
 
     asyncio.run(main())
+
+
+def test_a_manager_that_is_told_to_end_before_it_runs_still_lets_go_of_what_an_earlier_one_left_on() -> None:
+    async def main() -> None:
+        plc = controller()
+        await plc.start()
+        reader, writer = await asyncio.open_connection("127.0.0.1", plc.port)
+        writer.write(bytes.fromhex("0001 0000 0006 01 06 0011 0001"))
+        await reader.readexactly(12)
+        stop = asyncio.Event()
+        stop.set()
+        assert await app.run(site_of(plc.port), listen("127.0.0.1", 0), stop=stop, ready=lambda: None)
+        writer.write(bytes.fromhex("0002 0000 0006 01 03 0011 0001"))
+        assert (await reader.readexactly(11))[-2:] == b"\x00\x00"
+        writer.close()
+        await plc.stop()
+
+    asyncio.run(main())
+
+
+def test_sigterm_before_there_is_an_event_loop_is_kept_for_later() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        came = remember_sigterm()
+        assert not came()
+        signal.raise_signal(signal.SIGTERM)
+        assert came()
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -59,6 +59,10 @@ MISTAKES: list[Mistake] = [
     # its times
     ("a pulse repeated before it ends", REAR, REAR.replace("0.5", "2"), "commands.close_door.rear.repeat_pulse_s", "each pulse lasts 2 s and has to end before the next"),
     ("a pulse repeated too late", REAR, REAR.replace("repeat_pulse_s: 2", "repeat_pulse_s: 10"), "commands.close_door.rear.repeat_pulse_s", "10 s is not before max_hold_s, 10 s; repeat sooner"),
+    ("a pulse that the controller takes", IN_PLACE, IN_PLACE.replace("width_s: 5", "width_s: 5, self_clearing: true"), "commands.robot_in_place.self_clearing", "belongs to a hold that is one level and no call"),
+    ("a hold that is taken and never written again", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, self_clearing: true, max_hold_s: 9, on_link_loss: latches").replace("readback", "may_leave"), "commands.robot_in_place.self_clearing", "has to be written again: say `refresh_s`"),
+    ("a point that is cleared as its own proof", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, self_clearing: true, refresh_s: 1, max_hold_s: 9, on_link_loss: latches"), "commands.robot_in_place.self_clearing", "a point that the controller clears confirms nothing"),
+    ("a hold that is taken before it is written again", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, cleared_after_s: 1, refresh_s: 1, max_hold_s: 9, on_link_loss: latches"), "commands.robot_in_place.cleared_after_s", "say `self_clearing: true` instead"),
     ("a hold written and pressed again", REAR, REAR + "    refresh_s: 1\n", "commands.close_door.rear.refresh_s", "remove one of the two"),
     ("a gap after nothing", READ_AT, READ_AT + "\n    gap_s: 1", "commands.hold_door.front.gap_s", "say `excludes`"),
     ("a grant in time and by nobody", READ_AT, READ_AT + "\n    granted_within_s: 9", "commands.hold_door.front.granted_within_s", "belongs to `granted_by`"),

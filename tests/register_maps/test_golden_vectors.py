@@ -118,14 +118,17 @@ class Bench:
         self._poll = frames_of(golden.poll)
         self.first_polled = int.from_bytes(bytes.fromhex(self._poll[0].split(": ")[-1])[6:8], "big")
         self._cycle = golden.cycle
-        self._script = deque(script)
+        self._script = deque((request, answer, -math.inf) for request, answer in script)
+        self._read_back: dict[str, str] = {}
+        """What was answered last to requests of the script: a poll may ask the same."""
 
     @property
     def polls(self) -> float:
         """Whole polls."""
         return self.polled / len(self._poll)
 
-    def extend(self, script: Iterable[tuple[str, str]], *, after: Frames, wait: int = 0) -> None:
+    def extend(self, script: Iterable[tuple[str, str, float]], *, after: Frames, wait: int = 0) -> None:
+        """Expect these requests next: what is asked, what is answered, and before when it is a poll that asks the same."""
         self._script.extend(script)
         self.after, self.wait = after, wait
 
@@ -141,10 +144,10 @@ class Bench:
 
     def _answer(self, request: str) -> str | None:
         now = asyncio.get_running_loop().time()
-        expected = self._script[0][0] if self._script else None
+        expected = self._script[0][0] if self._script and now >= self._script[0][2] else None
         if request in self._poll and request != expected:
             self.polled += 1
-            said = frames_of(self.says)[self._poll.index(request)]
+            said = self._read_back.get(request, frames_of(self.says)[self._poll.index(request)])
             return said if self.counts_at is None else counted(said, self.counts_at)
         if request != expected and self._cycle is not None and request == self._cycle[0]:
             self.cycles.append(now)
@@ -155,7 +158,8 @@ class Bench:
         if self.after is not None and self.wait == 0:
             self.says, self.after = self.after, None
         self.wait -= 1
-        return self._script.popleft()[1]
+        answer = self._read_back[request] = self._script.popleft()[1]
+        return answer
 
 
 @asynccontextmanager
@@ -296,12 +300,12 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
             still_s = codec.map.at_floor_evidence.for_s or (0.0 if "alive" in codec.signals else STILL_S)
             await poll(loop.time() + max(1.0, still_s + POLL_S))
             if vector.before is not None:
-                bench.extend(vector.before_by, after=vector.poll_before)
+                bench.extend([(*step, -math.inf) for step in vector.before_by], after=vector.poll_before)
                 give(lift, vector.before)
                 await poll(loop.time() + vector.before_s)
             given, taken_over = loop.time(), len(bench.heard)
             end = given + vector.exchanges[-1].at_s + vector.lasts_s + 1.0
-            script = [(step.request, step.answer) for step in vector.exchanges]
+            script = [(step.request, step.answer, given + step.at_s - 0.01) for step in vector.exchanges]
             bench.extend(script, after=vector.poll_after, wait=vector.shows_after)
             outcome = give(lift, vector.command, press=vector.proof is not None)
             if vector.let_go_s is not None:

@@ -30,6 +30,8 @@ commands:
 """
 REPEATED = DOOR_BUTTON.replace("MORE", "width_s: 0.5\n    repeat_pulse_s: 2")
 RESET_FIRST = DOOR_BUTTON.replace("MORE", "reset_first_s: 0.5")
+TAKEN = DOOR_BUTTON.replace("MORE", "refresh_s: 1\n    self_clearing: true")
+TAKEN_LATER = DOOR_BUTTON.replace("MORE", "refresh_s: 1\n    cleared_after_s: 5")
 STATIONARY = 30.0
 """Seconds after which a lift of three floors has long come to rest."""
 
@@ -187,3 +189,30 @@ class Told(Console):
         super().print(*objects, **settings)  # type: ignore[arg-type]  # as they came
         if objects and "Ctrl-C" in str(objects[0]):
             self._shown_last.set()
+
+
+def test_a_hold_whose_point_the_program_clears_goes_on_for_as_long_as_it_is_written_again() -> None:
+    lift = faced(written_map(TAKEN), (1, 2, 3))
+    for _ in range(20):
+        lift.write(COIL, 0, 1)
+        assert lift.read(COIL, 0) == [0]
+        lift.after(1.0)
+    assert lift.read(DISCRETE, 0) == [1]
+    lift.after(STATIONARY)
+    assert lift.read(DISCRETE, 0) == [0]
+
+
+def test_a_hold_that_the_program_clears_now_and_then_goes_on_if_it_is_written_again_in_time() -> None:
+    lift = faced(written_map(TAKEN_LATER), (1, 2, 3))
+    lift.write(COIL, 0, 1)
+    cleared = 0
+    for _ in range(295):
+        lift.after(0.1)
+        if lift.read(COIL, 0) == [0]:
+            cleared += 1
+            lift.write(COIL, 0, 1)
+    assert cleared == 5
+    assert lift.read(DISCRETE, 0) == [1]
+    lift.write(COIL, 0, 0)
+    lift.after(STATIONARY)
+    assert lift.read(DISCRETE, 0) == [0]

@@ -61,7 +61,7 @@ def _hold(codec: Codec) -> Part:
         (
             f"HoldAsked := {_allowed(command)} AND {_is_pressed(command)};",
             "IF HoldAsked OR NOT RobotMode THEN HoldTaken := FALSE; END_IF;",
-            f"HoldAge(IN := HoldAsked, PT := {cells.seconds((command.spec.max_hold_s or 0.0) - rest_s)});",
+            f"HoldAge(IN := HoldAsked, PT := {cells.seconds(command.spec.cleared_after_s or 0.0)});",
             "IF HoldAge.Q THEN",
             "  HoldTaken := TRUE;",
             *_indented(cells.assign(command.encode(None))),

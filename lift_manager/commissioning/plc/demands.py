@@ -64,8 +64,8 @@ def _of_map(codec: Codec) -> Iterator[str]:
         yield from _of_command(command)
     yield from _of_robot_mode(codec)
     hold = codec.commands.get("hold_door.front")
-    if hold is not None and (hold.spec.max_hold_s or 0.0) <= watchdog_s(codec):
-        yield f"hold_door.front needs a max_hold_s above the {watchdog_s(codec):g} s of the watchdog"
+    if hold is not None:
+        yield from _of_hold(hold, watchdog_s(codec))
     fire = codec.signals.get("fire")
     if fire is None or fire.decode(0) is not True:
         yield "zeros must read as fire, or a stopped program would look healthy; declare `fire` with `active: low`"
@@ -77,6 +77,15 @@ def _of_command(command: CommandCodec) -> Iterator[str]:
         yield f"{command.name} must be a {wanted} for this program; say `action: {wanted}`"
     if not all(point.table in BIT_TABLES or point.width == 16 for point in command.points):
         yield f"{command.name} must have a coil or a whole register of its own"
+
+
+def _of_hold(command: CommandCodec, rest_s: float) -> Iterator[str]:
+    limit_s = command.spec.max_hold_s or 0.0
+    if limit_s <= rest_s:
+        yield f"hold_door.front needs a max_hold_s above the {rest_s:g} s of the watchdog"
+    elif command.spec.cleared_after_s is None or command.spec.cleared_after_s > limit_s - rest_s:
+        cure = f"say `cleared_after_s: {limit_s - rest_s:g}`, or less"
+        yield f"the program takes the door hold out of its cell to see it written again before max_hold_s; {cure}"
 
 
 def _of_robot_mode(codec: Codec) -> Iterator[str]:

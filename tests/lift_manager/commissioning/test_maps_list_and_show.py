@@ -152,14 +152,16 @@ def test_generic_registers_is_shown_in_these_words() -> None:
         "      note: the floor the car stands at or last passed",
     ]
     start = lines.index("  hold_door.front: opens the front door and keeps it open, as the door-open button does")
-    assert lines[start + 1 : start + 8] == [
+    assert lines[start + 1 : start + 10] == [
         "      holding:17   on the wire: holding 17   FC06 (write one register), read back with FC03",
         "      1 = on, 0 = let go",
-        "      held until let go, at most 30 s unless wanted anew; written again every 1 s",
+        "      held until let go, at most 30 s unless wanted anew; written again every 1 s; cleared by the",
+        "        controller after 27 s, to see it written again",
         "      close_door.front is let go first",
         "      proof: the output reads back as written, within 2 s",
         "      when the link is lost: the watchdog of the controller lets go",
-        "      note: 1 = open the door and hold it; the controller lets go 3 s after the last write",
+        "      note: 1 = open the door and hold it; the controller lets go 3 s after the last write. After 27",
+        "        s it takes the 1 out of its cell, and goes on holding where it is written again",
     ]
 
 

@@ -40,15 +40,16 @@ go_to L2 (code 2): all else as for B1
   0 s         press: write holding register 16 := 2, unit 1
               00 00 00 06 01 06 00 10 00 02
 
-hold_door.front: held until let go, at most 30 s unless wanted anew; written again every 1 s
+hold_door.front: held until let go, at most 30 s unless wanted anew; written again every 1 s;
+  cleared by the controller after 27 s, to see it written again
   0 s         press: write holding register 17 := 1, unit 1
               00 00 00 06 01 06 00 11 00 01
   0 s         read back: read 1 holding register from 17, unit 1
               00 00 00 06 01 03 00 11 00 01
+  1 s         is it still on: read 1 holding register from 17, unit 1
+              00 00 00 06 01 03 00 11 00 01
   1 s         written again: write holding register 17 := 1, unit 1
               00 00 00 06 01 06 00 11 00 01
-  1 s         read back: read 1 holding register from 17, unit 1
-              00 00 00 06 01 03 00 11 00 01
   at the end  let go: write holding register 17 := 0, unit 1
               00 00 00 06 01 06 00 11 00 00
   at the end  read back: read 1 holding register from 17, unit 1

@@ -12,8 +12,9 @@ from lift_manager.domain.boarding import Who
 from lift_manager.domain.events import CommandEnded, HandedOver, RequestFollowed
 from lift_manager.domain.session_requests import Do, SessionInfo, Status
 from lift_manager.domain.state import Holder, RobotDoor
-from register_maps.words import Mode
+from register_maps.words import Door, Mode, Side
 from simulator.controller import Inputs
+from simulator.state import Parameters
 from tests.lift_manager.core.heard import heard, only
 from tests.support.session_calls import ROBOT, SECOND
 from tests.support.spine import OTHER, Spine, on_spine
@@ -410,3 +411,22 @@ def test_a_lift_is_described_by_its_map_and_its_site() -> None:
         assert {one.name for one in signals.signals} >= {"car_floor", "door.front"}
 
     on_spine(check)
+
+
+def test_the_hold_of_a_door_that_is_shut_holds_nothing_although_its_point_reads_on() -> None:
+    """So it is where the controller's own watchdog, or its stuck-button timer, let go of the door."""
+
+    async def check(made: Spine) -> None:
+        session = made.opened()
+        await made.done(session, Do.GO_TO, "L2")
+        await stands_open(made, "L2")
+        assert made.read(session).door_held
+        shut = 0
+        for _ in range(600):
+            await elapse(0.1)
+            if made.state.doors[Side.FRONT] in (Door.CLOSING, Door.CLOSED):
+                shut += 1
+                assert not made.read(session).door_held
+        assert shut > 20, "the lift has let go of its door"
+
+    on_spine(check, like=Parameters(drops_stuck_button_s=10.0))

@@ -86,8 +86,8 @@ DOES = (
         (
             Exchange(0.0, OPEN_BUTTON, OPEN_BUTTON),
             Exchange(0.0, READ_OPEN_BUTTON, ON),
-            Exchange(2.0, OPEN_BUTTON, OPEN_BUTTON),
             Exchange(2.0, READ_OPEN_BUTTON, ON),
+            Exchange(2.0, OPEN_BUTTON, OPEN_BUTTON),
             Exchange(3.0, NO_OPEN_BUTTON, NO_OPEN_BUTTON),
             Exchange(3.0, READ_OPEN_BUTTON, OFF),
         ),

@@ -243,8 +243,8 @@ DOES = (
         (
             Exchange(0.0, HOLD, HOLD),
             Exchange(0.0, READ_HOLD, READS_1),
-            Exchange(1.0, HOLD, HOLD),
             Exchange(1.0, READ_HOLD, READS_1),
+            Exchange(1.0, HOLD, HOLD),
             Exchange(1.5, NO_HOLD, NO_HOLD),
             Exchange(1.5, READ_HOLD, READS_0),
         ),

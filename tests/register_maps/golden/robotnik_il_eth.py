@@ -67,8 +67,8 @@ DOES = (
         (
             Exchange(0.0, OPEN, OPEN),
             Exchange(0.0, READ_OTHERS, "00 00 00 05 01 03 02 00 01"),
-            Exchange(2.0, OPEN, OPEN),
             Exchange(2.0, READ_OTHERS, "00 00 00 05 01 03 02 00 01"),
+            Exchange(2.0, OPEN, OPEN),
             Exchange(3.0, NOTHING, NOTHING),
             Exchange(3.0, READ_OTHERS, READS_0),
         ),
@@ -83,8 +83,8 @@ DOES = (
         (
             Exchange(0.0, CONTROL, CONTROL),
             Exchange(0.0, READ_OTHERS, "00 00 00 05 01 03 02 00 08"),
-            Exchange(2.0, CONTROL, CONTROL),
             Exchange(2.0, READ_OTHERS, "00 00 00 05 01 03 02 00 08"),
+            Exchange(2.0, CONTROL, CONTROL),
             Exchange(3.0, NOTHING, NOTHING),
             Exchange(3.0, READ_OTHERS, READS_0),
         ),

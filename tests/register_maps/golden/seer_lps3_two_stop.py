@@ -92,8 +92,8 @@ DOES = (
         (
             Exchange(0.0, IN_PLACE, IN_PLACE),
             Exchange(0.0, READ_IN_PLACE, ON),
-            Exchange(2.0, IN_PLACE, IN_PLACE),
             Exchange(2.0, READ_IN_PLACE, ON),
+            Exchange(2.0, IN_PLACE, IN_PLACE),
             Exchange(3.0, NOT_IN_PLACE, NOT_IN_PLACE),
             Exchange(3.0, READ_IN_PLACE, OFF),
         ),

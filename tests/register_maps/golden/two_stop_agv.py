@@ -140,8 +140,8 @@ DOES = (
         (
             Exchange(0.0, HOLD_OPEN, WRITTEN),
             Exchange(0.0, READ_BACK, "00 00 00 04 01 01 01 04"),
-            Exchange(2.0, HOLD_OPEN, WRITTEN),
             Exchange(2.0, READ_BACK, "00 00 00 04 01 01 01 04"),
+            Exchange(2.0, HOLD_OPEN, WRITTEN),
             Exchange(3.0, LET_GO, WRITTEN),
             Exchange(3.0, READ_BACK, AT_REST),
         ),

@@ -101,8 +101,8 @@ DOES = (
         (
             Exchange(0.0, HOLD, HOLD),
             Exchange(0.0, READ_HOLD, ON),
-            Exchange(2.0, HOLD, HOLD),
             Exchange(2.0, READ_HOLD, ON),
+            Exchange(2.0, HOLD, HOLD),
             Exchange(3.0, NO_HOLD, NO_HOLD),
             Exchange(3.0, READ_HOLD, OFF),
         ),

@@ -112,7 +112,7 @@ def test_times_and_values_come_from_the_map() -> None:
     def slower(given: dict[str, Any]) -> None:
         given["commands"]["robot_mode"] |= {"refresh_s": 2, "press": 7, "rest": 3}
         given["commands"]["go_to"]["width_s"] = 1.5
-        given["commands"]["hold_door.front"]["max_hold_s"] = 20
+        given["commands"]["hold_door.front"] |= {"max_hold_s": 20, "cleared_after_s": 14}
 
     made = render(changed(slower), FLOORS)
     assert "Heard(IN := Asked, PT := T#6s);" in made.st
@@ -188,6 +188,8 @@ def put(part: str, name: str, **keys: object) -> Callable[[dict[str, Any]], obje
             "`readback` cannot confirm it",
         ),
         (put("commands", "hold_door.front", max_hold_s=3), "max_hold_s above the 3 s of the watchdog"),
+        (put("commands", "hold_door.front", cleared_after_s=None), "say `cleared_after_s: 27`, or less"),
+        (put("commands", "hold_door.front", cleared_after_s=28), "say `cleared_after_s: 27`, or less"),
         (drop("signals", "fire"), "zeros must read as fire"),
         (put("signals", "fire", active="high"), "zeros must read as fire"),
         (put("signals", "motion", values={0: "stopped", 2: "up", 3: "down"}), "motion has no code for unknown"),
