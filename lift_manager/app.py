@@ -67,6 +67,9 @@ RELEASE_WITHIN_S = 3.0
 """How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out. Chosen: on a busy
 computer of two cores the interpreter needs more than a second to clear up."""
 
+RELEASE_AFTER_CLEARING_S = 0.8
+"""The same after the wait for a robot that may be in a doorway (`core.lift.CLEAR_AT_STOP_S`)."""
+
 REMIND_EVERY_S = 86400.0
 """Chosen: whoever reads the log finds it, and does not find much else."""
 
@@ -161,6 +164,8 @@ def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_p
         lease_s=spec.lease_s,
         max_session_hold_s=spec.max_session_hold_s,
         max_session_s=spec.max_session_s,
+        clear_s=spec.clear_s,
+        rmf_clear_s=loaded.site.rmf.clear_s,
         takeover_after_s=spec.takeover_after_s,
         infer_occupancy=spec.infer_occupancy,
         board_min_s=spec.board_min_s,
@@ -337,13 +342,15 @@ def _web(building: Building, keys: KeyFile | None) -> FastAPI:
 
 
 async def _let_go(manager: LiftManager) -> bool:
+    waited = await manager.clear_doors()
     _log.info("stopping: letting go of everything")
+    within_s = RELEASE_AFTER_CLEARING_S if waited else RELEASE_WITHIN_S
     states = [manager.state(name) for name in manager.lift_names()]
     try:
-        async with asyncio.timeout(RELEASE_WITHIN_S):
+        async with asyncio.timeout(within_s):
             await manager.stop()
     except TimeoutError:
-        _log.error("not every output could be verified as let go within %g s; look at the lift", RELEASE_WITHIN_S)
+        _log.error("not every output could be verified as let go within %g s; look at the lift", within_s)
         return False
     unseen = [state.lift for state in states if state is not None and state.quality is Quality.OFFLINE]
     for lift in unseen:

@@ -22,6 +22,7 @@ from lift_manager.domain.following import View
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
 from lift_manager.domain.sight import Sight, barred, left
+from register_maps.words import Door
 
 UNGRANTED_S = 30.0
 """So long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through it, and
@@ -89,8 +90,8 @@ class Serving:
             return False
         return self.why_no_hold(session.floor) is None and self.door_held(session)
 
-    def wants(self, session: Session, now: float) -> None:
-        """Take a request that was accepted: a new call, or the same one again."""
+    def wants(self, session: Session, now: float, *, holds_again: bool = False) -> None:
+        """Take a request that was accepted: a new call, or the same one again; `holds_again` after the hold was spent."""
         self.closing.forget()
         if session.floor is None:
             return
@@ -102,7 +103,7 @@ class Serving:
         holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
         if moves_on or not (session.hold_spent and holds_door):
             self.call.want(session.floor, now)
-        if session.stays and self._needs_call(session) and not self._button.keeps_door:
+        if (session.stays or holds_again) and self._needs_call(session) and not self._button.keeps_door:
             self.call.want_again(now)
 
     def let_go_of_door(self) -> None:
@@ -257,6 +258,7 @@ class Serving:
             self._let_go_of_doors()
             if session.hold_spent:
                 self._button.let_go_of_door()
+                session = self._seen_shut(session, sight, floor, now)
             else:
                 self._button.interrupt()
             return session
@@ -265,6 +267,12 @@ class Serving:
         self._button.keep_on(permit)
         self.doors.hold(floor, permit, begin=begin and session.may_begin)
         return session
+
+    def _seen_shut(self, session: Session, sight: Sight, floor: FloorName, now: float) -> Session:
+        """Note when the door is seen shut after its hold was spent: from then on people have their turn."""
+        doors = sight.values.doors
+        shut = left(sight, floor) or all(doors.get(side) is Door.CLOSED for side in self._options.doors_at[floor])
+        return replace(session, shut_at=now) if shut and session.shut_at is None else session
 
     def _is_for_nobody(self, session: Session, sight: Sight, floor: FloorName, now: float) -> bool:
         """Whether a held door has invited no robot for long, because the lift has no robot mode: it would keep the lift from people.
