@@ -283,7 +283,7 @@ def releases_at(session: Session, limits: Limits) -> float:
 
 def invites_until(session: Session, limits: Limits) -> float:
     """Return the time from which the door of a session invites nobody any more, although it is held for `clear_s` longer."""
-    return -math.inf if session.closing is not None else releases_at(session, limits) - limits.clear_s
+    return -math.inf if session.ending else releases_at(session, limits) - limits.clear_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,14 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, Refused
 from lift_manager.domain.events import Occurrence, RideChanged, StateChanged
-from lift_manager.domain.ride import Guidance, RideLimits, RideRequest, RideWord
+from lift_manager.domain.ride import Guidance, RideLimits, RideRequest
 from lift_manager.domain.session_requests import Do, OpenSession, SessionRequest
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.lab.world.rules import STOP
 from lift_manager.lab.world.world import World
 from register_maps.load import load
+from tests.lift_manager.lab.test_world import Recorder, is_open_at, until
 
 CLEAR_S, RMF_CLEAR_S = 10.0, 30.0
 LIMIT_S = 120.0
@@ -140,14 +142,6 @@ def ride(watched: Watched) -> Callable[[], object]:
     return lambda: None
 
 
-def alighting(watched: Watched) -> Callable[[], object]:
-    """A ride whose robot does not leave the car."""
-    ride(watched)
-    (begun,) = watched.world.manager.rides()
-    watched.ride = begun.id
-    return lambda: watched.world.manager.ride_word(begun.id, RideWord.ENTERED, begun.caller)
-
-
 FACES = {"workshop": workshop, "rmf": rmf, "session": session, "ride": ride}
 
 
@@ -177,3 +171,38 @@ def test_a_door_is_released_only_after_it_has_invited_nobody_for_long_enough(fac
         assert (released_at - invited_at < clear_s + 0.6) is (face == "ride")
 
     in_world(check, **{limit: LIMIT_S})
+
+
+def test_a_ride_that_is_given_up_with_its_door_open_does_not_release_it_at_once() -> None:
+    async def check(watched: Watched) -> None:
+        limits = RideLimits(boarding_s=20, alighting_s=20)
+        caller = Holder("ride", "amr-7")
+        wish = RideRequest(lifts=("lift",), any_lift=False, start="L2", destination="L3", caller=caller, limits=limits)
+        begun = watched.world.manager.begin_ride(wish)
+        assert not isinstance(begun, Refused)
+        released_at, open_at, invited_at = await watched.until_released()
+        # it said `enter`, then `leave` while nobody said whether the robot is inside
+        assert invited_at > 0
+        assert released_at - open_at >= CLEAR_S - 0.06
+        assert released_at - invited_at >= CLEAR_S - 0.06
+
+    in_world(check)
+
+
+def test_a_manager_that_ends_withdraws_open_at_once_and_releases_the_door_three_seconds_later() -> None:
+    seen = Recorder()
+
+    async def main() -> None:
+        world = World(site(), (seen,))
+        async with world.running():
+            await elapse(2)
+            world.ask(Ask("lift", Holder("workshop", "workshop"), "L2", hold_door=True))
+            await until(world, is_open_at("L2"))
+            await elapse(5)
+        assert world.released
+
+    run_virtual(main)
+    ((stopped_at, _),) = [(at, struck) for at, struck in seen.faults if struck.fault == STOP]
+    held_at = max(at for at, truth in seen.truths if HOLD in truth.commands)
+    assert 2.9 <= held_at - stopped_at <= 3.2
+    assert all(state.robot_door is not RobotDoor.OPEN for at, state in seen.states if at > stopped_at)
