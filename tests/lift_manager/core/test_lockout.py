@@ -252,7 +252,7 @@ def test_a_person_withdraws_open_at_once_and_the_door_is_released_clear_s_later(
 ) -> None:
     async def check(made: Spine) -> None:
         await door_held(made)
-        assert made.state.robot_door is RobotDoor.OPEN
+        await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
         with made.bus.listen() as listener:
             reason = withdraw(made)
             assert made.state.robot_door is RobotDoor.MOVING

@@ -200,9 +200,11 @@ def test_a_hold_that_was_spent_begins_again_at_a_repeat_once_the_door_was_shut_a
         for _ in range(18):
             made.accept("L2")
             await elapse(0.25)
-            assert made.state.robot_door is RobotDoor.CLOSED
+            assert made.face.picture.doors[Side.FRONT] is Door.CLOSED
         await elapse(1)
-        assert made.state.robot_door is RobotDoor.CLOSED  # nothing is pressed before the holder repeats its request
+        assert (
+            made.face.picture.doors[Side.FRONT] is Door.CLOSED
+        )  # nothing is pressed before the holder repeats its request
         made.accept("L2")
         await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
         assert made.state.holder == held
