@@ -270,8 +270,10 @@ class Serving:
 
     def _seen_shut(self, session: Session, sight: Sight, floor: FloorName, now: float) -> Session:
         """Note when the door is seen shut after its hold was spent: from then on people have their turn."""
-        doors = sight.values.doors
-        shut = left(sight, floor) or all(doors.get(side) is Door.CLOSED for side in self._options.doors_at[floor])
+        if not (self.doors.at_rest and self._button.door_at_rest):
+            return session
+        doors, here = sight.values.doors, self._options.doors_at[floor]
+        shut = left(sight, floor) or (bool(here) and all(doors.get(side) is Door.CLOSED for side in here))
         return replace(session, shut_at=now) if shut and session.shut_at is None else session
 
     def _is_for_nobody(self, session: Session, sight: Sight, floor: FloorName, now: float) -> bool:
