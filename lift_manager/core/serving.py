@@ -240,6 +240,12 @@ class Serving:
         if session.stays:
             self._let_go_of_doors()
             self._button.let_go_of_door()
+            return session
+        # what is on from before stays on for a robot aboard, but no longer than any hold
+        session = self._spent(session, now)
+        if session.hold_spent:
+            self._let_go_of_doors()
+            self._button.let_go_of_door()
         return session
 
     def _hold_open(
@@ -249,10 +255,7 @@ class Serving:
 
         After a restart what is found off stays off until the holder is heard.
         """
-        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
-        if ends_at is not None and now >= ends_at and not session.hold_spent:
-            session = replace(session, hold_spent=True, holding_since=None)
-            self._say.hold_spent(session.holder, self._options.max_session_hold_s)
+        session = self._spent(session, now)
         is_barred = barred(sight.values, self._able) is not None or self._is_for_nobody(session, sight, floor, now)
         if session.hold_spent or is_barred:
             self._let_go_of_doors()
@@ -267,6 +270,14 @@ class Serving:
         self._button.keep_on(permit)
         self.doors.hold(floor, permit, begin=begin and session.may_begin)
         return session
+
+    def _spent(self, session: Session, now: float) -> Session:
+        """End a hold that has lasted for as long as the site allows."""
+        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
+        if ends_at is None or now < ends_at or session.hold_spent:
+            return session
+        self._say.hold_spent(session.holder, self._options.max_session_hold_s)
+        return replace(session, hold_spent=True, holding_since=None)
 
     def _seen_shut(self, session: Session, sight: Sight, floor: FloorName, now: float) -> Session:
         """Note when the door is seen shut after its hold was spent: from then on people have their turn."""
