@@ -12,8 +12,6 @@ from pathlib import Path
 from socket import socket
 from zoneinfo import ZoneInfo
 
-from fastapi import FastAPI
-
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.lines import Line
@@ -68,6 +66,9 @@ a fraction of it, and nobody waits longer for one that is not."""
 RELEASE_WITHIN_S = 3.0
 """How long the end may wait for outputs to be let go and verified, of the 5 s in which the process must be out. Chosen: on a busy
 computer of two cores the interpreter needs more than a second to clear up."""
+
+RELEASE_AFTER_CLEARING_S = 0.8
+"""The same after the wait for a robot that may be in a doorway (`core.lift.CLEAR_AT_STOP_S`)."""
 
 REMIND_EVERY_S = 86400.0
 """Chosen: whoever reads the log finds it, and does not find much else."""
@@ -163,6 +164,8 @@ def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_p
         lease_s=spec.lease_s,
         max_session_hold_s=spec.max_session_hold_s,
         max_session_s=spec.max_session_s,
+        clear_s=spec.clear_s,
+        rmf_clear_s=loaded.site.rmf.clear_s,
         takeover_after_s=spec.takeover_after_s,
         infer_occupancy=spec.infer_occupancy,
         board_min_s=spec.board_min_s,
@@ -190,7 +193,6 @@ async def run(
     """
     faces = faces or Faces()
     tls = _https(loaded)
-    limits = ConnectionLimits.of(connections_limit(), loaded.site.api.trusted_proxies)
     with ExitStack() as ends:
         for controller in loaded.controllers.values():
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
@@ -210,17 +212,15 @@ async def run(
         async with asyncio.TaskGroup() as tasks:
             manager.note(_started(loaded))
             polling = tasks.create_task(guarded(manager.run()))
-            parts = list(_parts(building, loaded, faces.keys, tls, adapter))
+            parts = _parts(building, loaded, faces.keys, tls, adapter)
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
                     await building.manager.first_look()
-            serving = tasks.create_task(
-                guarded(serve(_web(building, loaded.site.api, faces.keys), sock, tls=tls, limits=limits))
-            )
+            serving = tasks.create_task(guarded(_serve(building, loaded.site.api, faces.keys, sock, tls)))
             patience_s_of = patience(loaded, building.links) if systemd.is_heard else {}
-            alive = watch(systemd, patience_s_of, manager.polls, lambda: _status(manager))
-            running.append(tasks.create_task(guarded(alive)))
+            alive = guarded(watch(systemd, patience_s_of, manager.polls, lambda: _status(manager)))
+            running.append(tasks.create_task(alive))
             ready()
             await stop.wait()
             systemd.send("STOPPING=1", "STATUS=letting go of everything")
@@ -338,19 +338,24 @@ def _status(manager: LiftManager) -> str:
     return f"{len(states)} lift(s), {live} live, {sum(manager.polls().values())} polls"
 
 
-def _web(building: Building, api: Api, keys: KeyFile | None) -> FastAPI:
+async def _serve(
+    building: Building, api: Api, keys: KeyFile | None, sock: socket, tls: ServerCertificates | None
+) -> None:
     names = (api.host, *api.host_names)
-    return make_app(building.manager, keys, frames=building.sources, metrics=building.metrics.scrape, host_names=names)
+    web = make_app(building.manager, keys, frames=building.sources, metrics=building.metrics.scrape, host_names=names)
+    await serve(web, sock, tls=tls, limits=ConnectionLimits.of(connections_limit(), api.trusted_proxies))
 
 
 async def _let_go(manager: LiftManager) -> bool:
+    waited = await manager.clear_doors()
     _log.info("stopping: letting go of everything")
+    within_s = RELEASE_AFTER_CLEARING_S if waited else RELEASE_WITHIN_S
     states = [manager.state(name) for name in manager.lift_names()]
     try:
-        async with asyncio.timeout(RELEASE_WITHIN_S):
+        async with asyncio.timeout(within_s):
             await manager.stop()
     except TimeoutError:
-        _log.error("not every output could be verified as let go within %g s; look at the lift", RELEASE_WITHIN_S)
+        _log.error("not every output could be verified as let go within %g s; look at the lift", within_s)
         return False
     unseen = [state.lift for state in states if state is not None and state.quality is Quality.OFFLINE]
     for lift in unseen:

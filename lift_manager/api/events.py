@@ -113,7 +113,7 @@ class PersonEvent(Answer):
 
     event: Literal["person"] = "person"
     lift: str
-    what: Literal["acknowledged", "locked_out", "lockout_over", "released"]
+    what: Literal["acknowledged", "locked_out", "lockout_over", "drain_begun", "drain_over", "released"]
     by: str
     text: str
     at: AwareDatetime

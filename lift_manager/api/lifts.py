@@ -26,7 +26,9 @@ class Held(Answer):
     name: str = Field(examples=["amr-7"])
     for_s: Seconds = Field(description="Since when, in seconds.")
     ending: bool = Field(
-        default=False, description="It has ended its session; door and robot mode stay for a moment, should it go on."
+        default=False,
+        description="The session is over in a moment, until which door and robot mode stay: its holder ended it and may still go on,"
+        " or a person ended it, or the manager stops.",
     )
 
 
@@ -35,6 +37,10 @@ class Restricted(Answer):
 
     fire_latched: bool = Field(description="There was a fire, and no person has acknowledged it.")
     lockout: str = Field(description="Who locked it out, since when and why; empty when nobody did.")
+    drain: str = Field(
+        default="",
+        description="Who lets sessions end and no new one begin, since when and why; empty when nobody does.",
+    )
     maybe_occupied_by: str | None = Field(
         description="`face:name` of a robot that may be in the car without a session."
     )
@@ -65,6 +71,14 @@ class Lift(Answer):
         description="Of `may_enter`, `may_leave`, `robot_mode_on`, `robots_allowed`, `ready` those that this lift tells."
     )
     session: Held | None = Field(description="Who holds it; null while it is free.")
+    releases_in_s: Seconds | None = Field(
+        default=None,
+        description="Seconds until the manager releases the door by itself at the earliest: the end of the lease, of the door hold, of the"
+        " session, or of the wait after a lockout or a forced release. A renewal moves it. From `clear_s` before that end on, `robot_door` is"
+        " not `open`: a robot that has not set out stays where it is, one on the sill finishes crossing. Fire, a hold that drops out and"
+        " a mode without robots end a hold without this notice. null while nobody holds the lift.",
+        examples=[287.5],
+    )
     waiting: int = Field(description="Rides and faces that wait for it.")
     restrictions: Restricted
     not_visible: Mapping[str, str] = Field(description="Safety signals that this lift does not show, and why.")
@@ -91,10 +105,12 @@ class Lift(Answer):
             session=None
             if holder is None
             else Held(face=holder.face, name=holder.name, for_s=state.held_since_s or 0.0, ending=state.ending),
+            releases_in_s=state.releases_in_s,
             waiting=state.waiting,
             restrictions=Restricted(
                 fire_latched=told.fire_latched,
                 lockout=told.lockout,
+                drain=told.drain,
                 maybe_occupied_by=None if told.maybe_aboard is None else str(told.maybe_aboard),
                 waiting_for=told.waiting_for,
             ),
@@ -138,6 +154,11 @@ class LiftCapabilities(Answer):
     lease_s: float = Field(description="The longest lease; a session asks again before it ends.")
     max_session_s: float
     max_session_hold_s: float = Field(description="How long the door is held at most in one stop.")
+    clear_s: float = Field(
+        default=10.0,
+        description="So long before the manager releases a held door, `robot_door` is no longer `open`; leases are at least three times"
+        " as long.",
+    )
     arrive_within_s: float
     robot_hours: str = Field(description="When robots may begin; empty for always.")
     robot_words: bool = Field(description="The lift wants to hear when a robot is in place and when it has left.")
@@ -162,6 +183,7 @@ class LiftCapabilities(Answer):
             lease_s=lift.lease_s,
             max_session_s=lift.max_session_s,
             max_session_hold_s=lift.max_session_hold_s,
+            clear_s=lift.clear_s,
             arrive_within_s=able.arrive_within_s,
             robot_hours=lift.robot_hours,
             robot_words=able.needs_occupancy or bool({"robot_in_place", "robot_left"} & able.commands),

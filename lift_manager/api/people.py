@@ -7,12 +7,20 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field
 
 from lift_manager.api.parts import Part, ShortName, Words
-from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded
+from lift_manager.domain.service import Acknowledged, Cause, Drain, DrainEnded, ForceReleased, Lockout, LockoutEnded
 
 Name = Annotated[ShortName, Field(description="The person who says so.", examples=["M. Weber"])]
 Reason = Annotated[Words, Field(description="Why robots stay off.", examples=["door operator is being replaced"])]
 ReleaseReason = Annotated[
     Words, Field(description="Why the lift is taken from its holder.", examples=["the robot was carried away"])
+]
+
+Now = Annotated[
+    bool,
+    Field(
+        description="Release a held door at once. Otherwise `robot_door` stops being `open` at once and the door is released `clear_s`"
+        " later, so that a robot in the doorway gets out of it."
+    ),
 ]
 
 
@@ -27,10 +35,24 @@ class LockoutRequest(Part):
 
     by: Name
     reason: Reason
+    now: Now = False
 
 
 class EndLockoutRequest(Part):
     """Robots may command the lift again."""
+
+    by: Name
+
+
+class DrainRequest(Part):
+    """No new session begins; the present one goes on to its end."""
+
+    by: Name
+    reason: Reason
+
+
+class EndDrainRequest(Part):
+    """Sessions may begin again."""
 
     by: Name
 
@@ -40,6 +62,7 @@ class ForceReleaseRequest(Part):
 
     by: Name
     reason: ReleaseReason
+    now: Now = False
 
 
 class AcknowledgedAnswer(Part):
@@ -86,6 +109,34 @@ class LockoutEndedAnswer(Part):
         return cls(lift=lift, by=ended.by, at=ended.at, lockout=LockoutAnswer.of(lift, ended.lockout))
 
 
+class DrainAnswer(Part):
+    """A drain that is in force."""
+
+    lift: str
+    by: str
+    reason: str
+    since: AwareDatetime
+
+    @classmethod
+    def of(cls, lift: str, drain: Drain) -> DrainAnswer:
+        """Return the answer about a lift."""
+        return cls(lift=lift, by=drain.by, reason=drain.reason, since=drain.since)
+
+
+class DrainEndedAnswer(Part):
+    """A drain that is over."""
+
+    lift: str
+    by: str = Field(description="Who ended it.")
+    at: AwareDatetime
+    drain: DrainAnswer
+
+    @classmethod
+    def of(cls, lift: str, ended: DrainEnded) -> DrainEndedAnswer:
+        """Return the answer about a lift."""
+        return cls(lift=lift, by=ended.by, at=ended.at, drain=DrainAnswer.of(lift, ended.drain))
+
+
 class ForceReleasedAnswer(Part):
     """A session that a person ended."""
 
@@ -96,6 +147,9 @@ class ForceReleasedAnswer(Part):
     holder: str = Field(description="Who held the lift, as `<face>:<name>`.")
     maybe_aboard: bool = Field(
         description="A robot may be in the car: all others are refused until a person has looked and acknowledges."
+    )
+    clear_s: float = Field(
+        default=0.0, description="In how many seconds the door is released and the session ends; 0 where that is done."
     )
     text: str = Field(description="What became of it, in a sentence for the person who said so.")
 
@@ -109,5 +163,6 @@ class ForceReleasedAnswer(Part):
             at=released.at,
             holder=str(released.holder),
             maybe_aboard=released.maybe_aboard,
+            clear_s=released.clear_s,
             text=released.text(lift),
         )

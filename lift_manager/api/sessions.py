@@ -20,7 +20,8 @@ Ttl = Annotated[
         default=None,
         ge=1.0,
         le=86400.0,
-        description="The lease in seconds; the site's `lease_s` is the longest, and what is given where this is left out.",
+        description="The lease in seconds; the site's `lease_s` is the longest, and what is given where this is left out. A shorter one than"
+        " three times the lift's `clear_s` is raised to that; `lease_ends_in_s` says what was given.",
         examples=[60.0],
     ),
 ]
@@ -68,7 +69,8 @@ class RenewRequest(Part):
         default=None,
         ge=1.0,
         le=86400.0,
-        description="Another length of the lease in seconds, at most the site's `lease_s`; left out, it stays as long as it was.",
+        description="Another length of the lease in seconds, at most the site's `lease_s` and at least three times `clear_s`; left out, it"
+        " stays as long as it was.",
         examples=[60.0],
     )
 
@@ -171,6 +173,11 @@ class Session(Answer):
     hold_ends_in_s: Seconds | None = Field(
         description="The door is let go then whatever the holder wants; null while it is not held."
     )
+    releases_in_s: Seconds | None = Field(
+        default=None,
+        description="Until the manager releases the door by itself at the earliest, whichever limit that is; `releases_in_s` of a lift has"
+        " more. null for one that is over.",
+    )
     arrived: bool
     door_held: bool
     robot: Who
@@ -192,6 +199,7 @@ class Session(Answer):
             lease_ends_in_s=info.lease_ends_in_s,
             ends_in_s=info.ends_in_s,
             hold_ends_in_s=info.hold_ends_in_s,
+            releases_in_s=info.releases_in_s,
             arrived=info.arrived,
             door_held=info.door_held,
             robot=info.robot,

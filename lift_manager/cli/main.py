@@ -21,6 +21,7 @@ COMMANDS = {
     "ride": "ride:ride",
     "ack": "operate:ack",
     "lockout": "operate:lockout",
+    "drain": "operate:drain",
     "release": "operate:release",
     "audit": "audit:audit",
     "maps": "maps:app",

@@ -19,7 +19,14 @@ import httpx
 from lift_manager.api.events import Links
 from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
 from lift_manager.api.parts import Answer
-from lift_manager.api.people import AcknowledgedAnswer, ForceReleasedAnswer, LockoutAnswer, LockoutEndedAnswer
+from lift_manager.api.people import (
+    AcknowledgedAnswer,
+    DrainAnswer,
+    DrainEndedAnswer,
+    ForceReleasedAnswer,
+    LockoutAnswer,
+    LockoutEndedAnswer,
+)
 from lift_manager.api.rides import Limits, Plan, Ride, RideRequest, Rides
 from lift_manager.api.sessions import Command, CommandRequest, Session
 from lift_manager.client.beside import beside
@@ -210,17 +217,26 @@ class LiftManagerClient:
         """Say that a lift was checked after a fire, or that no robot is in its car."""
         return await self._post(lift_path(lift, "acknowledge"), {"by": by}, AcknowledgedAnswer, repeat=False)
 
-    async def lock_out(self, lift: str, by: str, reason: str) -> LockoutAnswer:
-        """Keep robots off a lift."""
-        return await self._post(lift_path(lift, "lockout"), {"by": by, "reason": reason}, LockoutAnswer, repeat=False)
+    async def lock_out(self, lift: str, by: str, reason: str, *, now: bool = False) -> LockoutAnswer:
+        """Keep robots off a lift; a held door is released `clear_s` later unless it has to be `now`."""
+        body = {"by": by, "reason": reason, **_at_once(now=now)}
+        return await self._post(lift_path(lift, "lockout"), body, LockoutAnswer, repeat=False)
 
     async def end_lockout(self, lift: str, by: str) -> LockoutEndedAnswer:
         """Let robots on it again."""
         return await self._post(lift_path(lift, "lockout", "end"), {"by": by}, LockoutEndedAnswer, repeat=False)
 
-    async def force_release(self, lift: str, by: str, reason: str) -> ForceReleasedAnswer:
-        """End the session of whoever holds a lift."""
-        path, body = lift_path(lift, "session", "force-release"), {"by": by, "reason": reason}
+    async def begin_drain(self, lift: str, by: str, reason: str) -> DrainAnswer:
+        """Let sessions on a lift end and no new one begin."""
+        return await self._post(lift_path(lift, "drain"), {"by": by, "reason": reason}, DrainAnswer, repeat=False)
+
+    async def end_drain(self, lift: str, by: str) -> DrainEndedAnswer:
+        """Let sessions on it begin again."""
+        return await self._post(lift_path(lift, "drain", "end"), {"by": by}, DrainEndedAnswer, repeat=False)
+
+    async def force_release(self, lift: str, by: str, reason: str, *, now: bool = False) -> ForceReleasedAnswer:
+        """End the session of whoever holds a lift; a held door is released `clear_s` later unless it has to be `now`."""
+        path, body = lift_path(lift, "session", "force-release"), {"by": by, "reason": reason, **_at_once(now=now)}
         return await self._post(path, body, ForceReleasedAnswer, repeat=False)
 
     # what happens
@@ -372,3 +388,8 @@ def _age(reply: Reply) -> float | None:
 
 def _now() -> float:
     return asyncio.get_running_loop().time()
+
+
+def _at_once(*, now: bool) -> dict[str, bool]:
+    """Return what a manager is told that is not to wait; an older one knows no such field, and never waits."""
+    return {"now": True} if now else {}

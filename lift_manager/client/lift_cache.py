@@ -23,7 +23,8 @@ class KnownLift:
         """Return it as it is to be taken now: with its age, and offline by itself once it is too old."""
         age = age_s(self.lift.age_s, self.asked_at, now)
         if self.lift.quality is Quality.OFFLINE or self.heard_at(now):
-            return self.lift.model_copy(update={"age_s": age})
+            releases_in_s = _after(self.lift.releases_in_s, now - self.asked_at)
+            return self.lift.model_copy(update={"age_s": age, "releases_in_s": releases_in_s})
         silent_s = now - self.asked_at
         return self.lift.unread(age, f"the manager has not been heard for {silent_s:.1f} s")
 
@@ -37,8 +38,14 @@ class KnownLift:
         held = self.lift.session
         if held is not None:
             held = held.model_copy(update={"for_s": held.for_s + asked_at - self.asked_at})
-        lift = self.lift.model_copy(update={"age_s": told_s, "session": held})
+        releases_in_s = _after(self.lift.releases_in_s, asked_at - self.asked_at)
+        lift = self.lift.model_copy(update={"age_s": told_s, "session": held, "releases_in_s": releases_in_s})
         return KnownLift(lift, asked_at, self.etag)
+
+
+def _after(seconds: float | None, by_s: float) -> float | None:
+    """Return what is left of a countdown."""
+    return None if seconds is None else max(0.0, seconds - by_s)
 
 
 def same_but_for_time(one: Lift, other: Lift) -> bool:
@@ -49,4 +56,5 @@ def same_but_for_time(one: Lift, other: Lift) -> bool:
 def _timeless(lift: Lift) -> Lift:
     """Return a lift without its age, for how long it is held, and the seconds in its reason; the reason itself stays."""
     held = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
-    return lift.model_copy(update={"age_s": None, "session": held, "reason": without_seconds(lift.reason)})
+    timeless: dict[str, object] = {"age_s": None, "releases_in_s": None}
+    return lift.model_copy(update={**timeless, "session": held, "reason": without_seconds(lift.reason)})

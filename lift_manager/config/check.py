@@ -12,6 +12,7 @@ from lift_manager.config.check_use import check_use, unsaid
 from lift_manager.config.devices import POLL_S, devices, least_poll_s, links
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift, Site
+from lift_manager.domain.session import CLEARS_IN_A_LIMIT
 from register_maps.codec import compile_map
 from register_maps.load import LoadedMap
 from register_maps.schema import LinkDefaults, RegisterMap
@@ -42,6 +43,7 @@ def check_site(
             problems += check_floors(key, lift, codec)
             problems += check_use(key, lift, plain[name])
             problems += _timing(key, site, lift, plain[name], needs)
+        problems += _clearing(key, site, lift)
     problems += check_outputs(site, {name: maps[name] for name in known if name in maps})
     return problems
 
@@ -62,6 +64,25 @@ def _controllers(site: Site) -> Iterator[Problem]:
             )
             yield Problem(("controllers", name, "port"), message)
         at.setdefault(address, name)
+
+
+def _clearing(key: Key, site: Site, lift: Lift) -> Iterator[Problem]:
+    """Yield limits of the door hold that leave robots too little time before OPEN is withdrawn."""
+    uses_rmf = bool(site.rmf.model_fields_set or lift.rmf.model_fields_set)
+    of_rmf = ("rmf.clear_s", site.rmf.clear_s if uses_rmf else 0.0)
+    limits = {
+        "lease_s": ("clear_s", lift.clear_s),
+        "max_session_hold_s": max(("clear_s", lift.clear_s), of_rmf, key=lambda one: one[1]),
+        "max_session_s": max(("clear_s", lift.clear_s), of_rmf, key=lambda one: one[1]),
+    }
+    for name, (clearing, clear_s) in limits.items():
+        value, least_s = getattr(lift, name), CLEARS_IN_A_LIMIT * clear_s
+        if value < least_s:
+            message = (
+                f"{value:g} s is less than {CLEARS_IN_A_LIMIT} times `{clearing}` ({clear_s:g} s), so robots would hardly see the"
+                f" door open before it is announced to be released; set `{name}` to {least_s:g} or more, or lower `{clearing}`"
+            )
+            yield Problem((*key, name), message)
 
 
 def _timing(

@@ -20,6 +20,8 @@ Text = Annotated[
     Field(description="text on one line, without control characters"),
 ]
 Seconds = Annotated[float, Field(gt=0, le=86400)]
+Clear = Annotated[float, Field(gt=0, le=600)]
+"""What a robot needs to be out of a doorway."""
 Wait = Annotated[float, Field(gt=0, le=10)]
 """For an answer, a connection or a fresh reading: whoever waits longer than this has no news but history."""
 Port = Annotated[int, Field(strict=True, ge=1, le=65535)]
@@ -241,6 +243,8 @@ RosName = Annotated[
 class Rmf(_Part):
     """What Open-RMF is told, and where it is found."""
 
+    clear_s: Clear = 30.0
+    """`clear_s` of a lift for the sessions of RMF, whose robots set out on one OPEN and do not look again."""
     end_grace_s: Annotated[float, Field(ge=0, le=LONGEST_GRACE_S)] = RmfRules().end_grace_s
     """How long door hold and robot mode stay after END_SESSION, should the session go on after all."""
     fire_alarm: bool = False
@@ -315,6 +319,8 @@ class Lift(_Part):
     max_session_hold_s: Seconds = 900.0
     max_session_s: Seconds = 3600.0
     """How long a session lasts at most, renewed or not; it ends when no robot is under way."""
+    clear_s: Clear = 10.0
+    """From the withdrawal of OPEN to the release of a held door, where the manager knows the end of the hold beforehand."""
     takeover_after_s: Seconds | None = None
     """A holder that is silent for so long loses an empty car to the next caller; never when not said."""
     robot_hours: Annotated[tuple[SomeHours, ...], AfterValidator(_not_none_at_all)] | None = None

@@ -58,7 +58,7 @@ class Admission:
             return refused
         if (why_not := barred(sight.values, self._able)) is not None:
             return Refused(Refusal.MODE, f"{name} takes no robots now: {why_not}")
-        return None if goes_on else people.outside_hours()
+        return None if goes_on else people.draining() or people.outside_hours()
 
     def too_early(self, *, offline: str, letting_go: bool) -> Refused | None:
         """Return why nobody can have checked the lift yet: nothing is acknowledged while an alarm may go on.
@@ -82,17 +82,21 @@ class Admission:
         )
         return Refused(Refusal.FIRE_ACTIVE, f"the signal {signal} of {name}{raw}; {unsure}")
 
-    def why_no_press(self) -> str | None:
-        """Return why nothing may be pressed or held now."""
+    def why_no_press(self, *, closing: bool = False) -> str | None:
+        """Return why nothing may be pressed or held now; a lockout releases what is held for a session only when it has closed."""
         sight = self._sight()
-        return _TOO_OLD if sight is None else self._people.why_no_press() or barred(sight.values, self._able)
+        if sight is None:
+            return _TOO_OLD
+        return self._people.why_no_press(closing=closing) or barred(sight.values, self._able)
 
     def permit(self, number: int, session: Callable[[], Session | None]) -> Permit:
         """Return the check that the link makes immediately before the bytes of a press leave, for the session of that number."""
 
         def permit() -> str | None:
             now = session()
-            return "the session has ended" if now is None or now.number != number else self.why_no_press()
+            if now is None or now.number != number:
+                return "the session has ended"
+            return self.why_no_press(closing=now.closing is not None)
 
         return permit
 

@@ -49,7 +49,7 @@ class AskDesk:
         """
         keeper, session, now = self._keeper, self._keeper.session, _now()
         mine = session is not None and session.ending and ask.stays and session.holder == ask.holder
-        if session is None or not mine or not self._passes(ask, answer):
+        if session is None or session.closing is not None or not mine or not self._passes(ask, answer):
             return
         self._leave_call(now)
         keeper.take(replace(session, heard_at=now, over_at=None), now, anew=False)
@@ -114,6 +114,8 @@ class AskDesk:
     def _refusal(self, ask: Ask, session: Session | None, now: float, offline: str) -> Refused | None:
         """Return what speaks against a request for a lift that nobody else holds."""
         keeper = self._keeper
+        if (over := sessions.over_soon(session, now)) is not None:
+            return over
         goes_on = session is not None or keeper.handshake.goes_on(ask.holder)
         refused = keeper.admission.refusal(offline=offline, goes_on=goes_on)
         if refused is not None and session is not None and session.ending and refused.code is Refusal.OFFLINE:

@@ -13,13 +13,13 @@ from lift_manager.domain.session import Session
 
 def last_word(session: Session | None, options: LiftOptions) -> Ask | None:
     """Return the release that its holder has given already; None for a session that goes on."""
-    if session is None or not session.ending:
+    if session is None or not session.ending or session.closing is not None:
         return None
     return Ask(options.name, session.holder, session.floor or options.floors[0], hold_door=False)
 
 
 def before_the_end(kind: CommandKind, session: Callable[[], Session | None]) -> Permit:
-    """Return what is asked when a press begins: nothing does for a session that is about to end. What is on already stays.
+    """Return what is asked when a press begins: nothing does for a session that ends soon. What is on already stays.
 
     That a robot left is told in any case: it is what ends a session.
     """
@@ -28,6 +28,10 @@ def before_the_end(kind: CommandKind, session: Callable[[], Session | None]) -> 
 
     def begins() -> str | None:
         now = session()
-        return f"{now.holder} has ended its session" if now is not None and now.ending else None
+        if now is None or not now.ending:
+            return None
+        return (
+            f"{now.holder} has ended its session" if now.closing is None else f"the session is over: {now.closing[1]}"
+        )
 
     return begins

@@ -11,7 +11,15 @@ from lift_manager.domain.description import LiftDescription, LiftSignals, WireFr
 from lift_manager.domain.events import Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.rmf import RmfRules
-from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.service import (
+    Acknowledged,
+    Drain,
+    DrainEnded,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+    Remembered,
+)
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
 
@@ -70,16 +78,28 @@ class LiftFacade(Protocol):
         """Take a person's word that a lift was checked after a fire, or that no robot is in its car; `by` is their name."""
         ...
 
-    def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
-        """Take a person's word that no robot may command a lift; everything is let go at once."""
+    def lock_out(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> Lockout | Refused:
+        """Take a person's word that no robot may command a lift.
+
+        OPEN is withdrawn at once. The door is released `clear_s` later while a robot may be in it, unless `at_once`; everything
+        else is released now.
+        """
         ...
 
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         """Take a person's word that robots may command a lift again."""
         ...
 
-    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
-        """Take a person's word that a session is over; everything is let go as at the end of any session."""
+    def begin_drain(self, lift: str, by: str, reason: str) -> Drain | Refused:
+        """Take a person's request that no new session begins on a lift; the present one goes on to its end."""
+        ...
+
+    def end_drain(self, lift: str, by: str) -> DrainEnded | Refused:
+        """Take a person's request that sessions may begin again."""
+        ...
+
+    def force_release(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> ForceReleased | Refused:
+        """Take a person's word that a session is over; everything is released as at the end of any session, when `lock_out` does."""
         ...
 
     def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from dataclasses import replace
 
 from drivers.driver import LiftDriver, Permit
@@ -12,6 +13,7 @@ from lift_manager.core.announce import Announcer
 from lift_manager.core.around import Around
 from lift_manager.core.bus import Bus
 from lift_manager.core.calling import CallButton
+from lift_manager.core.countdown import Countdown
 from lift_manager.core.emergency import Emergency
 from lift_manager.core.ending import before_the_end, last_word
 from lift_manager.core.handshake import Handshake
@@ -33,6 +35,7 @@ from lift_manager.domain.session_requests import SessionInfo, SessionOver
 from lift_manager.domain.sight import Sight, moving
 from lift_manager.domain.state import Holder, Restrictions
 from register_maps.vocabulary import CALLS
+from register_maps.words import Door
 
 STOPPING = Refused(Refusal.STOPPING, "the manager is stopping")
 
@@ -75,6 +78,9 @@ class SessionKeeper:
         self._used_by = 0
         """The newest session for which anything was pressed or held."""
         self._robot_mode = RobotMode(driver)
+        self._countdown = Countdown(self._count_down)
+        self._released_open = False
+        """A session has ended with its door open, and the door has not been seen to close since."""
         if (occupied := people.remembered.occupied) is not None:
             self.handshake.take_up(occupied.holder, aboard=occupied.aboard)
         if people.remembered.left_untold is not None:
@@ -104,6 +110,25 @@ class SessionKeeper:
     def door_held(self) -> bool:
         """Whether our hold of every door at the session's floor is on and verified, where the map has one."""
         return self.session is not None and self.serving.door_held(self.session, self._last_sight())
+
+    @property
+    def releases_at(self) -> float | None:
+        """When the door is released by the manager itself, as far as it knows; None without a session."""
+        session = self.session
+        return None if session is None else sessions.releases_at(session, self._options.limits(session.holder))
+
+    @property
+    def invites_until(self) -> float:
+        """From when on an open door invites nobody, because it is released soon."""
+        session = self.session
+        if session is None:
+            return -math.inf if self._released_open else math.inf
+        return -math.inf if self.stopping else sessions.invites_until(session, self._options.limits(session.holder))
+
+    @property
+    def may_be_crossed(self) -> bool:
+        """Whether a robot may be on its way through the door that is held for the session, or about to be."""
+        return self.session is not None and self.arrived and self.serving.door_held(self.session)
 
     @property
     def letting_go(self) -> bool:
@@ -163,11 +188,27 @@ class SessionKeeper:
         """Tell people, and whoever holds the lift, of something that the driver has noticed."""
         self.say.alarm(text, self.session.holder if self.session is not None else None)
 
+    @property
+    def clearing(self) -> bool:
+        """Whether the door of a session that is `closing` is held for a robot in it; not on a lift that cannot be read."""
+        now, session = _now(), self.session
+        closing = session is not None and session.closing is not None
+        return closing and now < (self.releases_at or now) and self.sight(now) is not None
+
+    def announce_stop(self, clear_s: float) -> None:
+        """Refuse everything from now on, and withdraw OPEN; a door that a robot may be in is held for `clear_s` more."""
+        now, session = _now(), self.session
+        self.note(now)
+        self.stopping = True
+        if session is not None and not session.ending and self.may_be_crossed:
+            self._close_soon(session, EndReason.STOPPING, STOPPING_TEXT, clear_s, now)
+
     def stop(self) -> None:
         """Refuse everything from now on, and let the session rest until the next start."""
-        self.note(_now())
-        self.stopping = True
-        if self.session is not None and self.session.ending:
+        if not self.stopping:
+            self.note(_now())
+            self.stopping = True
+        if self.session is not None and self.session.ending and self.session.closing is None:
             self.end(EndReason.RELEASED, "released", _now())
         self.end(EndReason.STOPPING, STOPPING_TEXT, _now())
         self._robot_mode.drop()
@@ -183,14 +224,17 @@ class SessionKeeper:
     def take(self, session: Session, now: float, *, anew: bool = True) -> None:
         """Go on with a session that was admitted; `anew` where its call is wanted, or wanted again."""
         before = self.session
-        self.session = session
+        again = anew and session.hold_door and session.hold_spent
+        self.session = session = (
+            sessions.hold_again(session, self._options.between_sessions_s, now) if again else session
+        )
         if before is None:
             self.opened = session.number
             self._permit = self.admission.permit(session.number, lambda: self.session)
             self.book.begun(session, self.people.clock())
             self.say.opened(session)
         if anew:
-            self.serving.wants(session, now)
+            self.serving.wants(session, now, holds_again=again and not session.hold_spent)
         self.note(now)
         self.act(now)
         self.changed()
@@ -203,6 +247,12 @@ class SessionKeeper:
         """Bring wishes and sight together. Called after every reading, request and outcome."""
         self._act(now)
         self.look(now)
+        if (releases_at := self.releases_at) is not None:
+            self._countdown.set(self.invites_until, releases_at)
+
+    def _count_down(self) -> None:
+        self.act(_now())
+        self.changed()
 
     def look(self, now: float) -> None:
         """See what has become of the requests within the session."""
@@ -210,8 +260,7 @@ class SessionKeeper:
             self.book.look(self.serving.view(self.session, self._last_sight(), self.waits, now), now)
 
     def _act(self, now: float) -> None:
-        if self.session is not None and self.session.over_at is not None and now >= self.session.over_at:
-            self.end(EndReason.RELEASED, "released", now)
+        self._end_what_is_over(now)
         sight, last = self.sight(now), self._last_sight()
         if last is not None:
             # letting go needs no fresh reading: a poll may take longer than a reading counts
@@ -233,7 +282,9 @@ class SessionKeeper:
             if self._robot_mode.known:
                 self._used()
             may_begin = self.session.may_begin
-            self._robot_mode.hold(self.admission.why_no_press, begin=may_begin)
+            closing = self.session.closing is not None
+            permit = self.admission.why_no_robot_mode if closing else self.admission.why_no_press
+            self._robot_mode.hold(permit, begin=may_begin)
             self.handshake.act(self._permit, now, begin=may_begin)
             served = self.serving.advance(self.session, sight, self._permit, now)
             if isinstance(served, Session):
@@ -242,6 +293,13 @@ class SessionKeeper:
             else:
                 self.end(*served, now)
         self.note(now)
+
+    def _end_what_is_over(self, now: float) -> None:
+        """End a session that was announced to end, and distrust an open door no longer once it was seen to close."""
+        if (session := self.session) is not None and session.over_at is not None and now >= session.over_at:
+            self._end_now(*(session.closing or (EndReason.RELEASED, "released")), now)
+        if (sight := self.sight(now)) is not None and Door.OPEN not in sight.values.doors.values():
+            self._released_open = False
 
     def note(self, now: float, *, pressed: bool = False) -> None:
         """Write down what a restart must know. An orderly end writes down nothing more: the session rests until then."""
@@ -335,9 +393,35 @@ class SessionKeeper:
     def end_soon(self, session: Session, grace_s: float, now: float) -> None:
         """Take its holder's word that the session is over. Until the grace is over what is on stays on, should it think again."""
         self.session = sessions.ending(session, grace_s, now)
-        asyncio.get_running_loop().call_at(now + grace_s, lambda: self.act(_now()))
         self.act(now)
         self.changed()
+
+    def end_for_a_person(self, reason: EndReason, text: str, now: float, *, at_once: bool) -> float:
+        """End the session at a person's request; return after how many seconds.
+
+        OPEN is withdrawn now. While a robot may be in the doorway the door is released only `clear_s` later, unless `at_once`.
+        """
+        session, clear_s = self.session, 0.0
+        if session is None or at_once or not self.may_be_crossed or (session.ending and session.closing is None):
+            self._end_now(reason, text, now)
+        else:
+            # a second word does not shorten what a robot in the doorway was given, nor does it begin it again
+            over_at = math.inf if session.over_at is None else session.over_at
+            clear_s = max(0.0, min(self._options.limits(session.holder).clear_s, over_at - now))
+            self._close_soon(session, reason, text, clear_s, now)
+        self.act(now)
+        self.changed()
+        return clear_s
+
+    def _close_soon(self, session: Session, reason: EndReason, text: str, clear_s: float, now: float) -> None:
+        self.session = sessions.closing(session, reason, text, now + clear_s)
+        self._countdown.set(now + clear_s)
+        self.changed()
+
+    def _end_now(self, reason: EndReason, text: str, now: float) -> None:
+        self.end(reason, text, now)
+        if reason is EndReason.LOCKOUT:
+            self.handshake.let_go()
 
     def held_by(self, holder: Holder | None, now: float) -> Session | Refused:
         """Return the session if it is this holder's, or whosever where none is named."""
@@ -367,6 +451,7 @@ class SessionKeeper:
         holder, advice = session.holder, self._advice()
         release = release or last_word(session, self._options)
         was = self.info(session, now)
+        self._released_open |= self.may_be_crossed
         self.session = self._emergency.release_at = None
         self.serving.end()
         self.handshake.end(session, release, now, arrived=reason is EndReason.ARRIVED)

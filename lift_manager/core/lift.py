@@ -31,11 +31,22 @@ from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, lift_state, same_but_for_time
 from lift_manager.domain.ride_record import KeptRide
-from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.service import (
+    Acknowledged,
+    Drain,
+    DrainEnded,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+    Remembered,
+)
 from lift_manager.domain.sight import Sight, see
 from lift_manager.domain.state import Holder, LiftState
 
 _log = logging.getLogger(__name__)
+
+CLEAR_AT_STOP_S = 3.0
+"""`clear_s` of a manager that ends: the process has five seconds in all. A robot at 0.5 m/s drives 1.5 m in that time."""
 
 RECENT_FLOOR_S = 3.0
 """How long a client may act on a floor we reported: the workshop adapter polls every 0.5 s, publishes every 1 s and waits 1 s for
@@ -111,6 +122,15 @@ class LiftTask:
         """Carry out presses, holds and releases until cancelled; letting go needs this and the link, and nothing else."""
         await self._driver.run()
 
+    def announce_stop(self) -> None:
+        """Refuse everything from now on and withdraw OPEN."""
+        self._keeper.announce_stop(CLEAR_AT_STOP_S)
+
+    @property
+    def clearing(self) -> bool:
+        """Whether a door whose release was announced is still held for a robot in it."""
+        return self._keeper.clearing
+
     async def stop(self) -> None:
         """Refuse everything from now on, let everything go, and return once that is verified."""
         self._keeper.stop()
@@ -145,6 +165,8 @@ class LiftTask:
             aboard=keeper.aboard,
             restrictions=keeper.restrictions(),
             waiting=self.line.length(_now()),
+            releases_at=keeper.releases_at,
+            invites_until=keeper.invites_until,
         )
         return lift_state(seen, _now())
 
@@ -161,6 +183,7 @@ class LiftTask:
             lease_s=options.lease_s,
             max_session_s=options.max_session_s,
             max_session_hold_s=options.max_session_hold_s,
+            clear_s=options.clear_s,
             robot_hours="" if options.robot_hours is None else str(options.robot_hours),
             rmf_name=options.rmf_name,
             rmf_floors=options.rmf_floors,
@@ -201,13 +224,13 @@ class LiftTask:
         state = self.state()
         return self._gate.told(self._words.acknowledge(by, offline=self._gate.offline(state)), state)
 
-    def lock_out(self, by: str, reason: str) -> Lockout | Refused:
-        """Let everything go and keep robots off until a person says otherwise, over restarts too."""
-        return self._words.lock_out(by, reason)
+    def lock_out(self, by: str, reason: str, *, at_once: bool = False) -> Lockout | Refused:
+        """Keep robots off until a person says otherwise, over restarts too; a held door is released `clear_s` later unless `at_once`."""
+        return self._words.lock_out(by, reason, at_once=at_once)
 
-    def force_release(self, by: str, reason: str) -> ForceReleased | Refused:
-        """Take the lift from its holder at a person's word."""
-        return self._words.force_release(by, reason)
+    def force_release(self, by: str, reason: str, *, at_once: bool = False) -> ForceReleased | Refused:
+        """Take the lift from its holder at a person's word; a held door is released `clear_s` later unless `at_once`."""
+        return self._words.force_release(by, reason, at_once=at_once)
 
     def end_session(self, holder: Holder, grace_s: float) -> Accepted | Refused:
         """End the session at its holder's word, after the grace."""
@@ -226,6 +249,18 @@ class LiftTask:
     def end_lockout(self, by: str) -> LockoutEnded | Refused:
         """Let robots on the lift again."""
         answer = self._people.end_lockout(by)
+        self._publish()
+        return answer
+
+    def begin_drain(self, by: str, reason: str) -> Drain | Refused:
+        """Let sessions end and no new one begin, over restarts too, until a person ends that."""
+        answer = self._people.begin_drain(by, reason)
+        self._publish()
+        return answer
+
+    def end_drain(self, by: str) -> DrainEnded | Refused:
+        """Let sessions begin again."""
+        answer = self._people.end_drain(by)
         self._publish()
         return answer
 

@@ -22,10 +22,21 @@ from lift_manager.domain.events import Alarm, Event, Occurrence, StateChanged
 from lift_manager.domain.journal import Row
 from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.rmf import RmfRules
-from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.service import (
+    Acknowledged,
+    Drain,
+    DrainEnded,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+    Remembered,
+)
 from lift_manager.domain.state import Holder, LiftState
 
 Answer = TypeVar("Answer")
+
+CLEARING_LOOK_S = 0.1
+"""How often to look whether a lift that the manager waits for can still be read."""
 
 TELL_EVERY_S = 10.0
 """How often to look for what was counted for a minute and not told."""
@@ -107,6 +118,21 @@ class LiftManager(SiteSessions, SiteRides):
         """Return how many polls of each lift have ended, well or not."""
         return {name: lift.polls for name, lift in self._lifts.items()}
 
+    async def clear_doors(self) -> bool:
+        """Refuse everything from now on and withdraw OPEN; return once no robot needs a held door, and whether one did.
+
+        `stop` comes next. This waits for `lift.CLEAR_AT_STOP_S` at most.
+        """
+        self.stopping = True
+        self._rides.stop()
+        for lift in self._lifts.values():
+            lift.announce_stop()
+        waited = False
+        while any(lift.clearing for lift in self._lifts.values()):
+            waited = True
+            await asyncio.sleep(CLEARING_LOOK_S)
+        return waited
+
     async def stop(self) -> None:
         """Let everything go on every lift and return once it is verified; bound it with a timeout."""
         self.stopping = True
@@ -165,16 +191,16 @@ class LiftManager(SiteSessions, SiteRides):
         answer = self._unknown(lift) if task is None else task.acknowledge(by)
         return self._heard(lift, by, "acknowledge", answer)
 
-    def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
+    def lock_out(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> Lockout | Refused:
         """Keep robots off a lift until a person says otherwise."""
         task = self._lifts.get(lift)
-        answer = self._unknown(lift) if task is None else task.lock_out(by, reason)
+        answer = self._unknown(lift) if task is None else task.lock_out(by, reason, at_once=at_once)
         return self._heard(lift, by, "lockout", answer)
 
-    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
+    def force_release(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> ForceReleased | Refused:
         """Take a lift from its holder at a person's word."""
         task = self._lifts.get(lift)
-        answer = self._unknown(lift) if task is None else task.force_release(by, reason)
+        answer = self._unknown(lift) if task is None else task.force_release(by, reason, at_once=at_once)
         return self._heard(lift, by, "release", answer)
 
     def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted | Refused:
@@ -187,6 +213,18 @@ class LiftManager(SiteSessions, SiteRides):
         task = self._lifts.get(lift)
         answer = self._unknown(lift) if task is None else task.end_lockout(by)
         return self._heard(lift, by, "lockout_end", answer)
+
+    def begin_drain(self, lift: str, by: str, reason: str) -> Drain | Refused:
+        """Let sessions on a lift end and no new one begin until a person ends that."""
+        task = self._lifts.get(lift)
+        answer = self._unknown(lift) if task is None else task.begin_drain(by, reason)
+        return self._heard(lift, by, "drain", answer)
+
+    def end_drain(self, lift: str, by: str) -> DrainEnded | Refused:
+        """Let sessions on a lift begin again."""
+        task = self._lifts.get(lift)
+        answer = self._unknown(lift) if task is None else task.end_drain(by)
+        return self._heard(lift, by, "drain_end", answer)
 
     def remembered(self, lift: str) -> Remembered | None:
         """Return what of a lift outlives the manager; None for a lift that is not of this site."""

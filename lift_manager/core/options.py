@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 from drivers.model import FloorName
 from lift_manager.domain.hours import RobotHours
+from lift_manager.domain.session import ACTS_ONCE, CLEARS_IN_A_LIMIT, Limits
+from lift_manager.domain.state import Holder
 from register_maps.words import Side
 
 
@@ -31,6 +33,11 @@ class LiftOptions:
     takeover_after_s: float | None = None
     """A holder silent for so long loses an empty car to the next caller; never where the site does not say."""
     max_session_hold_s: float = 900.0
+    clear_s: float = 10.0
+    """From the withdrawal of OPEN to the release of a held door. Chosen: a robot at 0.5 m/s that has just begun to drive through is
+    out of the doorway twice over."""
+    rmf_clear_s: float = 30.0
+    """The same for sessions of RMF (`domain.session.ACTS_ONCE`). Chosen: its publish period, its decision and the crossing."""
     infer_occupancy: bool = False
     """A caller that has no word for it boards and leaves by what it asks: for faces without one, such as RMF."""
     board_min_s: float = 5.0
@@ -46,3 +53,16 @@ class LiftOptions:
     """In RMF's building map; empty where it is the same there."""
     rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
     """Those that RMF's building map names otherwise."""
+
+    def limits(self, holder: Holder) -> Limits:
+        """Return what bounds the door hold of a session of this holder."""
+        return Limits(
+            lease_s=self.lease_s,
+            max_session_s=self.max_session_s,
+            max_session_hold_s=self.max_session_hold_s,
+            clear_s=self.rmf_clear_s if holder.face in ACTS_ONCE else self.clear_s,
+        )
+
+    def lease_for(self, ttl_s: float | None) -> float | None:
+        """Return the lease of a session that was requested with `ttl_s`: a shorter one than three times `clear_s` is raised to that."""
+        return None if ttl_s is None else max(ttl_s, CLEARS_IN_A_LIMIT * self.clear_s)

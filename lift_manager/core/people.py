@@ -11,17 +11,20 @@ from lift_manager.core.bus import Bus
 from lift_manager.core.memory import Clock, Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Refusal, Refused
-from lift_manager.domain.events import Event, LockedOut, LockoutOver, PersonAcknowledged
+from lift_manager.domain.events import DrainBegun, DrainOver, Event, LockedOut, LockoutOver, PersonAcknowledged
 from lift_manager.domain.hours import wall_clock
 from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.service import (
     Acknowledged,
     Cause,
+    Drain,
+    DrainEnded,
     Lockout,
     LockoutEnded,
     Occupied,
     Remembered,
     how_to_acknowledge,
+    how_to_end_drain,
     how_to_end_lockout,
     how_to_release,
 )
@@ -57,21 +60,28 @@ class PeopleFirst:
         lockout = self.remembered.lockout
         return "" if lockout is None else f"by {lockout.by} since {self._shown(lockout.since)}: {lockout.reason}"
 
+    @property
+    def drain(self) -> str:
+        """Who lets sessions end and no new one begin, since when and why; empty when nobody does."""
+        drain = self.remembered.drain
+        return "" if drain is None else f"by {drain.by} since {self._shown(drain.since)}: {drain.reason}"
+
     def restrictions(self, waiting_for: str) -> Restrictions:
         """Return what keeps robots off, as every face shows it; `waiting_for` is what the session waits for."""
         occupied = self.remembered.occupied
         return Restrictions(
             fire_latched=self.fire_latched,
             lockout=self.lockout,
+            drain=self.drain,
             maybe_aboard=occupied.holder if occupied is not None else None,
             waiting_for=waiting_for,
         )
 
-    def why_no_press(self) -> str | None:
-        """Say which word of people forbids every press now."""
+    def why_no_press(self, *, closing: bool = False) -> str | None:
+        """Say which word of people forbids every press now; `closing` is a session whose held door the lockout releases soon."""
         if self.fire_latched:
             return "there was a fire"
-        return f"it is locked out {self.lockout}" if self.lockout else None
+        return f"it is locked out {self.lockout}" if self.lockout and not closing else None
 
     def locked_out(self) -> Refused | None:
         """Refuse a request while a person keeps robots off."""
@@ -92,6 +102,14 @@ class PeopleFirst:
             f" over: {how_to_acknowledge(name)}"
         )
         return Refused(Refusal.FIRE_LATCHED, text)
+
+    def draining(self) -> Refused | None:
+        """Refuse a new session while a person lets the present ones end."""
+        if not self.drain:
+            return None
+        name = self._options.name
+        text = f"no new session begins on {name}: drain {self.drain}; a person ends it with {how_to_end_drain(name)}"
+        return Refused(Refusal.DRAINING, text)
 
     def outside_hours(self) -> Refused | None:
         """Refuse to begin with a robot at this time of day."""
@@ -174,6 +192,27 @@ class PeopleFirst:
         _log.warning("%s: the lockout %s is ended by %s", name, shown, by, extra=said)
         return ended
 
+    def begin_drain(self, by: str, reason: str) -> Drain | Refused:
+        """Let sessions end and no new one begin until a person ends that; a second request does not replace the first."""
+        if (draining := self.draining()) is not None:
+            return draining
+        name, drain = self._options.name, Drain(by, reason, self.clock())
+        self._keep(replace(self.remembered, drain=drain))
+        said = {"event": self._bus.publish(DrainBegun(name, drain)), "lift": name}
+        _log.warning("%s: no new session begins: drain by %s: %s", name, by, reason, extra=said)
+        return drain
+
+    def end_drain(self, by: str) -> DrainEnded | Refused:
+        """Let sessions begin again."""
+        name, drain = self._options.name, self.remembered.drain
+        if drain is None:
+            return Refused(Refusal.NOT_DRAINING, f"there is no drain of {name}")
+        ended, shown = DrainEnded(by, self.clock(), drain), self.drain
+        self._keep(replace(self.remembered, drain=None))
+        said = {"event": self._bus.publish(DrainOver(name, ended)), "lift": name}
+        _log.warning("%s: the drain %s is ended by %s", name, shown, by, extra=said)
+        return ended
+
     def acknowledge(self, by: str, *, occupied: bool, held: Holder | None = None) -> Acknowledged | Refused:
         """Take it that a person has checked the lift. `occupied` says whether a robot left in the car is one thing to check.
 
@@ -199,6 +238,7 @@ class PeopleFirst:
         words = (
             f"a fire at {self._shown(fire)} that nobody has acknowledged" if fire is not None else "",
             f"locked out {self.lockout}" if self.lockout else "",
+            f"drain {self.drain}" if self.drain else "",
             f"a robot of {occupied.holder} that may be in the car" if occupied is not None else "",
             "robot_left, which the lift has not taken" if self.remembered.left_untold is not None else "",
         )

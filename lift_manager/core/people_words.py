@@ -16,28 +16,24 @@ class PeopleWords:
         self._keeper = keeper
         self._people = keeper.people
 
-    def lock_out(self, by: str, reason: str) -> Lockout | Refused:
-        """Keep robots off until a person says otherwise, and let everything go at once."""
-        keeper, answer = self._keeper, self._people.lock_out(by, reason)
+    def lock_out(self, by: str, reason: str, *, at_once: bool) -> Lockout | Refused:
+        """Keep robots off until a person says otherwise; a door that a robot may be in is released `clear_s` later unless `at_once`."""
+        answer = self._people.lock_out(by, reason)
         if isinstance(answer, Lockout):
-            now = _now()
-            keeper.end(EndReason.LOCKOUT, f"locked out by {by}: {reason}", now)
-            keeper.handshake.let_go()
-            keeper.act(now)
-            keeper.changed()
+            text = f"locked out by {by}: {reason}"
+            self._keeper.end_for_a_person(EndReason.LOCKOUT, text, _now(), at_once=at_once)
         return answer
 
-    def force_release(self, by: str, reason: str) -> ForceReleased | Refused:
-        """End the session at a person's word. Whatever may be in the car stays there, and so does what is known of it."""
+    def force_release(self, by: str, reason: str, *, at_once: bool) -> ForceReleased | Refused:
+        """End the session at a person's request, at the time that `lock_out` ends it. What is known of the car's contents is kept."""
         keeper, now = self._keeper, _now()
         if isinstance(held := keeper.held_by(None, now), Refused):
             return held
-        keeper.end(EndReason.FORCED, f"released by {by}: {reason}", now)
-        in_car = keeper.handshake.occupied_by(None) is not None
-        released = ForceReleased(by, self._people.clock(), reason, held.holder, in_car)
+        at = self._people.clock()
+        clear_s = keeper.end_for_a_person(EndReason.FORCED, f"released by {by}: {reason}", now, at_once=at_once)
+        in_car = keeper.handshake.occupied_by(keeper.session if clear_s else None) is not None
+        released = ForceReleased(by, at, reason, held.holder, in_car, clear_s)
         keeper.say.released(released)
-        keeper.act(now)
-        keeper.changed()
         return released
 
     def acknowledge(self, by: str, *, offline: str) -> Acknowledged | Refused:

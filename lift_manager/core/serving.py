@@ -22,6 +22,7 @@ from lift_manager.domain.following import View
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import KeptSession, Session
 from lift_manager.domain.sight import Sight, barred, left, shuts
+from register_maps.words import Door
 
 UNGRANTED_S = 30.0
 """So long a door is held although the lift does not grant robot mode. Chosen: longer than a robot that saw it open takes through it, and
@@ -94,8 +95,8 @@ class Serving:
             return False
         return self.why_no_hold(session.floor) is None and self.door_held(session, sight)
 
-    def wants(self, session: Session, now: float) -> None:
-        """Take a request that was accepted: a new call, or the same one again."""
+    def wants(self, session: Session, now: float, *, holds_again: bool = False) -> None:
+        """Take a request that was accepted: a new call, or the same one again; `holds_again` after the hold was spent."""
         self.closing.forget()
         if session.floor is None:
             return
@@ -107,7 +108,7 @@ class Serving:
         holds_door = self._button.holds_door(session.floor, aboard=self._handshake.aboard is True)
         if moves_on or not (session.hold_spent and holds_door):
             self.call.want(session.floor, now)
-        if session.stays and self._needs_call(session) and not self._button.keeps_door:
+        if (session.stays or holds_again) and self._needs_call(session) and not self._button.keeps_door:
             self.call.want_again(now)
 
     def let_go_of_door(self) -> None:
@@ -244,6 +245,12 @@ class Serving:
         if session.stays:
             self._let_go_of_doors()
             self._button.let_go_of_door()
+            return session
+        # what is on from before stays on for a robot aboard, but no longer than any hold
+        session = self._spent(session, now)
+        if session.hold_spent:
+            self._let_go_of_doors()
+            self._button.let_go_of_door()
         return session
 
     def _hold_open(
@@ -253,15 +260,13 @@ class Serving:
 
         After a restart what is found off stays off until the holder is heard.
         """
-        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
-        if ends_at is not None and now >= ends_at and not session.hold_spent:
-            session = replace(session, hold_spent=True, holding_since=None)
-            self._say.hold_spent(session.holder, self._options.max_session_hold_s)
+        session = self._spent(session, now)
         is_barred = barred(sight.values, self._able) is not None or self._is_for_nobody(session, sight, floor, now)
         if session.hold_spent or is_barred:
             self._let_go_of_doors()
             if session.hold_spent:
                 self._button.let_go_of_door()
+                session = self._seen_shut(session, sight, floor, now)
             else:
                 self._button.interrupt()
             return session
@@ -270,6 +275,22 @@ class Serving:
         self._button.keep_on(permit)
         self.doors.hold(floor, permit, begin=begin and session.may_begin)
         return session
+
+    def _spent(self, session: Session, now: float) -> Session:
+        """End a hold that has lasted for as long as the site allows."""
+        ends_at = sessions.hold_ends_at(session, self._options.max_session_hold_s)
+        if ends_at is None or now < ends_at or session.hold_spent:
+            return session
+        self._say.hold_spent(session.holder, self._options.max_session_hold_s)
+        return replace(session, hold_spent=True, holding_since=None)
+
+    def _seen_shut(self, session: Session, sight: Sight, floor: FloorName, now: float) -> Session:
+        """Note when the door is seen shut after its hold was spent: from then on people have their turn."""
+        if not (self.doors.at_rest and self._button.door_at_rest):
+            return session
+        doors, here = sight.values.doors, self._options.doors_at[floor]
+        shut = left(sight, floor) or (bool(here) and all(doors.get(side) is Door.CLOSED for side in here))
+        return replace(session, shut_at=now) if shut and session.shut_at is None else session
 
     def _is_for_nobody(self, session: Session, sight: Sight, floor: FloorName, now: float) -> bool:
         """Whether a held door has invited no robot for long, because the lift has no robot mode: it would keep the lift from people.

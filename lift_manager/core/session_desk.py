@@ -32,6 +32,9 @@ _NO_SESSION = (
     "{lift} has no session of that id for you; one that was over an hour ago, or before a restart, is forgotten"
 )
 
+_RELEASES = frozenset({Do.LET_GO_DOOR, Do.ROBOT_LEFT})
+"""What the holder of a session that ends soon may still ask for."""
+
 
 class SessionDesk:
     """The sessions of one lift, as the face of their holder uses them."""
@@ -70,6 +73,7 @@ class SessionDesk:
         self._line.leave(wish.holder)
         number = keeper.opened + 1
         session = sessions.opened(wish.holder, number=number, lease_s=wish.ttl_s, key=wish.key, now=now)
+        session = replace(session, lease_s=self._options.lease_for(wish.ttl_s))
         keeper.take(session, now)
         # what it takes up may have ended it by now
         info = keeper.info(session, now) if keeper.session is not None else keeper.book.past(session.id, now)
@@ -87,7 +91,7 @@ class SessionDesk:
         found = self._live(session, holder, now)
         if isinstance(found, Refused):
             return found
-        lease_s = found.lease_s if ttl_s is None else ttl_s
+        lease_s = found.lease_s if ttl_s is None else self._options.lease_for(ttl_s)
         keeper.take(replace(sessions.renewed(found, now), lease_s=lease_s), now, anew=found.restored)
         return self.read(session, holder)
 
@@ -130,7 +134,8 @@ class SessionDesk:
         keeper.session = found = replace(found, heard_at=now)
         keeper.look(now)
         given = request.do is Do.LET_GO_DOOR and keeper.serving.view(found, None, "", now).door_given
-        refused = self._doing[request.do](found, request, offline, now)
+        over = None if request.do in _RELEASES else sessions.over_soon(found, now)
+        refused = over or self._doing[request.do](found, request, offline, now)
         if refused is not None:
             return refused
         floor = request.floor if request.do is Do.GO_TO else found.floor
@@ -218,9 +223,13 @@ class SessionDesk:
         name = self._options.name
         if session.floor is None:
             return self._not_now("it was asked for no floor yet: ask for one with go_to, and hold_door with it")
-        if session.hold_spent:
+        turn_s = self._options.between_sessions_s
+        if session.hold_spent and not sessions.may_hold_again(session, turn_s, now):
             limit_s = self._options.max_session_hold_s
-            return self._not_now(f"the door was held at {session.floor} for {limit_s:g} s, as long as the site allows")
+            return self._not_now(
+                f"the door was held at {session.floor} for {limit_s:g} s, as long as the site allows; it is held again once it"
+                f" has been shut for {turn_s:g} s"
+            )
         if (why := self._keeper.serving.why_no_hold(session.floor)) is not None:
             return Refused(Refusal.NOT_POSSIBLE, f"{name}: {why}")
         return self._wanted(session, session.floor, Do.HOLD_DOOR, offline, now, hold_door=True)

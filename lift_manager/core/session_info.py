@@ -26,6 +26,8 @@ class Facts:
 
 def info_of(session: Session, options: LiftOptions, facts: Facts, now: float) -> SessionInfo:
     """Return a session that goes on."""
+    limits = options.limits(session.holder)
+    releases_at = sessions.releases_at(session, limits)
     lease_ends_at = sessions.lease_ends_at(session, options.lease_s)
     hold_ends_at = sessions.hold_ends_at(session, options.max_session_hold_s) if session.hold_door else None
     return SessionInfo(
@@ -38,6 +40,8 @@ def info_of(session: Session, options: LiftOptions, facts: Facts, now: float) ->
         lease_ends_in_s=None if math.isinf(lease_ends_at) else max(0.0, lease_ends_at - now),
         ends_in_s=max(0.0, sessions.ends_at(session, options.max_session_s) - now),
         hold_ends_in_s=None if hold_ends_at is None else max(0.0, hold_ends_at - now),
+        releases_in_s=max(0.0, releases_at - now),
+        releasing=now >= sessions.invites_until(session, limits),
         arrived=facts.arrived,
         door_held=session.hold_door and facts.door_held and facts.arrived,
         robot=facts.robot,
@@ -54,6 +58,8 @@ def ended_info(was: SessionInfo, robot: Who, over: SessionOver) -> SessionInfo:
         lease_ends_in_s=None,
         ends_in_s=None,
         hold_ends_in_s=None,
+        releases_in_s=None,
+        releasing=False,
         arrived=False,
         door_held=False,
         robot=robot,

@@ -96,6 +96,8 @@ ROUTES: tuple[Route, ...] = (
     Route(_POST, f"{_LIFT}/acknowledge", Need.OPERATE, LiftIn.PATH),
     Route(_POST, f"{_LIFT}/lockout", Need.OPERATE, LiftIn.PATH),
     Route(_POST, f"{_LIFT}/lockout/end", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/drain", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/drain/end", Need.OPERATE, LiftIn.PATH),
     Route(_POST, f"{_LIFT}/session/force-release", Need.OPERATE, LiftIn.PATH),
     Route(_POST, f"{_LIFT}/sessions", Need.COMMAND, LiftIn.PATH),
     Route(_POST, f"{_SESSION}/renew", Need.COMMAND, LiftIn.PATH),

@@ -24,6 +24,8 @@ class LiftDescription:
     lease_s: float
     max_session_s: float
     max_session_hold_s: float
+    clear_s: float
+    """From the withdrawal of OPEN to the release of a held door; sessions of RMF have their own."""
     robot_hours: str
     """In words; empty for always."""
     rmf_name: str = ""

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 
 from drivers.model import Outcome
 from lift_manager.domain.ride import Phase, Ride
-from lift_manager.domain.service import Acknowledged, Advice, EndReason, ForceReleased, Lockout, LockoutEnded
+from lift_manager.domain.service import (
+    Acknowledged,
+    Advice,
+    Drain,
+    DrainEnded,
+    EndReason,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+)
 from lift_manager.domain.session_requests import Followed
 from lift_manager.domain.state import Holder, LiftState
 
@@ -88,6 +97,22 @@ class LockoutOver:
 
 
 @dataclass(frozen=True, slots=True)
+class DrainBegun:
+    """A person lets sessions on the lift end and no new one begin."""
+
+    lift: str
+    drain: Drain
+
+
+@dataclass(frozen=True, slots=True)
+class DrainOver:
+    """A person lets sessions begin again."""
+
+    lift: str
+    ended: DrainEnded
+
+
+@dataclass(frozen=True, slots=True)
 class PersonAcknowledged:
     """A person has checked the lift."""
 
@@ -151,6 +176,8 @@ Event = (
     | Advised
     | LockedOut
     | LockoutOver
+    | DrainBegun
+    | DrainOver
     | PersonAcknowledged
     | ReleasedByPerson
     | CommandEnded

@@ -12,6 +12,8 @@ from lift_manager.domain.events import (
     Advised,
     Alarm,
     CommandEnded,
+    DrainBegun,
+    DrainOver,
     Event,
     HandedOver,
     LockedOut,
@@ -40,7 +42,7 @@ def row_of(event: Event) -> Row | None:
     match event:
         case StateChanged():
             return None
-        case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson():
+        case LockedOut() | LockoutOver() | DrainBegun() | DrainOver() | PersonAcknowledged() | ReleasedByPerson():
             return _person(event)
         case CommandEnded(lift, outcome, holder):
             return _outcome(lift, outcome, holder)
@@ -218,7 +220,9 @@ def manager_ended(*, released: bool) -> Row:
     return Row(RowKind.MANAGER, f"the manager ends: {rest}", data={"released": released})
 
 
-def _person(event: LockedOut | LockoutOver | PersonAcknowledged | ReleasedByPerson) -> Row:
+def _person(
+    event: LockedOut | LockoutOver | DrainBegun | DrainOver | PersonAcknowledged | ReleasedByPerson,
+) -> Row:
     match event:
         case ReleasedByPerson(lift, released):
             text = f"{released.by} took the lift from {released.holder}: {released.reason}"
@@ -231,6 +235,13 @@ def _person(event: LockedOut | LockoutOver | PersonAcknowledged | ReleasedByPers
             text = f"the lockout by {ended.lockout.by} is ended by {ended.by}"
             since: dict[str, Json] = {"said": "lockout_end", "since": _shown(ended.lockout.since)}
             return Row(RowKind.PERSON, text, lift, ended.by, since)
+        case DrainBegun(lift, drain):
+            text = f"drain begun by {drain.by}: {drain.reason}"
+            return Row(RowKind.PERSON, text, lift, drain.by, {"said": "drain", "reason": drain.reason})
+        case DrainOver(lift, ended):
+            text = f"the drain by {ended.drain.by} is ended by {ended.by}"
+            begun: dict[str, Json] = {"said": "drain_end", "since": _shown(ended.drain.since)}
+            return Row(RowKind.PERSON, text, lift, ended.by, begun)
         case PersonAcknowledged(lift, said):
             text = f"{' and '.join(said.what)} acknowledged by {said.by}"
             return Row(RowKind.PERSON, text, lift, said.by, {"said": "acknowledge", "what": list(said.what)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from operator import attrgetter
@@ -38,6 +39,10 @@ class Seen:
     restrictions: Restrictions
     waiting: int = 0
     """How many wait for the lift."""
+    releases_at: float | None = None
+    """When the manager releases the door of the session by itself; None without a session."""
+    invites_until: float = math.inf
+    """From this time on an open door invites nobody, because it is released soon."""
 
 
 def lift_state(seen: Seen, now: float) -> LiftState:
@@ -57,7 +62,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         floor=floor,
         standing=sight is not None and sight.standing,
         destination=floor if wanted is None else wanted,
-        robot_door=RobotDoor.MOVING if sight is None else _door_for_robots(seen, sight),
+        robot_door=RobotDoor.MOVING if sight is None else _door_for_robots(seen, sight, now),
         doors={} if values is None else values.doors,
         motion=Motion.UNKNOWN if sight is None else _motion(sight),
         mode=Mode.UNKNOWN if values is None else values.mode,
@@ -68,10 +73,13 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         restrictions=seen.restrictions,
         waiting=seen.waiting,
         ending=session is not None and session.ending,
+        releases_at=seen.releases_at,
+        releases_in_s=None if seen.releases_at is None else max(0.0, seen.releases_at - now),
     )
 
 
-_LASTING = attrgetter(*(one.name for one in fields(LiftState) if one.name not in ("age_s", "held_since_s", "reason")))
+_PASSING = ("age_s", "held_since_s", "releases_in_s", "releases_at", "reason")
+_LASTING = attrgetter(*(one.name for one in fields(LiftState) if one.name not in _PASSING))
 
 
 def same_but_for_time(one: LiftState, other: LiftState) -> bool:
@@ -99,15 +107,17 @@ def _reported_floor(seen: Seen, sight: Sight) -> FloorName | None:
     return floor
 
 
-def _door_for_robots(seen: Seen, sight: Sight) -> RobotDoor:
+def _door_for_robots(seen: Seen, sight: Sight, now: float) -> RobotDoor:
     """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may.
 
-    Behind a lockout or a fire that nobody has acknowledged it invites nobody, nor a session that still waits for its lift.
+    Behind a lockout or a fire that nobody has acknowledged it invites nobody, nor a session that still waits for its lift, nor
+    one whose door is released soon.
     """
     here = seen.doors_at.get(sight.floor, ()) if sight.floor is not None else ()
     door = robot_door(sight, here, permissions(seen.able, aboard=seen.aboard))
     told = seen.restrictions
-    if door is RobotDoor.OPEN and (told.lockout or told.fire_latched or told.waiting_for):
+    kept_out = told.lockout or told.fire_latched or told.waiting_for
+    if door is RobotDoor.OPEN and (kept_out or now >= seen.invites_until):
         return RobotDoor.MOVING
     if door is not RobotDoor.OPEN or seen.session is None:
         return door

@@ -194,6 +194,8 @@ class Close:
 
     left: bool
     """The robot has said that it is outside."""
+    clears: bool = False
+    """Hold the door for `clear_s` more, inviting nobody: the robot may be on its way through it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from drivers.model import FloorName
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.ride_record import UNHEARD_S, RideRecord, RideSight
-from lift_manager.domain.service import how_to_acknowledge, how_to_end_lockout
+from lift_manager.domain.service import how_to_acknowledge, how_to_end_drain, how_to_end_lockout
 from lift_manager.domain.session_requests import SessionInfo
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Door, Motion
@@ -91,6 +91,8 @@ def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -
         return f"the car does not stand at {floor}"
     told = ", ".join(f"{side} {door}" for side, door in sorted(state.doors.items()))
     if state.robot_door is not RobotDoor.OPEN:
+        if session.releasing and session.door_held and session.releases_in_s is not None:
+            return f"the door at {floor} is released in {session.releases_in_s:.0f} s: do not set out; on the sill, finish crossing"
         if told and all(door is Door.OPEN for door in state.doors.values()):
             if not session.door_held:
                 return f"the door at {floor} is open, and is not held yet: waits for the hold"
@@ -166,6 +168,8 @@ def _why_kept_out(record: RideRecord, seen: RideSight) -> str:
         return f"there was a fire; a person must check {state.lift}: {how_to_acknowledge(state.lift)}"
     if state.mode in ROBOT_FORBIDDEN_MODES:
         return f"the mode of {state.lift} is {state.mode}"
+    if told.drain and told.maybe_aboard != record.holder:
+        return f"no new session begins on {state.lift}: drain {told.drain}; a person ends it with {how_to_end_drain(state.lift)}"
     if told.maybe_aboard not in (None, record.holder, state.holder):
         return (
             f"a robot of {told.maybe_aboard} may be in the car; it has to say that it left, or a person must look:"

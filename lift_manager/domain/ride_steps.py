@@ -277,7 +277,7 @@ def _late_clearing(record: RideRecord, seen: RideSight) -> Step:
         f" {how_to_acknowledge(record.lift)}"
     )
     why = f"{cause}; nobody said within {record.wish.limits.alighting_s:g} s that the robot left"
-    return Step(gave_up(record, seen, why), (Warn(text), Close(left=False)))
+    return Step(gave_up(record, seen, why), (Warn(text), Close(left=False, clears=True)))
 
 
 _Handler = Callable[[RideRecord, RideSight], Step]

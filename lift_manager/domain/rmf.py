@@ -122,6 +122,7 @@ def rmf_lift(state: LiftState, about: LiftDescription) -> RmfLift:
 def _keeps_off(told: Restrictions) -> str:
     words = (
         f"locked out {told.lockout}" if told.lockout else "",
+        f"no new session begins: drain {told.drain}" if told.drain else "",
         f"a robot of {told.maybe_aboard} may be in the car" if told.maybe_aboard is not None else "",
     )
     return "; ".join(word for word in words if word)

@@ -79,6 +79,11 @@ def how_to_end_lockout(lift: str) -> str:
     return f"`lift-manager lockout {shlex.quote(lift)} --by NAME --end`"
 
 
+def how_to_end_drain(lift: str) -> str:
+    """Return the command line with which a person ends a drain."""
+    return f"`lift-manager drain {shlex.quote(lift)} --by NAME --end`"
+
+
 def how_to_release(lift: str) -> str:
     """Return the command line with which a person takes a lift from its holder."""
     return f"`lift-manager release {shlex.quote(lift)} --by NAME --reason TEXT`"
@@ -146,6 +151,24 @@ class LockoutEnded:
 
 
 @dataclass(frozen=True, slots=True)
+class Drain:
+    """A person's request that no new session begins, while the present one goes on to its end."""
+
+    by: str
+    reason: str
+    since: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class DrainEnded:
+    """A person's request that sessions may begin again."""
+
+    by: str
+    at: datetime
+    drain: Drain
+
+
+@dataclass(frozen=True, slots=True)
 class Occupied:
     """A robot may be in the car, and its session is over or may end with this process."""
 
@@ -166,10 +189,17 @@ class ForceReleased:
     """Whose session it was."""
     maybe_aboard: bool
     """Its robot may be in the car: others are refused until a person has looked."""
+    clear_s: float = 0.0
+    """In how many seconds the door is released: a robot may be in the doorway."""
 
     def text(self, lift: str) -> str:
         """Return what the person is told."""
         done = f"the session of {self.holder} on {lift} is over; everything is let go, and the car is not moved"
+        if self.clear_s:
+            done = (
+                f"{lift} no longer invites the robot of {self.holder}; its door is released in {self.clear_s:g} s, when the session"
+                " ends, and the car is not moved"
+            )
         if not self.maybe_aboard:
             return done
         return (
@@ -203,6 +233,7 @@ class Remembered:
     fire_since: datetime | None = None
     """When the fire was seen that nobody has acknowledged."""
     lockout: Lockout | None = None
+    drain: Drain | None = None
     occupied: Occupied | None = None
     left_untold: datetime | None = None
     """Since when the lift has not taken the word that a robot left; None where it is owed none."""
@@ -218,4 +249,5 @@ class Remembered:
     @property
     def keeps_robots_out(self) -> bool:
         """Whether some robot is refused because of it."""
-        return self.fire_since is not None or self.lockout is not None or self.occupied is not None
+        reasons = (self.fire_since, self.lockout, self.drain, self.occupied)
+        return any(reason is not None for reason in reasons)

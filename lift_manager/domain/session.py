@@ -7,11 +7,16 @@ import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
 
 from drivers.model import FloorName
 from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused
 from lift_manager.domain.boarding import KeptBoarding
 from lift_manager.domain.state import Holder
+
+if TYPE_CHECKING:
+    # what outlives the manager has a session, and is of that module
+    from lift_manager.domain.service import EndReason
 
 NO_LEASE: Mapping[str, str] = {
     "rmf": "on humble, RMF asks no more once the lift is where it is wanted, so silence says nothing (open-rmf 1.6.12)",
@@ -22,6 +27,14 @@ NO_WORDS: Mapping[str, str] = {
     "rmf": "a request of RMF names a floor and a door, and nothing of what the robot does (rmf_lift_msgs/LiftRequest)",
 }
 """Faces whose sessions stay and whose callers have no words for their robots, and why: the end of a session is all they say."""
+
+ACTS_ONCE: Mapping[str, str] = {
+    "rmf": "RMF sends its robot on one OPEN and does not look again: one publish period, its decision and the crossing (open-rmf 1.6)",
+}
+"""Faces whose robots need longer between the withdrawal of OPEN and the release of the door (`rmf.clear_s`), and why."""
+
+CLEARS_IN_A_LIMIT = 3
+"""A lease or a limit of the door hold is at least this many times `clear_s`. Chosen: two thirds of it are left for crossing."""
 
 _ID_BYTES = 16
 
@@ -65,11 +78,15 @@ class Session:
     key_ttl_s: float | None = None
     """The lease that was asked for with the key, which renewing does not change."""
     over_at: float | None = None
-    """Its holder has said that it is over: until then what is on stays on, and nothing new is pressed for it."""
+    """It is over then, at its holder's request or because it is `closing`: until then outputs stay on, and nothing is pressed for it."""
+    closing: tuple[EndReason, str] | None = None
+    """Why it ends at `over_at` although its holder wants to go on, as a code and in words; None where that is not so."""
+    shut_at: float | None = None
+    """When the door was first seen shut after the hold was spent."""
 
     @property
     def ending(self) -> bool:
-        """Whether its holder has said that it is over, and may still think again."""
+        """Whether it is over soon: its holder may still think again, unless it is `closing`."""
         return self.over_at is not None
 
     @property
@@ -127,14 +144,43 @@ def admit(session: Session | None, ask: Ask, *, number: int, now: float) -> Sess
 
 
 def renewed(session: Session, now: float) -> Session:
-    """Begin the lease anew at the holder's word; one from before a restart goes on, and one that was to end does."""
-    return replace(session, lease_from=now, heard_at=now, restored=False, over_at=None)
+    """Begin the lease anew at the holder's word; one from before a restart goes on, and one that was to end does.
+
+    One that is `closing` is renewed in vain.
+    """
+    over_at = session.over_at if session.closing is not None else None
+    return replace(session, lease_from=now, heard_at=now, restored=False, over_at=over_at)
 
 
 def ending(session: Session, grace_s: float, now: float) -> Session:
     """Take its holder's word that it is over in so many seconds; said again, the earlier time counts."""
     over_at = now + grace_s if session.over_at is None else min(session.over_at, now + grace_s)
     return replace(session, heard_at=now, over_at=over_at)
+
+
+def closing(session: Session, reason: EndReason, text: str, at: float) -> Session:
+    """End a session at `at` whatever its holder wants; until then its door is held, and invites nobody."""
+    return replace(session, over_at=at, closing=(reason, text))
+
+
+def over_soon(session: Session | None, now: float) -> Refused | None:
+    """Refuse what the holder of a session that is `closing` asks for; a release is none of it."""
+    if session is None or session.closing is None or session.over_at is None:
+        return None
+    text = f"the session ends in {max(0.0, session.over_at - now):.0f} s: {session.closing[1]}"
+    return Refused(Refusal.SESSION_OVER, text)
+
+
+def hold_again(session: Session, turn_s: float, now: float) -> Session:
+    """Allow a spent hold to begin again at its holder's request: the door has been shut, and people have had it for `turn_s`."""
+    if not may_hold_again(session, turn_s, now):
+        return session
+    return replace(session, hold_spent=False, holding_since=None, stood_open=False, shut_at=None)
+
+
+def may_hold_again(session: Session, turn_s: float, now: float) -> bool:
+    """Whether a spent hold may begin again."""
+    return session.hold_spent and session.shut_at is not None and now >= session.shut_at + turn_s
 
 
 def wanting(session: Session, floor: FloorName, *, hold_door: bool, now: float) -> Session:
@@ -148,6 +194,7 @@ def wanting(session: Session, floor: FloorName, *, hold_door: bool, now: float) 
         stood_open=False,
         holding_since=None,
         hold_spent=False,
+        shut_at=None,
     )
 
 
@@ -210,6 +257,33 @@ def ends_at(session: Session, max_session_s: float) -> float:
 def hold_ends_at(session: Session, max_session_hold_s: float) -> float | None:
     """Return the time at which the door is let go whatever the holder wants; None while it is not held."""
     return None if session.holding_since is None else session.holding_since + max_session_hold_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What bounds how long a door is held for a session."""
+
+    lease_s: float
+    max_session_s: float
+    max_session_hold_s: float
+    clear_s: float
+    """From the withdrawal of OPEN to the release of the door: what a robot in the doorway needs to be out of it."""
+
+
+def releases_at(session: Session, limits: Limits) -> float:
+    """Return the earliest time at which the manager releases the door of a session by itself, as far as it knows."""
+    hold_ends = hold_ends_at(session, limits.max_session_hold_s)
+    return min(
+        lease_ends_at(session, limits.lease_s),
+        ends_at(session, limits.max_session_s),
+        math.inf if hold_ends is None else hold_ends,
+        math.inf if session.over_at is None else session.over_at,
+    )
+
+
+def invites_until(session: Session, limits: Limits) -> float:
+    """Return the time from which the door of a session invites nobody any more, although it is held for `clear_s` longer."""
+    return -math.inf if session.ending else releases_at(session, limits) - limits.clear_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,6 +56,10 @@ class SessionInfo:
     """Until the session is over however often it is renewed (`max_session_s`); None for one that is over."""
     hold_ends_in_s: float | None
     """Until the door is let go whatever the holder wants; None while it is not held."""
+    releases_in_s: float | None = None
+    """Until the manager releases the door by itself at the earliest, as far as it knows; None for one that is over."""
+    releasing: bool = False
+    """That is so soon that the door invites nobody any more."""
     arrived: bool
     """The car is there for it."""
     door_held: bool

@@ -47,6 +47,8 @@ class Restrictions:
     """There was a fire, and no person has acknowledged it."""
     lockout: str = ""
     """Who locked the lift out, since when and why; empty when nobody did."""
+    drain: str = ""
+    """Who lets sessions end and no new one begin, since when and why; empty when nobody does."""
     maybe_aboard: Holder | None = None
     """Whose robot may be in the car; others are refused while it holds no session."""
     waiting_for: str = ""
@@ -89,4 +91,8 @@ class LiftState:
     waiting: int = 0
     """How many rides and faces wait for the lift."""
     ending: bool = False
-    """Its holder has ended the session: door and robot mode stay for a moment, should it think again."""
+    """The session is over in a moment, until which door and robot mode stay: its holder ended it, a person did, or the manager stops."""
+    releases_in_s: float | None = None
+    """Seconds until the manager releases the door by itself at the earliest, as far as it knows; None while nobody holds the lift."""
+    releases_at: float | None = None
+    """The same as monotonic seconds of the event loop, which only a renewal moves."""

@@ -11,6 +11,7 @@ _FLAGS = {
     "held": "Whether somebody holds the lift.",
     "fire_latched": "Whether there was a fire that no person has acknowledged.",
     "locked_out": "Whether a person keeps robots off the lift.",
+    "draining": "Whether a person lets sessions end and no new one begin.",
     "maybe_occupied": "Whether a robot may be in the car: others are refused while it holds no session.",
 }
 
@@ -38,6 +39,7 @@ class LiftFamilies:
             "held": state.holder is not None,
             "fire_latched": told.fire_latched,
             "locked_out": bool(told.lockout),
+            "draining": bool(told.drain),
             "maybe_occupied": told.maybe_aboard is not None,
         }
         for name, is_so in flags.items():

@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from lift_manager.domain.boarding import KeptBoarding, Who
-from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
+from lift_manager.domain.service import Acknowledged, Cause, Drain, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from lift_manager.store.form_part import Moment, Part
@@ -20,7 +20,7 @@ VERSION: Literal[3] = 3
 
 
 class LockoutForm(Part):
-    """A lockout."""
+    """A lockout, or a drain."""
 
     by: str
     reason: str
@@ -139,11 +139,12 @@ class LiftForm(LiftFormV2):
 
     session: SessionForm | None
     rides: tuple[RideForm, ...] = ()
+    drain: LockoutForm | None = None
 
     @classmethod
     def of(cls, kept: Remembered) -> LiftForm:
         """Return the form of what is remembered."""
-        lockout, occupied, said = kept.lockout, kept.occupied, kept.acknowledged
+        lockout, drain, occupied, said = kept.lockout, kept.drain, kept.occupied, kept.acknowledged
         return cls(
             fire_since=kept.fire_since,
             lockout=LockoutForm(by=lockout.by, reason=lockout.reason, since=lockout.since) if lockout else None,
@@ -157,11 +158,13 @@ class LiftForm(LiftFormV2):
             robot_mode_until=kept.robot_mode_until,
             session=SessionForm.of(kept.session) if kept.session else None,
             rides=tuple(RideForm.of(ride) for ride in kept.rides),
+            drain=LockoutForm(by=drain.by, reason=drain.reason, since=drain.since) if drain else None,
         )
 
     def read(self) -> Remembered:
         """Return what is remembered."""
-        return replace(super().read(), rides=tuple(ride.read() for ride in self.rides))
+        drain = Drain(self.drain.by, self.drain.reason, self.drain.since) if self.drain else None
+        return replace(super().read(), rides=tuple(ride.read() for ride in self.rides), drain=drain)
 
 
 class Head(BaseModel):

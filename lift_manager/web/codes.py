@@ -54,6 +54,12 @@ REFUSALS: Mapping[Refusal, Code] = {
     ),
     Refusal.LOCKED_OUT: Code(409, "The lift is locked out", "A person keeps robots off; the message says who and why."),
     Refusal.NOT_LOCKED_OUT: Code(409, "The lift is not locked out", "So there is no lockout to end."),
+    Refusal.DRAINING: Code(
+        409,
+        "No new session begins",
+        "A person lets the present ones end; the message says who and why. Ask again later.",
+    ),
+    Refusal.NOT_DRAINING: Code(409, "The lift has no drain", "So there is none to end."),
     Refusal.OUTSIDE_HOURS: Code(409, "Robots have no hours", "The message says when the site lets robots ride."),
     Refusal.MONITOR_ONLY: Code(
         409, "The lift is only watched", "The site file says `access: monitor`: nothing is ever written to this lift."

@@ -32,10 +32,13 @@ def lift_router(facade: LiftFacade) -> APIRouter:
     return router
 
 
-def timeless(lift: Lift) -> Lift:
-    """Return a lift without its ages. The reason stays as it is: the seconds in it may be a limit as well as an age."""
+def timeless(lift: Lift, state: LiftState) -> Lift:
+    """Return a lift without its ages. The reason stays as it is: the seconds in it may be a limit as well as an age.
+
+    Of `releases_in_s` the moment stays, for a renewal moves it.
+    """
     session = None if lift.session is None else lift.session.model_copy(update={"for_s": 0.0})
-    return lift.model_copy(update={"age_s": None, "session": session})
+    return lift.model_copy(update={"age_s": None, "session": session, "releases_in_s": state.releases_at})
 
 
 class _Lifts:
@@ -48,7 +51,7 @@ class _Lifts:
         states = [state for name in self._facade.lift_names() if (state := self._facade.state(name)) is not None]
         said = Lifts(lifts=tuple(self._shown(state) for state in states))
         ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
-        known = Lifts(lifts=tuple(timeless(lift) for lift in said.lifts))
+        known = Lifts(lifts=tuple(timeless(lift, state) for lift, state in zip(said.lifts, states, strict=True)))
         return unless_known(request, said, known, max(ages, default=None))
 
     async def one(self, request: Request) -> Response:
@@ -57,7 +60,7 @@ class _Lifts:
         if state is None:
             return self._unknown(name)
         said = self._shown(state)
-        return unless_known(request, said, timeless(said), state.age_s)
+        return unless_known(request, said, timeless(said, state), state.age_s)
 
     async def capabilities(self, request: Request) -> Response:
         name: str = request.path_params["lift"]

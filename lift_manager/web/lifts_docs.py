@@ -15,7 +15,8 @@ TAG = "lifts"
 TAG_DESCRIPTION = """
 The lifts, from memory: no controller is asked, so an answer comes at once and says how old it is.
 
-**ETag.** Each answer has one; it covers everything but `age_s` and the session's `for_s`. Words count as they are, so one whose seconds
+**ETag.** Each answer has one; it covers everything but `age_s` and the session's `for_s`; of `releases_in_s` it
+covers the moment of the release, so a renewal changes it and the passing of time does not. Words count as they are, so one whose seconds
 run, as the reason of a lift that is offline may, is another each time. Sent back as `If-None-Match`, it is answered with 304
 and no body while nothing but time has changed. Both answers carry `lift-age-s`: how old the data is in seconds, left out when
 nothing was ever read. A lift that has not been read for `max_age_s` turns `offline`, and that is a change: a 304 for a lift that
@@ -26,7 +27,10 @@ or `/signals`, or holds `/sessions/` before its last part, is not read by its ow
 """
 
 _HEADERS = {
-    "ETag": {"description": "Of everything but `age_s` and `for_s`.", "schema": {"type": "string"}},
+    "ETag": {
+        "description": "Of everything but `age_s` and `for_s`; of the moment that `releases_in_s` counts down to.",
+        "schema": {"type": "string"},
+    },
     "Cache-Control": {"description": "`no-cache`: keep it, and ask each time.", "schema": {"type": "string"}},
     "lift-age-s": {
         "description": "How old the data is, in seconds; left out when nothing was ever read.",

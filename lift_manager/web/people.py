@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from fastapi import APIRouter, Request
 from pydantic import BaseModel
@@ -11,6 +12,10 @@ from starlette.responses import Response
 from lift_manager.api.people import (
     AcknowledgedAnswer,
     AcknowledgeRequest,
+    DrainAnswer,
+    DrainEndedAnswer,
+    DrainRequest,
+    EndDrainRequest,
     EndLockoutRequest,
     ForceReleasedAnswer,
     ForceReleaseRequest,
@@ -27,53 +32,61 @@ from lift_manager.web.bodies import Body, taken
 from lift_manager.web.guards import no_foreign_page, no_other_computer
 from lift_manager.web.problem import refused
 
+_Act = Callable[[str, Request, Body], BaseModel | Refused]
+"""What is done on a lift for the request of a person, whose body was read."""
+
 
 def people_router(facade: LiftFacade) -> APIRouter:
-    """Acknowledge, lock out, end a lockout, end the session of whoever holds the lift."""
+    """Acknowledge, lock out, drain, end either, end the session of whoever holds the lift."""
     # a lift's name may hold a slash
     router = APIRouter(prefix="/api/v1/lifts/{lift:path}", tags=[docs.TAG])
 
-    async def acknowledge(request: Request) -> Response:
-        lift: str = request.path_params["lift"]
+    def post(path: str, name: str, form: type[Body], act: _Act[Body], about: dict[str, Any]) -> None:
+        async def take(request: Request) -> Response:
+            lift: str = request.path_params["lift"]
+            return await _answer(facade, lift, request, form, lambda body: act(lift, request, body))
 
-        def act(body: AcknowledgeRequest) -> BaseModel | Refused:
-            said = facade.acknowledge(lift, _signed(request, body.by))
-            return said if isinstance(said, Refused) else AcknowledgedAnswer.of(lift, said)
+        router.add_api_route(path, take, methods=["POST"], name=name, **about)
 
-        return await _answer(facade, lift, request, AcknowledgeRequest, act)
+    def acknowledge(lift: str, request: Request, body: AcknowledgeRequest) -> BaseModel | Refused:
+        said = facade.acknowledge(lift, _signed(request, body.by))
+        return said if isinstance(said, Refused) else AcknowledgedAnswer.of(lift, said)
 
-    async def lock_out(request: Request) -> Response:
-        lift: str = request.path_params["lift"]
+    def lock_out(lift: str, request: Request, body: LockoutRequest) -> BaseModel | Refused:
+        said = facade.lock_out(lift, _signed(request, body.by), body.reason, at_once=body.now)
+        return said if isinstance(said, Refused) else LockoutAnswer.of(lift, said)
 
-        def act(body: LockoutRequest) -> BaseModel | Refused:
-            said = facade.lock_out(lift, _signed(request, body.by), body.reason)
-            return said if isinstance(said, Refused) else LockoutAnswer.of(lift, said)
+    def end_lockout(lift: str, request: Request, body: EndLockoutRequest) -> BaseModel | Refused:
+        said = facade.end_lockout(lift, _signed(request, body.by))
+        return said if isinstance(said, Refused) else LockoutEndedAnswer.of(lift, said)
 
-        return await _answer(facade, lift, request, LockoutRequest, act)
+    def force_release(lift: str, request: Request, body: ForceReleaseRequest) -> BaseModel | Refused:
+        said = facade.force_release(lift, _signed(request, body.by), body.reason, at_once=body.now)
+        return said if isinstance(said, Refused) else ForceReleasedAnswer.of(lift, said)
 
-    async def end_lockout(request: Request) -> Response:
-        lift: str = request.path_params["lift"]
-
-        def act(body: EndLockoutRequest) -> BaseModel | Refused:
-            said = facade.end_lockout(lift, _signed(request, body.by))
-            return said if isinstance(said, Refused) else LockoutEndedAnswer.of(lift, said)
-
-        return await _answer(facade, lift, request, EndLockoutRequest, act)
-
-    async def force_release(request: Request) -> Response:
-        lift: str = request.path_params["lift"]
-
-        def act(body: ForceReleaseRequest) -> BaseModel | Refused:
-            said = facade.force_release(lift, _signed(request, body.by), body.reason)
-            return said if isinstance(said, Refused) else ForceReleasedAnswer.of(lift, said)
-
-        return await _answer(facade, lift, request, ForceReleaseRequest, act)
-
-    router.add_api_route("/acknowledge", acknowledge, methods=["POST"], **docs.acknowledge())
-    router.add_api_route("/lockout", lock_out, methods=["POST"], **docs.lock_out())
-    router.add_api_route("/lockout/end", end_lockout, methods=["POST"], **docs.end_lockout())
-    router.add_api_route("/session/force-release", force_release, methods=["POST"], **docs.force_release())
+    post("/acknowledge", "acknowledge", AcknowledgeRequest, acknowledge, docs.acknowledge())
+    post("/lockout", "lock_out", LockoutRequest, lock_out, docs.lock_out())
+    post("/lockout/end", "end_lockout", EndLockoutRequest, end_lockout, docs.end_lockout())
+    post("/drain", "begin_drain", DrainRequest, _begin_drain(facade), docs.begin_drain())
+    post("/drain/end", "end_drain", EndDrainRequest, _end_drain(facade), docs.end_drain())
+    post("/session/force-release", "force_release", ForceReleaseRequest, force_release, docs.force_release())
     return router
+
+
+def _begin_drain(facade: LiftFacade) -> _Act[DrainRequest]:
+    def act(lift: str, request: Request, body: DrainRequest) -> BaseModel | Refused:
+        said = facade.begin_drain(lift, _signed(request, body.by), body.reason)
+        return said if isinstance(said, Refused) else DrainAnswer.of(lift, said)
+
+    return act
+
+
+def _end_drain(facade: LiftFacade) -> _Act[EndDrainRequest]:
+    def act(lift: str, request: Request, body: EndDrainRequest) -> BaseModel | Refused:
+        said = facade.end_drain(lift, _signed(request, body.by))
+        return said if isinstance(said, Refused) else DrainEndedAnswer.of(lift, said)
+
+    return act
 
 
 def _signed(request: Request, by: str) -> str:

@@ -10,6 +10,10 @@ from starlette.responses import Response
 from lift_manager.api.people import (
     AcknowledgedAnswer,
     AcknowledgeRequest,
+    DrainAnswer,
+    DrainEndedAnswer,
+    DrainRequest,
+    EndDrainRequest,
     EndLockoutRequest,
     ForceReleasedAnswer,
     ForceReleaseRequest,
@@ -27,7 +31,7 @@ TAG_DESCRIPTION = """
 What people say about a lift. Each word is kept over restarts, with the name of who gave it.
 
 With keys these need the role operator, and the name of the key is written down beside the name that was said. A site without
-keys takes them from the manager's own computer alone. `lift-manager ack`, `lockout` and `release` on the command line use
+keys takes them from the manager's own computer alone. `lift-manager ack`, `lockout`, `drain` and `release` on the command line use
 them. Errors are problem+json (RFC 9457) with a stable `code`.
 """
 
@@ -57,8 +61,9 @@ def lock_out() -> dict[str, Any]:
     """What the route's registration wants to know, docs included."""
     return _route(
         "Keep robots off the lift",
-        "Ends the session, lets everything go at once and refuses every robot with this name and reason. A car that moves keeps"
-        " robot mode until it stands.",
+        "Refuses every robot with this name and reason, and ends the session. A door that is held open for a robot stops inviting it at"
+        " once and is released `clear_s` later (`now`: at once); everything else is released at once. A car that moves keeps robot mode"
+        " until it stands.",
         (LockoutRequest, LockoutAnswer),
         "It is locked out already (`locked_out`): a second word does not cover up the first.",
     )
@@ -75,12 +80,33 @@ def end_lockout() -> dict[str, Any]:
     )
 
 
+def begin_drain() -> dict[str, Any]:
+    """What the route's registration wants to know, docs included."""
+    return _route(
+        "Let sessions end and no new one begin",
+        "A session that goes on is not touched, its ride goes to its end, and a robot that may be in the car may still ask to get out."
+        " Every other request for a session is refused with this name and reason; rides wait in their queue. It survives a restart.",
+        (DrainRequest, DrainAnswer),
+        "There is a drain already (`draining`): a second one does not replace the first.",
+    )
+
+
+def end_drain() -> dict[str, Any]:
+    """What the route's registration wants to know, docs included."""
+    return _route(
+        "Let sessions begin again",
+        "Ends the drain; rides that wait go on.",
+        (EndDrainRequest, DrainEndedAnswer),
+        "There is no drain (`not_draining`).",
+    )
+
+
 def force_release() -> dict[str, Any]:
     """What the route's registration wants to know, docs included."""
     return _route(
         "Take a lift from its holder",
         "Ends the session of whoever holds the lift and lets everything go; the car is not moved. For a holder that does not answer"
-        " any more: a robot that stands in the doorway or rides in the car loses its held door.",
+        " any more. A door that is held open for its robot stops inviting it at once and is released `clear_s` later (`now`: at once).",
         (ForceReleaseRequest, ForceReleasedAnswer),
         "Nobody holds the lift (`not_held`).",
     )

@@ -13,6 +13,7 @@ from lift_manager.commissioning.detection import Lie
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, RobotWord
+from lift_manager.domain.session import CLEARS_IN_A_LIMIT
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.disk import SimulatedDisk
@@ -105,6 +106,7 @@ def loaded_site(
         "accept_latching": "the controller is simulated",
         "max_session_hold_s": max_session_hold_s,
         "lease_s": lease_s,
+        "clear_s": min(10.0, min(max_session_hold_s, lease_s) / CLEARS_IN_A_LIMIT),
         "between_sessions_s": between_sessions_s,
         "max_age_s": patience.max_age_s,
     }

@@ -93,7 +93,8 @@ HELP = {
         "5 the ride goes on",
     ],
     "ack": ["checked after a fire", "LIFT", "--by", "--manager"],
-    "lockout": ["Keep robots off", "LIFT", "--by", "--reason", "--end", "--manager"],
+    "lockout": ["Keep robots off", "LIFT", "--by", "--reason", "--end", "--now", "--manager"],
+    "drain": ["Let present sessions end", "LIFT", "--all", "--by", "--reason", "--end", "--manager"],
     "simulate": ["one simulated lift", "MAP", "--port", "5020", "--host", "--floors", "L1=1,L2=2", "--speed"],
 }
 

@@ -106,6 +106,14 @@ def test_a_fire_is_latched_until_somebody_acknowledges_it_also_when_the_manager_
     assert "nothing to acknowledge" in site.say("ack", LIFT, "--by", "M. Weber", code=1)
 
 
+@pytest.mark.parametrize("which", [LIFT, "--all"])
+def test_a_drain_is_begun_and_ended_by_a_named_person(site: Site, which: str) -> None:
+    begun = site.say("drain", which, "--by", "M. Weber", "--reason", "new ropes")
+    assert f"{LIFT}: no new session begins; drain by M. Weber since" in begun
+    assert "drain" in site.say("drain", which, "--by", "A. Beck", "--reason", "cleaning", code=1)
+    assert "(new ropes) is ended by A. Beck" in site.say("drain", which, "--by", "A. Beck", "--end")
+
+
 def test_a_lockout_is_told_to_robots_survives_a_restart_and_is_ended_by_a_named_person(site: Site) -> None:
     locked = site.say("lockout", LIFT, "--by", "M. Weber", "--reason", "new ropes")
     assert locked.startswith("east wing: locked out by M. Weber since 20")
@@ -187,6 +195,10 @@ def test_another_program_at_that_address_is_not_taken_for_a_manager(body: bytes)
     ("words", "wrong"),
     [
         (("lockout", LIFT, "--by", "A"), "say why"),
+        (("drain", LIFT, "--by", "A"), "say why"),
+        (("drain", "--by", "A", "--reason", "x"), "name one lift"),
+        (("drain", LIFT, "--all", "--by", "A", "--reason", "x"), "name one lift"),
+        (("drain", LIFT, "--by", "A", "--reason", "x", "--end"), "needs no reason"),
         (("lockout", LIFT, "--by", "A", "--reason", " "), "say why"),
         (("lockout", LIFT, "--by", "A", "--reason", "x", "--end"), "needs no reason"),
         (("lockout", LIFT, "--reason", "x"), "--by"),

@@ -153,7 +153,7 @@ async def _lockout(story: Story) -> None:
 
 
 async def _force_release(story: Story) -> None:
-    story.rig.manager.force_release("lift", "Ana", "needed")
+    story.rig.manager.force_release("lift", "Ana", "needed", at_once=True)
 
 
 async def _restart(story: Story) -> None:

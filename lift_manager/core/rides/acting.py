@@ -47,7 +47,10 @@ class Acting:
             case Renew():
                 answer = self._core.renew_session(record.lift, record.session, record.holder, None)
                 return steps.asked(record, answer.message if isinstance(answer, Refused) else record.trouble, seen)
-            case Close(left):
+            case Close(left, clears):
+                if clears and (described := self._core.describe(record.lift)) is not None:
+                    self._core.end_session(record.lift, record.holder, described.clear_s)
+                    return record
                 return self._close(record, left=left)
             case Warn(text):
                 self._publish(Alarm(record.lift, text, record.holder))

@@ -16,7 +16,15 @@ from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Alarm, CommandEnded, Event, Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
 from lift_manager.domain.rmf import RmfRules
-from lift_manager.domain.service import Acknowledged, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.service import (
+    Acknowledged,
+    Drain,
+    DrainEnded,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+    Remembered,
+)
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
 
@@ -122,9 +130,9 @@ class NotingFacade:
         self._note(lift, answer)
         return answer
 
-    def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
+    def lock_out(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> Lockout | Refused:
         """Take a person's word that no robot may command a lift."""
-        answer = self._facade.lock_out(lift, by, reason)
+        answer = self._facade.lock_out(lift, by, reason, at_once=at_once)
         self._note(lift, answer)
         return answer
 
@@ -134,9 +142,21 @@ class NotingFacade:
         self._note(lift, answer)
         return answer
 
-    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
+    def begin_drain(self, lift: str, by: str, reason: str) -> Drain | Refused:
+        """Take a person's request that no new session begins."""
+        answer = self._facade.begin_drain(lift, by, reason)
+        self._note(lift, answer)
+        return answer
+
+    def end_drain(self, lift: str, by: str) -> DrainEnded | Refused:
+        """Take a person's request that sessions may begin again."""
+        answer = self._facade.end_drain(lift, by)
+        self._note(lift, answer)
+        return answer
+
+    def force_release(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> ForceReleased | Refused:
         """Take a person's word that a session is over."""
-        answer = self._facade.force_release(lift, by, reason)
+        answer = self._facade.force_release(lift, by, reason, at_once=at_once)
         self._note(lift, answer)
         return answer
 

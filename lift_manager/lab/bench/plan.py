@@ -24,6 +24,9 @@ SPEED = 20.0
 take their own time at any speed."""
 POLL_S = 0.05
 """Chosen: as often as the simulated controller looks at its inputs."""
+CLEAR_S = 0.5
+"""`clear_s` of a lift of the bench where nothing else is said. Chosen: leases and limits of two seconds are usual in tests."""
+
 ACCEPTED = "the controller is simulated and ends with the test"
 
 _OWN_KEYS = ("name", "map", "floors", "speed", "faults")
@@ -92,7 +95,13 @@ def _plan(wish: Mapping[str, Any], near: Path) -> LiftPlan:
     codec = compile_map(loaded.map)
     floors = _floors(name, wish.get("floors"), codec)
     least_s = max(POLL_S, loaded.map.link.min_poll_s)
-    usual = {"access": "control", "poll_s": least_s, "between_sessions_s": 0, "accept_latching": ACCEPTED}
+    usual = {
+        "access": "control",
+        "poll_s": least_s,
+        "between_sessions_s": 0,
+        "clear_s": CLEAR_S,
+        "accept_latching": ACCEPTED,
+    }
     return LiftPlan(
         name,
         loaded,

@@ -241,6 +241,8 @@ def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
             events.StateChanged()
             | events.LockedOut()
             | events.LockoutOver()
+            | events.DrainBegun()
+            | events.DrainOver()
             | events.PersonAcknowledged()
             | events.ReleasedByPerson()
             | events.RequestFollowed()

@@ -213,6 +213,7 @@ class World:
             try:
                 yield self
                 self._struck(Struck("manager", STOP, began=True), ())
+                await self.manager.clear_doors()
                 with suppress(TimeoutError):
                     async with asyncio.timeout(app.RELEASE_WITHIN_S):
                         await self.manager.stop()

@@ -23,6 +23,8 @@ from lift_manager.domain.events import (
     Advised,
     Alarm,
     CommandEnded,
+    DrainBegun,
+    DrainOver,
     Event,
     HandedOver,
     LockedOut,
@@ -53,7 +55,14 @@ def shown(event: Event, max_age_s: float, by_s: float = 0.0) -> Shown:
             return StateEvent(lift=lift.unread(lift.age_s, _too_old(max_age_s)) if is_old else lift)
         case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded() as about:
             return _session(about)
-        case LockedOut() | LockoutOver() | PersonAcknowledged() | ReleasedByPerson() as about:
+        case (
+            LockedOut()
+            | LockoutOver()
+            | DrainBegun()
+            | DrainOver()
+            | PersonAcknowledged()
+            | ReleasedByPerson() as about
+        ):
             return _person(about)
         case Advised(lift, holder, advice, text):
             return AdviceEvent(lift=lift, holder=str(holder), advice=advice, text=text)
@@ -97,7 +106,8 @@ def aged(event: Event, by_s: float) -> Event:
 def _aged_state(state: LiftState, by_s: float) -> LiftState:
     age_s = None if state.age_s is None else state.age_s + by_s
     held_s = None if state.held_since_s is None else state.held_since_s + by_s
-    return replace(state, age_s=age_s, held_since_s=held_s)
+    releases_in_s = None if state.releases_in_s is None else max(0.0, state.releases_in_s - by_s)
+    return replace(state, age_s=age_s, held_since_s=held_s, releases_in_s=releases_in_s)
 
 
 def _too_old(max_age_s: float) -> str:
@@ -124,13 +134,20 @@ def _session(event: SessionOpened | SessionRestored | HandedOver | SessionEnded)
             assert_never(event)
 
 
-def _person(event: LockedOut | LockoutOver | PersonAcknowledged | ReleasedByPerson) -> PersonEvent:
+def _person(
+    event: LockedOut | LockoutOver | DrainBegun | DrainOver | PersonAcknowledged | ReleasedByPerson,
+) -> PersonEvent:
     match event:
         case LockedOut(lift, lockout):
             return PersonEvent(lift=lift, what="locked_out", by=lockout.by, text=lockout.reason, at=lockout.since)
         case LockoutOver(lift, ended):
             text = f"the lockout by {ended.lockout.by}: {ended.lockout.reason}"
             return PersonEvent(lift=lift, what="lockout_over", by=ended.by, text=text, at=ended.at)
+        case DrainBegun(lift, drain):
+            return PersonEvent(lift=lift, what="drain_begun", by=drain.by, text=drain.reason, at=drain.since)
+        case DrainOver(lift, ended):
+            text = f"the drain by {ended.drain.by}: {ended.drain.reason}"
+            return PersonEvent(lift=lift, what="drain_over", by=ended.by, text=text, at=ended.at)
         case PersonAcknowledged(lift, said):
             return PersonEvent(lift=lift, what="acknowledged", by=said.by, text=" and ".join(said.what), at=said.at)
         case ReleasedByPerson(lift, released):

@@ -420,3 +420,35 @@ def test_a_typo_in_a_needed_key_hides_none_of_the_other_mistakes(tmp_path: Path)
 def test_every_finding_begins_with_file_line_and_key(tmp_path: Path) -> None:
     (finding,) = findings(tmp_path, GENERIC, ("L2: 2", "L2: 1"))
     assert str(finding) == f"{tmp_path / 'site.yaml'}:9: lifts.main.floors.L2: code 1 is floor L1 already"
+
+
+@pytest.mark.parametrize(
+    ("key", "of_rmf", "least_s", "clearing"),
+    [
+        ("lease_s", "", 30, "clear_s"),
+        ("max_session_hold_s", "", 30, "clear_s"),
+        ("max_session_s", "", 30, "clear_s"),
+        ("max_session_hold_s", "rmf: {end_grace_s: 3}\n", 90, "rmf.clear_s"),
+        ("max_session_s", "rmf: {end_grace_s: 3}\n", 90, "rmf.clear_s"),
+    ],
+)
+def test_a_limit_that_leaves_robots_no_time_before_open_is_withdrawn_is_refused_with_its_cure(
+    tmp_path: Path, key: str, of_rmf: str, least_s: int, clearing: str
+) -> None:
+    site = of_rmf + GENERIC
+    line = f"    access: control\n    {key}: {least_s - 1}\n"
+    found = findings(tmp_path, site, ("    access: control\n", line))
+    (one,) = found
+    for text in (
+        f"lifts.main.{key}",
+        f"3 times `{clearing}`",
+        f"set `{key}` to {least_s} or more, or lower `{clearing}`",
+    ):
+        assert text in str(one)
+    load(tmp_path, site, ("    access: control\n", line.replace(str(least_s - 1), str(least_s))))
+
+
+def test_a_shorter_clear_s_allows_shorter_limits(tmp_path: Path) -> None:
+    more = "    access: control\n    clear_s: 2\n    lease_s: 6\n    max_session_hold_s: 6\n"
+    lift = load(tmp_path, GENERIC, ("    access: control\n", more)).site.lifts["main"]
+    assert (lift.clear_s, lift.lease_s) == (2.0, 6.0)

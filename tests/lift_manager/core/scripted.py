@@ -294,6 +294,7 @@ def on_bench(
     between_sessions_s: float = 0.0,
     fire_release_delay_s: float = 0.0,
     max_session_s: float = 3600.0,
+    clear_s: float = 10.0,
     takeover_after_s: float | None = None,
     poll_s: float = 0.1,
     memory: Memory | None = None,
@@ -324,6 +325,7 @@ def on_bench(
             between_sessions_s=between_sessions_s,
             fire_release_delay_s=fire_release_delay_s,
             max_session_s=max_session_s,
+            clear_s=clear_s,
             takeover_after_s=takeover_after_s,
         )
         task = LiftTask(driver, options, bus, memory=memory, clock=clock)

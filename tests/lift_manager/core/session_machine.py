@@ -14,8 +14,9 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
 from lift_manager.domain.events import Event, HandedOver, SessionEnded, SessionOpened, SessionRestored
+from lift_manager.domain.service import Lockout
 from lift_manager.domain.session_requests import Do
-from lift_manager.domain.state import Holder, LiftState
+from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import VirtualTimeLoop, elapse
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
@@ -353,13 +354,14 @@ class SessionMachine(RuleBasedStateMachine):
 
         self.run(main())
 
-    @rule()
-    def person_releases(self) -> None:
+    @rule(at_once=st.booleans())
+    def person_releases(self, at_once: bool) -> None:
         async def main() -> None:
             before = self.state.holder
-            answer = self.world.manager.force_release(LIFT, "the guard", "it blocks the lift")
+            answer = self.world.manager.force_release(LIFT, "the guard", "it blocks the lift", at_once=at_once)
             assert isinstance(answer, Refused) == (before is None)
-            assert self.state.holder is None
+            assert self.state.holder is None or (self.state.ending and not at_once)
+            assert before is None or self.state.robot_door is not RobotDoor.OPEN
             await elapse(0.2)
 
         self.run(main())
@@ -373,11 +375,12 @@ class SessionMachine(RuleBasedStateMachine):
 
         self.run(main())
 
-    @rule()
-    def person_locks_out(self) -> None:
+    @rule(at_once=st.booleans())
+    def person_locks_out(self, at_once: bool) -> None:
         async def main() -> None:
-            self.world.manager.lock_out(LIFT, "the guard", "moving furniture")
-            assert self.state.holder is None
+            answer = self.world.manager.lock_out(LIFT, "the guard", "moving furniture", at_once=at_once)
+            assert self.state.holder is None or (self.state.ending and not (at_once and isinstance(answer, Lockout)))
+            assert self.state.robot_door is not RobotDoor.OPEN
             await elapse(0.2)
 
         self.run(main())

@@ -54,12 +54,12 @@ async def fire(made: Spine) -> EndReason:
 
 
 async def lockout(made: Spine) -> EndReason:
-    made.task.lock_out("M. Weber", "ropes")
+    made.task.lock_out("M. Weber", "ropes", at_once=True)
     return EndReason.LOCKOUT
 
 
 async def forced(made: Spine) -> EndReason:
-    made.task.force_release("M. Weber", "it blocks the lift")
+    made.task.force_release("M. Weber", "it blocks the lift", at_once=True)
     return EndReason.FORCED
 
 
@@ -109,9 +109,9 @@ def test_a_robot_behind_a_shut_door_is_told_to_stay_aboard() -> None:
     on_bench(check, PLAIN)
 
 
-def test_the_lease_is_the_sites_where_the_holder_asks_for_none_or_for_more_and_its_own_where_it_asks_for_less() -> None:
+def test_the_lease_is_what_its_holder_asks_for_between_three_times_clear_s_and_the_sites() -> None:
     async def check(made: Bench) -> None:
-        for ttl_s, lease_s in ((None, 60.0), (1000.0, 60.0), (10.0, 10.0)):
+        for ttl_s, lease_s in ((None, 60.0), (1000.0, 60.0), (40.0, 40.0), (10.0, 30.0)):
             session = made.opened(ttl_s=ttl_s)
             assert made.read(session).lease_ends_in_s == pytest.approx(lease_s)
             await elapse(lease_s - 1)
@@ -127,12 +127,12 @@ def test_the_lease_is_the_sites_where_the_holder_asks_for_none_or_for_more_and_i
     on_bench(check, PLAIN, lease_s=60.0)
 
 
-@pytest.mark.parametrize(("asked_s", "given_s"), [(None, 10.0), (20.0, 20.0), (500.0, 60.0)])
+@pytest.mark.parametrize(("asked_s", "given_s"), [(None, 40.0), (50.0, 50.0), (5.0, 30.0), (500.0, 60.0)])
 def test_a_renewal_keeps_the_length_of_the_lease_unless_it_asks_for_another(
     asked_s: float | None, given_s: float
 ) -> None:
     async def check(made: Bench) -> None:
-        session = made.opened(ttl_s=10.0)
+        session = made.opened(ttl_s=40.0)
         await elapse(5)
         renewed = made.task.sessions.renew(session.id, ROBOT, asked_s)
         assert not isinstance(renewed, Refused)

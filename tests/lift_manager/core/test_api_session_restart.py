@@ -154,7 +154,7 @@ def test_one_that_ran_out_meanwhile_says_so_and_its_robot_may_still_say_that_it_
 def test_a_session_without_a_floor_keeps_what_is_known_of_its_robot_over_a_restart() -> None:
     async def before(made: Bench) -> SessionInfo:
         first = await called(made)
-        made.task.force_release("M. Weber", "it blocks the lift")
+        made.task.force_release("M. Weber", "it blocks the lift", at_once=True)
         assert made.read(first).robot is Who.MAY_BOARD
         return made.opened()
 

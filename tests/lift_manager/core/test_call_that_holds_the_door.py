@@ -105,7 +105,7 @@ def test_a_call_whose_hold_is_spent_is_not_missed() -> None:
         assert made.state.restrictions.waiting_for == ""
         assert made.robot_door() is RobotDoor.MOVING
 
-    on_bench(check, BY_DOOR, max_session_hold_s=10.0)
+    on_bench(check, BY_DOOR, max_session_hold_s=10.0, clear_s=3.0)
 
 
 def test_a_call_that_a_key_switch_let_go_of_is_pressed_again_once_robots_may_come() -> None:

@@ -340,6 +340,10 @@ def test_after_a_fire_that_nobody_has_acknowledged_the_open_door_invites_nobody(
         assert made.state.doors == {FRONT: Door.OPEN}
         assert made.robot_door() is RobotDoor.MOVING
         assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        # it was released, and has not been seen to close since
+        assert made.robot_door() is RobotDoor.MOVING
+        await made.car("L1", Door.CLOSED)
+        await made.car("L1", Door.OPEN, enter=True)
         assert made.robot_door() is RobotDoor.OPEN
 
     on_bench(check, PLAIN)

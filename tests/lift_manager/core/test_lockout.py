@@ -9,9 +9,10 @@ import pytest
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
-from lift_manager.domain.service import Advice, EndReason, Lockout, LockoutEnded
+from lift_manager.domain.service import Advice, EndReason, ForceReleased, Lockout, LockoutEnded
 from lift_manager.domain.state import Quality, RobotDoor
 from register_maps.words import Door, Motion
+from simulator.state import Inputs
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import PHASES, door_held, outputs, travelling
 from tests.lift_manager.core.scripted import PERMITTING, Bench, boarded, on_bench
@@ -24,7 +25,7 @@ TEXT = "locked out by M. Weber since 2026-03-02 21:30: new ropes"
 
 
 def locked_out(made: Spine) -> Lockout:
-    answer = made.task.lock_out("M. Weber", "new ropes")
+    answer = made.task.lock_out("M. Weber", "new ropes", at_once=True)
     assert isinstance(answer, Lockout), answer
     return answer
 
@@ -230,3 +231,85 @@ def test_robot_mode_waits_for_a_word_that_cannot_be_given_while_the_lift_cannot_
         assert made.driver.on == set()
 
     on_bench(check, REPORTING)
+
+
+def withdraw_by_lockout(made: Spine) -> EndReason:
+    assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+    return EndReason.LOCKOUT
+
+
+def withdraw_by_release(made: Spine) -> EndReason:
+    released = made.task.force_release("M. Weber", "it blocks the lift")
+    assert isinstance(released, ForceReleased)
+    assert released.clear_s == 10.0
+    assert "its door is released in 10 s" in released.text("lift")
+    return EndReason.FORCED
+
+
+@pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
+def test_a_person_withdraws_open_at_once_and_the_door_is_released_clear_s_later(
+    withdraw: Callable[[Spine], EndReason],
+) -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+        with made.bus.listen() as listener:
+            reason = withdraw(made)
+            assert made.state.robot_door is RobotDoor.MOVING
+            assert made.state.releases_in_s == pytest.approx(10.0)
+            for _ in range(98):
+                await elapse(0.1)
+                assert outputs(made)[1] == 1
+                assert made.state.robot_door is RobotDoor.MOVING
+            pressed = len(made.presses())
+            assert isinstance(withdrawn := made.ask("L3"), Refused)
+            assert withdrawn.code in (Refusal.LOCKED_OUT, Refusal.SESSION_OVER)
+            await elapse(0.4)
+            assert outputs(made)[:2] == [0, 0]
+            assert made.state.holder is None
+            assert len(made.presses()) == pressed
+            (ended,) = only(await heard(listener), SessionEnded)
+        assert ended.reason is reason
+
+    on_spine(check)
+
+
+@pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
+def test_its_holder_may_still_let_go_of_the_door_before_it_is_released(withdraw: Callable[[Spine], EndReason]) -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        withdraw(made)
+        await elapse(1)
+        assert made.ask("L2", hold=False) == Accepted()
+        await elapse(0.5)
+        assert outputs(made)[1] == 0
+        assert made.state.holder is None
+
+    on_spine(check)
+
+
+def test_a_fire_does_not_wait_for_a_door_that_a_person_has_withdrawn() -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        withdraw_by_lockout(made)
+        await elapse(1)
+        made.people(Inputs(fire=True))
+        await elapse(0.5)
+        assert outputs(made)[1] == 0
+
+    on_spine(check)
+
+
+def test_a_second_word_neither_shortens_nor_prolongs_the_time_that_a_robot_was_given() -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        withdraw_by_release(made)
+        await elapse(4)
+        withdraw_by_lockout(made)
+        assert made.state.releases_in_s == pytest.approx(6.0)
+        await elapse(5.8)
+        assert outputs(made)[1] == 1
+        await elapse(0.5)
+        assert outputs(made)[1] == 0
+
+    on_spine(check)

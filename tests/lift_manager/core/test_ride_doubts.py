@@ -41,7 +41,7 @@ async def left_inside(made: Building, robot: str = "amr-1", lift: str = "A") -> 
 
 
 async def taken_away(made: Building, lift: str = "A") -> None:
-    made.manager.force_release(lift, "Ana", "needed")
+    made.manager.force_release(lift, "Ana", "needed", at_once=True)
     await elapse(1)
 
 
@@ -85,7 +85,7 @@ def test_a_ride_begun_at_the_moment_the_lift_was_taken_away_is_the_word_of_the_r
     async def check(made: Building) -> None:
         one = made.begin("A")
         await made.car("A", "L1", Door.OPEN)
-        made.manager.force_release("A", "Ana", "needed")
+        made.manager.force_release("A", "Ana", "needed", at_once=True)
         again = made.begin("A", start="L2")
         assert (made.look(one).phase, again.phase) == (Phase.GAVE_UP, Phase.CALLED)
 

@@ -58,7 +58,7 @@ def test_any_takes_a_lift_at_the_moment_it_becomes_free() -> None:
         waiting = made.begin("any")
         assert waiting.lift == "A"
         await elapse(1.5)
-        made.manager.force_release("B", "Ana", "needed")
+        made.manager.force_release("B", "Ana", "needed", at_once=True)
         await elapse(0.1)
         assert (made.look(waiting).lift, made.look(waiting).phase) == ("B", Phase.CALLED)
 
@@ -132,7 +132,7 @@ def test_where_a_robot_may_be_inside_an_event_is_looked_at_for_its_ride_and_not_
     async def check(made: Building) -> None:
         made.begin("A", robot="amr-9")
         await made.car("A", "L1", Door.OPEN)
-        made.manager.force_release("A", "Ana", "needed")
+        made.manager.force_release("A", "Ana", "needed", at_once=True)
         await elapse(1)
         book = RideBook()
         seeing, places = Seeing(made.manager, made.manager.line, book, clock), Places(made.manager.line)

@@ -258,7 +258,7 @@ def test_a_person_who_looked_ends_the_doubt_of_a_ride_that_gave_up() -> None:
         ride = made.begin("A")
         await boarded(made, ride.id)
         await made.car("A", None)
-        made.manager.force_release("A", "Ana", "needed")
+        made.manager.force_release("A", "Ana", "needed", at_once=True)
         await elapse(1)
         assert (made.look(ride).phase, made.look(ride).maybe_aboard) == (Phase.GAVE_UP, True)
         waiting = made.begin("A", robot="amr-2")
@@ -277,7 +277,7 @@ def test_a_robot_that_says_later_that_it_left_frees_the_lift() -> None:
         ride = made.begin("A")
         await made.car("A", "L1", Door.OPEN)
         assert made.look(ride).guidance is Guidance.ENTER
-        made.manager.force_release("A", "Ana", "needed")
+        made.manager.force_release("A", "Ana", "needed", at_once=True)
         await elapse(1)
         assert made.look(ride).maybe_aboard
         left = made.manager.ride_word(ride.id, RideWord.LEFT, FLEET)
@@ -294,7 +294,7 @@ def test_the_next_ride_of_a_robot_that_may_be_in_the_car_ends_the_doubt_once_it_
     async def check(made: Building) -> None:
         first = made.begin("A")
         await made.car("A", "L1", Door.OPEN)
-        made.manager.force_release("A", "Ana", "needed")
+        made.manager.force_release("A", "Ana", "needed", at_once=True)
         await elapse(1)
         assert made.look(first).maybe_aboard
         second = made.begin("A")

@@ -185,13 +185,33 @@ def test_a_repeat_renews_the_lease_but_no_hold_lasts_longer_than_the_site_allows
             await elapse(1)
             made.accept("L2")
             assert made.face.picture.doors[Side.FRONT] is Door.OPEN
-        for _ in range(20):
-            await elapse(1)
-            made.accept("L2")
-        assert made.face.picture.doors[Side.FRONT] is Door.CLOSED
+        await made.until(lambda state: state.robot_door is RobotDoor.CLOSED)
         assert made.state.holder is not None
 
     on_spine(check, max_session_hold_s=120)
+
+
+def test_a_hold_that_was_spent_begins_again_at_a_repeat_once_the_door_was_shut_and_people_had_their_turn() -> None:
+    async def check(made: Spine) -> None:
+        made.accept("L2")
+        await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+        await made.until(lambda state: state.robot_door is RobotDoor.CLOSED, within_s=150)
+        held = made.state.holder
+        for _ in range(18):
+            made.accept("L2")
+            await elapse(0.25)
+            assert made.face.picture.doors[Side.FRONT] is Door.CLOSED
+        await elapse(1)
+        assert (
+            made.face.picture.doors[Side.FRONT] is Door.CLOSED
+        )  # nothing is pressed before the holder repeats its request
+        made.accept("L2")
+        await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
+        assert made.state.holder == held
+        await elapse(100)
+        assert made.state.robot_door is RobotDoor.OPEN  # a whole hold, and not the rest of the one before
+
+    on_spine(check, max_session_hold_s=120, between_sessions_s=5)
 
 
 def test_a_lost_pulse_is_pressed_again_only_on_a_repeat_and_only_after_a_pause() -> None:

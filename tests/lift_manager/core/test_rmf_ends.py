@@ -160,7 +160,7 @@ def test_within_the_grace_door_hold_robot_mode_and_holder_stay_and_then_all_is_l
         assert held_by(made) == RMF
         assert made.driver.log == before
         assert made.driver.on == {HOLD, "robot_mode"}
-        assert made.robot_door() is RobotDoor.OPEN
+        assert made.robot_door() is RobotDoor.MOVING
         await elapse(0.2)
         assert held_by(made) is None
         assert made.driver.on == set()

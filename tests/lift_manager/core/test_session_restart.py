@@ -534,7 +534,7 @@ def test_a_release_before_the_first_reading_drops_robot_mode_only_once_the_car_s
 
 def test_a_person_may_end_it_before_its_holder_is_heard() -> None:
     async def after(made: Bench) -> None:
-        released = made.task.force_release("M. Weber", "nobody comes")
+        released = made.task.force_release("M. Weber", "nobody comes", at_once=True)
         assert isinstance(released, ForceReleased)
         assert held_by(made) is None
         assert made.driver.log == [f"let go {HOLD}"]

@@ -213,7 +213,7 @@ def test_a_person_ends_a_session_and_everything_is_let_go() -> None:
         await elapse(1)
         await made.car("L2", Door.OPEN)
         assert made.driver.on
-        released = made.task.force_release("M. Weber", "its battery is flat")
+        released = made.task.force_release("M. Weber", "its battery is flat", at_once=True)
         assert isinstance(released, ForceReleased)
         assert (released.by, released.reason, released.holder) == ("M. Weber", "its battery is flat", ROBOT)
         assert not released.maybe_aboard
@@ -233,13 +233,13 @@ def test_a_person_ends_a_session_and_everything_is_let_go() -> None:
 def test_a_car_that_may_hold_a_robot_stays_refused_after_a_person_ended_its_session() -> None:
     async def check(made: Bench) -> None:
         await made.called_to("L1")
-        released = made.task.force_release("M. Weber", "it is stuck")
+        released = made.task.force_release("M. Weber", "it is stuck", at_once=True)
         assert isinstance(released, ForceReleased)
         assert released.maybe_aboard
         assert "others are refused until api:fleet/robot1 asks again or a person has looked" in released.text("lift")
         assert "`lift-manager ack lift --by NAME`" in released.text("lift")
         assert made.refuse("L3", holder=OTHER).code is Refusal.OCCUPANCY_UNKNOWN
-        again = made.task.force_release("M. Weber", "it is stuck")
+        again = made.task.force_release("M. Weber", "it is stuck", at_once=True)
         assert isinstance(again, Refused)
         assert again.code is Refusal.NOT_HELD
         assert "`lift-manager ack lift --by NAME`" in again.message

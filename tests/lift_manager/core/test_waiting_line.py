@@ -160,7 +160,7 @@ def test_a_holder_whose_robot_may_be_in_the_car_is_never_kept_out_by_the_line() 
         session = made.opened()
         await made.done(session, Do.GO_TO, "L2")
         await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
-        made.task.force_release("M. Weber", "it blocks the lift")
+        made.task.force_release("M. Weber", "it blocks the lift", at_once=True)
         made.task.line.join(RIDE, 0.0)
         assert made.open_refused(RIDE).code is Refusal.OCCUPANCY_UNKNOWN
         again = made.opened(ROBOT)

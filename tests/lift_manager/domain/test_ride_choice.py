@@ -31,6 +31,7 @@ def described(lift: str = "A", floors: tuple[str, ...] = FLOORS, **more: object)
         lease_s=300.0,
         max_session_s=3600.0,
         max_session_hold_s=900.0,
+        clear_s=10.0,
         robot_hours="",
     )
     return replace(made, **more)  # type: ignore[arg-type]  # fields of LiftDescription

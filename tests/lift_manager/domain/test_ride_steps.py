@@ -354,7 +354,7 @@ def test_a_robot_that_is_not_heard_to_leave_is_given_up_with_an_alarm_and_its_ca
     warn, close = after.actions
     assert isinstance(warn, Warn)
     assert warn.text.startswith("ride_given_up: a robot of ride:fleet/amr-7 is in the car of A")
-    assert close == Close(left=False)
+    assert close == Close(left=False, clears=True)
     assert (after.record.phase, after.record.maybe_aboard) == (Phase.GAVE_UP, True)
     assert after.record.advice is Advice.CLEAR_DOORWAY
 

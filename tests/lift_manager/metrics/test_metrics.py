@@ -109,6 +109,7 @@ def test_a_lift_is_told_as_it_is_published() -> None:
             "lift_held": 1,
             "lift_fire_latched": 1,
             "lift_locked_out": 1,
+            "lift_draining": 0,
             "lift_maybe_occupied": 1,
             "lift_reading_age_seconds": 4.5,
             "lift_waiting": 3,

@@ -17,7 +17,16 @@ from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAw
 from lift_manager.domain.events import Event, Occurrence
 from lift_manager.domain.keys import Keys
 from lift_manager.domain.rmf import RmfRules
-from lift_manager.domain.service import Acknowledged, Cause, ForceReleased, Lockout, LockoutEnded, Remembered
+from lift_manager.domain.service import (
+    Acknowledged,
+    Cause,
+    Drain,
+    DrainEnded,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+    Remembered,
+)
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.web.accepting import HANDSHAKE_WITHIN_S
 from lift_manager.web.app import make_app
@@ -81,16 +90,24 @@ class FakeManager(FakeSessions, FakeRides):
         self.said.append(("acknowledge", lift, by))
         return self._unknown(lift) or self.refused or Acknowledged(by, AT, (Cause.FIRE, Cause.OCCUPIED))
 
-    def lock_out(self, lift: str, by: str, reason: str) -> Lockout | Refused:
-        self.said.append(("lock_out", lift, by, reason))
+    def lock_out(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> Lockout | Refused:
+        self.said.append(("lock_out", lift, by, reason, *(["now"] if at_once else [])))
         return self._unknown(lift) or self.refused or Lockout(by, reason, AT)
 
     def end_lockout(self, lift: str, by: str) -> LockoutEnded | Refused:
         self.said.append(("end_lockout", lift, by))
         return self._unknown(lift) or self.refused or LockoutEnded(by, AT, Lockout("A. Beck", "new ropes", AT))
 
-    def force_release(self, lift: str, by: str, reason: str) -> ForceReleased | Refused:
-        self.said.append(("force_release", lift, by, reason))
+    def begin_drain(self, lift: str, by: str, reason: str) -> Drain | Refused:
+        self.said.append(("begin_drain", lift, by, reason))
+        return self._unknown(lift) or self.refused or Drain(by, reason, AT)
+
+    def end_drain(self, lift: str, by: str) -> DrainEnded | Refused:
+        self.said.append(("end_drain", lift, by))
+        return self._unknown(lift) or self.refused or DrainEnded(by, AT, Drain("A. Beck", "new ropes", AT))
+
+    def force_release(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> ForceReleased | Refused:
+        self.said.append(("force_release", lift, by, reason, *(["now"] if at_once else [])))
         released = ForceReleased(by, AT, reason, Holder("workshop", "robot-1"), maybe_aboard=True)
         return self._unknown(lift) or self.refused or released
 

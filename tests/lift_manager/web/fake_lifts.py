@@ -83,5 +83,6 @@ def described(state: LiftState, able: Capabilities) -> LiftDescription:
         lease_s=300.0,
         max_session_s=1800.0,
         max_session_hold_s=900.0,
+        clear_s=10.0,
         robot_hours="",
     )

@@ -51,6 +51,7 @@ BODY = {
 KEYS_OF = {
     "lift_request": ("floor", "door_state"),
     "lockout": ("by", "reason"),
+    "drain": ("by", "reason"),
     "force-release": ("by", "reason"),
     "acknowledge": ("by",),
     "end": ("by",),

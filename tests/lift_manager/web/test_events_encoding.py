@@ -12,6 +12,8 @@ from lift_manager.domain.events import (
     Advised,
     Alarm,
     CommandEnded,
+    DrainBegun,
+    DrainOver,
     Event,
     HandedOver,
     LockedOut,
@@ -25,7 +27,17 @@ from lift_manager.domain.events import (
     SessionRestored,
     StateChanged,
 )
-from lift_manager.domain.service import Acknowledged, Advice, Cause, EndReason, ForceReleased, Lockout, LockoutEnded
+from lift_manager.domain.service import (
+    Acknowledged,
+    Advice,
+    Cause,
+    Drain,
+    DrainEnded,
+    EndReason,
+    ForceReleased,
+    Lockout,
+    LockoutEnded,
+)
 from lift_manager.domain.session_requests import Do, Followed, Status
 from lift_manager.domain.state import Holder
 from lift_manager.web.events import sse
@@ -49,6 +61,7 @@ FOLLOWED = Followed(
 )
 OUTCOME = Outcome(Command(CommandKind.GO_TO, "L2"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
 LOCKOUT = Lockout("A. Beck", "new ropes", AT)
+DRAIN = Drain("A. Beck", "new ropes", AT)
 CASES: tuple[tuple[Event, str, dict[str, object]], ...] = (
     (StateChanged("lift", IDLE), "state", {}),
     (SessionOpened("lift", ROBOT, "L2"), "session", {"what": "opened", "holder": "api:amr-7", "to": "L2"}),
@@ -66,6 +79,8 @@ CASES: tuple[tuple[Event, str, dict[str, object]], ...] = (
     (Advised("lift", ROBOT, Advice.CLEAR_DOORWAY, "fire"), "advice", {"advice": "clear_doorway", "text": "fire"}),
     (LockedOut("lift", LOCKOUT), "person", {"what": "locked_out", "by": "A. Beck", "text": "new ropes"}),
     (LockoutOver("lift", LockoutEnded("C. Li", AT, LOCKOUT)), "person", {"what": "lockout_over", "by": "C. Li"}),
+    (DrainBegun("lift", DRAIN), "person", {"what": "drain_begun", "by": "A. Beck", "text": "new ropes"}),
+    (DrainOver("lift", DrainEnded("C. Li", AT, DRAIN)), "person", {"what": "drain_over", "by": "C. Li"}),
     (
         PersonAcknowledged("lift", Acknowledged("C. Li", AT, (Cause.FIRE,))),
         "person",

@@ -18,7 +18,14 @@ BASE = "http://127.0.0.1:5003/api/v1/lifts"
 BY = {"by": "M. Weber"}
 LOCKOUT = {"by": "M. Weber", "reason": "new ropes"}
 RELEASE = {"by": "M. Weber", "reason": "carried away"}
-SAYINGS = [("acknowledge", BY), ("lockout", LOCKOUT), ("lockout/end", BY), ("session/force-release", RELEASE)]
+SAYINGS = [
+    ("acknowledge", BY),
+    ("lockout", LOCKOUT),
+    ("lockout/end", BY),
+    ("drain", LOCKOUT),
+    ("drain/end", BY),
+    ("session/force-release", RELEASE),
+]
 
 every_saying = pytest.mark.parametrize(("what", "body"), SAYINGS)
 
@@ -53,6 +60,23 @@ def test_an_acknowledgement_says_what_was_acknowledged() -> None:
     assert facade.said == [("acknowledge", "lift", "M. Weber")]
 
 
+def test_a_drain_and_its_end_say_who_since_when_and_why() -> None:
+    facade = FakeManager()
+    assert say(facade, "drain", json=LOCKOUT).json()["since"] == "2026-03-01T20:15:00Z"
+    ended = say(facade, "drain/end", json=BY).json()
+    assert (ended["by"], ended["drain"]["by"]) == ("M. Weber", "A. Beck")
+    assert facade.said == [("begin_drain", "lift", "M. Weber", "new ropes"), ("end_drain", "lift", "M. Weber")]
+
+
+@pytest.mark.parametrize("what", ["lockout", "session/force-release"])
+def test_now_says_that_a_held_door_does_not_wait_for_a_robot_in_the_doorway(what: str) -> None:
+    facade = FakeManager()
+    body = {"by": "M. Weber", "reason": "new ropes"}
+    say(facade, what, json=body)
+    say(facade, what, json=body | {"now": True})
+    assert [said[4:] for said in facade.said] == [(), ("now",)]
+
+
 def test_a_lockout_and_its_end_say_who_since_when_and_why() -> None:
     facade = FakeManager()
     made = say(facade, "lockout", json={"by": "  M. Weber ", "reason": "new ropes"})
@@ -76,6 +100,7 @@ def test_a_session_that_a_person_ends_says_whose_it_was_and_what_is_left_to_do()
         "at": "2026-03-01T20:15:00Z",
         "holder": "workshop:robot-1",
         "maybe_aboard": True,
+        "clear_s": 0.0,
     }
     assert "`lift-manager ack lift --by NAME`" in text
     assert facade.said == [("force_release", "lift", "M. Weber", "carried away")]
