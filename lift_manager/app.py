@@ -44,13 +44,14 @@ from lift_manager.domain.journal import Row
 from lift_manager.domain.journal_rows import manager_ended, manager_started
 from lift_manager.domain.state import Quality
 from lift_manager.metrics.metrics import Metrics
+from lift_manager.plain.version import running_version
 from lift_manager.rmf.join import joined
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
-from lift_manager.web.app import make_app, running_version
+from lift_manager.web.app import make_app
 from lift_manager.web.server import serve
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.codec import compile_map

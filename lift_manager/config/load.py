@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import ip_address
@@ -147,8 +147,13 @@ def _named_controllers(data: object) -> Iterator[tuple[KeyPath, object]]:
             yield ("lifts", name, "endpoints", endpoint, "controller"), place.get("controller")
 
 
-def check_file(path: Path) -> list[str]:
-    """Check a site file or a map; returns what there is to say about a good one. Raises MapFileError."""
+def check_file(
+    path: Path, obstacles: Callable[[LoadedSite], Iterable[Finding]] = lambda loaded: loaded.unusable
+) -> list[str]:
+    """Check a site file or a map; returns what there is to say about a good one. Raises MapFileError.
+
+    `obstacles` finds what keeps a good site file from being used.
+    """
     data = read(path, number_keys=lambda _: True).data
     if isinstance(data, dict) and data.keys() & _MAP_KEYS and "lifts" not in data:
         loaded = load(path)
@@ -157,8 +162,8 @@ def check_file(path: Path) -> list[str]:
             f"{path}: {_map_line(loaded.map)}: no mistakes",
         ]
     loaded_site = load_site(path)
-    if loaded_site.unusable:
-        raise MapFileError(loaded_site.unusable)
+    if in_the_way := tuple(obstacles(loaded_site)):
+        raise MapFileError(in_the_way)
     lines = [f"caution: {line}" for line in loaded_site.cautions()]
     lines += tls_lines(loaded_site.site, path.parent)
     for name, lift in loaded_site.site.lifts.items():

@@ -6,6 +6,8 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -264,3 +266,30 @@ def test_a_word_to_a_running_manager_imports_neither_a_web_server_nor_a_driver()
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    done = call("--version")
+    assert (done.returncode, done.stdout) == (0, f"lift-manager {version('lift-manager')}\n")
+
+
+@pytest.mark.parametrize(
+    "written", ["127.0.0.1:{port}", "http://127.0.0.1:{port}", " localhost:{port}", "http://127.0.0.1:{port}/"]
+)
+def test_a_manager_is_found_by_host_and_port_or_by_a_url(written: str) -> None:
+    with closing(socket.socket()) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        port = nobody.getsockname()[1]
+        done = call("lifts", "--manager", written.format(port=port))
+    assert done.returncode == 1
+    assert (
+        f"no manager answers at http://{'localhost' if 'localhost' in written else '127.0.0.1'}:{port} (" in done.stderr
+    )
+
+
+@pytest.mark.parametrize("written", ["ftp://lifts.example", "host:port", "http://user@host:1", "lifts.example:99999"])
+def test_what_is_no_address_of_a_manager_is_refused_in_words(written: str) -> None:
+    done = call("lifts", "--manager", written)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "--manager" in done.stderr
