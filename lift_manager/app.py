@@ -223,7 +223,7 @@ async def run(
                 # before a door is let go: no robot may begin to drive in
                 adapter.hush()
             released = await _let_go(building.manager)
-            manager.note(manager_ended(released=released))
+            manager.note(manager_ended(released=released, commands=bool(_commanded(manager))))
             serving.cancel()
             await _write_down(building.manager)
             for task in running:
@@ -338,8 +338,11 @@ def _web(building: Building, keys: KeyFile | None) -> FastAPI:
 
 
 async def _let_go(manager: LiftManager) -> bool:
-    _log.info("stopping: letting go of everything")
-    states = [manager.state(name) for name in manager.lift_names()]
+    commanded = _commanded(manager)
+    _log.info(
+        "stopping: %s", "letting go of everything" if commanded else "nothing is held, every lift is only watched"
+    )
+    states = [manager.state(name) for name in commanded]
     try:
         async with asyncio.timeout(RELEASE_WITHIN_S):
             await manager.stop()
@@ -352,6 +355,12 @@ async def _let_go(manager: LiftManager) -> bool:
     if len(unseen) < len(states):
         _log.info("everything we held%s is let go and verified", " on the other lifts" if unseen else "")
     return True
+
+
+def _commanded(manager: LiftManager) -> list[str]:
+    """Name the lifts that may be commanded: of the others nothing is ever held."""
+    described = (manager.describe(name) for name in manager.lift_names())
+    return [about.lift for about in described if about is not None and about.control]
 
 
 async def _write_down(manager: LiftManager) -> None:

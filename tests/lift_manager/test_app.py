@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -114,6 +115,26 @@ def test_a_bug_in_one_part_ends_the_manager_only_after_everything_is_let_go(capl
     with caplog.at_level(logging.INFO), pytest.raises(ExceptionGroup, match="because of a bug"):
         asyncio.run(main())
     assert "everything we held is let go and verified" in caplog.text
+
+
+def test_a_manager_that_only_watches_says_at_its_end_that_it_held_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        plc = controller()
+        await plc.start()
+        site = site_of(plc.port)
+        watched = site.site.lifts["lift"].model_copy(update={"access": "monitor"})
+        only = replace(site, site=site.site.model_copy(update={"lifts": {"lift": watched}}))
+        sock, stop = listen("127.0.0.1", 0), asyncio.Event()
+        try:
+            async with asyncio.timeout(10):
+                assert await app.run(only, sock, stop=stop, ready=stop.set)
+        finally:
+            await plc.stop()
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(main())
+    assert "stopping: nothing is held, every lift is only watched" in caplog.text
+    assert "let go" not in caplog.text
 
 
 class WatchedMemory(ShortMemory):
