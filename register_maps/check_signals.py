@@ -110,8 +110,7 @@ def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Sa
         yield ("positions",), "belongs to car_position; remove it"
         return
     if not source.derived:
-        message = "the map has a car_floor of its own, and nothing would read this; remove one of the two"
-        yield ("positions",), message
+        yield ("positions",), "the map has a car_floor of its own, and nothing would read this; remove one of the two"
     if len(positions) < 2:
         yield ("positions",), "a lift has at least two floors; give the position of each"
     for code, position in positions.items():

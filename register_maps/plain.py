@@ -134,6 +134,8 @@ def _example(schema: JsonSchema, node: JsonSchema, *, depth: int) -> str:
             case "string":
                 word = re.search(r"such as ([^\s,]+)", str(node.get("description", part.get("description", ""))))
                 return "..." if word is None else f'"{word[1]}"' if ":" in word[1] else word[1]
+            case _:
+                pass
     return "..."
 
 

@@ -337,7 +337,7 @@ def to_bcd(value: int, width: int) -> int:
 def highest_bcd(width: int) -> int:
     """Return the highest number that so many bits hold in BCD."""
     digits, bits = divmod(width, 4)
-    return min(9, (1 << bits) - 1) * 10**digits + 10**digits - 1
+    return int(f"{min(9, (1 << bits) - 1)}{'9' * digits}")
 
 
 def swap_bytes(raw: int) -> int:
