@@ -42,6 +42,7 @@ from lift_manager.domain.journal import Row
 from lift_manager.domain.journal_rows import manager_ended, manager_started
 from lift_manager.domain.state import Quality
 from lift_manager.metrics.metrics import Metrics
+from lift_manager.plain.version import running_version
 from lift_manager.rmf.join import joined
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
@@ -49,7 +50,7 @@ from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
 from lift_manager.web.accepting import connections_limit
-from lift_manager.web.app import make_app, running_version
+from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.server import serve
 from lift_manager.web.tls import ServerCertificates, ServerTls
@@ -228,7 +229,7 @@ async def run(
                 # before a door is let go: no robot may begin to drive in
                 adapter.hush()
             released = await _let_go(building.manager)
-            manager.note(manager_ended(released=released))
+            manager.note(manager_ended(released=released, commands=bool(_commanded(manager))))
             serving.cancel()
             await _write_down(building.manager, polling)
             for task in running:
@@ -347,10 +348,11 @@ async def _serve(
 
 
 async def _let_go(manager: LiftManager) -> bool:
+    commanded = _commanded(manager)
     waited = await manager.clear_doors()
-    _log.info("stopping: letting go of everything")
+    _log.info("stopping: %s", "releasing everything" if commanded else "nothing is held, every lift is only watched")
     within_s = RELEASE_AFTER_CLEARING_S if waited else RELEASE_WITHIN_S
-    states = [manager.state(name) for name in manager.lift_names()]
+    states = [manager.state(name) for name in commanded]
     try:
         async with asyncio.timeout(within_s):
             await manager.stop()
@@ -363,6 +365,12 @@ async def _let_go(manager: LiftManager) -> bool:
     if len(unseen) < len(states):
         _log.info("everything we held%s is let go and verified", " on the other lifts" if unseen else "")
     return True
+
+
+def _commanded(manager: LiftManager) -> list[str]:
+    """Name the lifts that may be commanded: of the others nothing is ever held."""
+    described = (manager.describe(name) for name in manager.lift_names())
+    return [about.lift for about in described if about is not None and about.control]
 
 
 async def _write_down(manager: LiftManager, polling: asyncio.Task[None]) -> None:

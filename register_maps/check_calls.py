@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from register_maps.errors import Problem
-from register_maps.schema import CALLS, SIGNALS, Kind, RegisterMap, Signal
+from register_maps.schema import CALLS, SIGNALS, Command, Kind, RegisterMap, Signal
+from register_maps.signal_codec import from_bcd, listed_codes
 from register_maps.words import BIT_TABLES, Side
 
 _LISTS = {"one_of": Kind.FLOOR, "each_of": Kind.FLOORS, "open_limits": Kind.DOOR}
@@ -92,39 +93,66 @@ def _floors(source: RegisterMap) -> Iterator[Problem]:
     for name, command in source.commands.items():
         if command.one_of is None:
             continue
-        path = ("commands", name, "one_of")
-        if (message := _too_many(codes, len(command.one_of), "outputs")) is not None:
+        path = ("commands", name, "one_of" if command.codes is None else "codes")
+        if (message := _never_shown(codes, command.floor_codes, "outputs")) is not None:
             yield Problem(path, message)
-        elif 0 in (*shown.unknown, *shown.none):
-            first = f"the first output, {command.one_of[0]}, calls the floor with code 0, and car_floor never says 0"
-            yield Problem(path, f"{first}; let the codes start at 0, or it is never used", warning=True)
+        else:
+            yield from _useless(path, command, shown)
     for name, signal in source.signals.items():
         key = next((key for key, kind in _LISTS.items() if getattr(signal, key) and SIGNALS.get(name) is kind), None)
-        if key is None or name == "car_floor":
-            continue
-        count = len(getattr(signal, key))
-        if (message := _too_many(codes, count, "bits")) is not None:
-            yield Problem(("signals", name, key), message)
-        elif key == "open_limits" and shown.one_of is not None and count < len(shown.one_of):
-            floors = f"has {count} limits, and car_floor shows {len(shown.one_of)} floors"
-            yield Problem(("signals", name, key), f"{floors}; list one limit for each floor, in the same order")
+        if key is not None and name != "car_floor":
+            yield from _list(("signals", name), key, signal, shown, codes)
 
 
-def _codes(source: RegisterMap, shown: Signal) -> int | None:
-    """Count the floor codes, from 0, that car_floor can say; None where a whole register bounds nothing."""
+def _list(
+    path: tuple[str, str], key: str, signal: Signal, shown: Signal, codes: Collection[int] | None
+) -> Iterator[Problem]:
+    """Yield what is wrong with one bit per floor, beside what car_floor can say."""
+    count = len(getattr(signal, key))
+    if (message := _never_shown(codes, signal.floor_codes, "bits")) is not None:
+        yield Problem((*path, key if signal.codes is None else "codes"), message)
+    elif key == "open_limits" and shown.one_of is not None and count < len(shown.one_of):
+        floors = f"has {count} limits, and car_floor shows {len(shown.one_of)} floors"
+        yield Problem((*path, key), f"{floors}; list one limit for each floor, in the same order")
+
+
+def _useless(path: tuple[str, ...], command: Command, shown: Signal) -> Iterator[Problem]:
+    """Yield outputs of floors that car_floor says nothing of, because their codes mean something else there."""
+    given = command.codes is not None
+    cure = "correct it" if given else "say how the outputs count, such as `codes: [1, 2, 3]`"
+    for code, output in zip(command.floor_codes, command.one_of or (), strict=False):
+        if code in (*shown.unknown, *shown.none):
+            message = f"{output} calls the floor with code {code}, and car_floor never says {code}; {cure}"
+            yield Problem(path, message, warning=not given)
+
+
+def _codes(source: RegisterMap, shown: Signal) -> Collection[int] | None:
+    """Return the floor codes that car_floor can say; None where a whole register bounds nothing."""
     if shown.one_of is not None:
-        return len(shown.one_of)
+        return shown.floor_codes
+    if shown.positions is not None:
+        return shown.positions
     if shown.code_of is not None:
-        return 1 << len(shown.code_of)
+        return _in_bits(shown, len(shown.code_of))
     if shown.at is None:
         return None
     place = source.place(shown.at)
     if place.table in BIT_TABLES or place.bit is not None:
-        return 2
-    return None if shown.bits is None else 1 << shown.bits[1] - shown.bits[0] + 1
+        return range(2)
+    return None if shown.bits is None else _in_bits(shown, shown.bits[1] - shown.bits[0] + 1)
 
 
-def _too_many(codes: int | None, count: int, sort: str) -> str | None:
-    if codes is None or count <= codes:
+def _in_bits(shown: Signal, width: int) -> Collection[int]:
+    if shown.code == "bcd":
+        return [code for raw in range(1 << width) if (code := from_bcd(raw)) is not None]
+    return range(1 << width)
+
+
+def _never_shown(codes: Collection[int] | None, wanted: tuple[int, ...], sort: str) -> str | None:
+    never = [] if codes is None else [code for code in wanted if code not in codes]
+    if codes is None or not never:
         return None
-    return f"has {count} {sort}, one per floor, and car_floor only says codes 0 to {codes - 1}; a floor is never shown; correct one of the two"
+    return (
+        f"has {len(wanted)} {sort}, one per floor, and car_floor only says codes {listed_codes(codes)}; a floor is never shown: "
+        f"{listed_codes(never)}; correct one of the two, or say how they count with `codes`"
+    )

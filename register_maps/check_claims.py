@@ -57,16 +57,16 @@ def signal_bits(source: RegisterMap, signal: Signal, text: str) -> list[Bit]:
 def _signals(source: RegisterMap) -> Iterator[Problem]:
     claims = Claims()
     for name, signal in source.signals.items():
-        for key, text in signal.keyed_addresses:
+        for key, text in signal.keyed_addresses if name not in source.derived else ():
             bits = signal_bits(source, signal, text)
             for other, other_key in claims.at(bits):
-                if (message := _conflict((name, key), (other, other_key), text)) is not None:
+                if (message := _conflict(source, (name, key), (other, other_key), text)) is not None:
                     yield Problem(("signals", name, *key), message)
                     break
             claims.take(bits, name, key)
 
 
-def _conflict(one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -> str | None:
+def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -> str | None:
     """Say why two signals may not share a point; None where a floor's door limit is also the switch of that floor."""
     if one[0] == other[0]:
         return f"{text} is twice in this one; give each signal a place of its own"
@@ -74,10 +74,22 @@ def _conflict(one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -
     doors = [name for name, key in by_name.items() if key[0] == "open_limits"]
     if by_name.get("car_floor", ("",))[0] != "one_of" or len(doors) != 1:
         return f"{text} is in {other[0]} already; give each signal a place of its own"
-    floor, limit = by_name["car_floor"][1], by_name[doors[0]][1]
+    floor = _code(source.signals["car_floor"], by_name["car_floor"])
+    limit = _code(source.signals[doors[0]], by_name[doors[0]])
     if floor != limit:
-        return f"{text} is floor {floor} of car_floor and floor {limit} of {doors[0]}; list both in the same order"
+        return f"{text} is floor {floor} of car_floor and floor {limit} of {doors[0]}; {_alike(source.signals['car_floor'], source.signals[doors[0]])}"
     return None
+
+
+def _code(part: Signal | Command, key: KeyPath) -> int:
+    """Return the floor code of one entry of a list with one per floor; its place where the given codes are too few."""
+    place = int(key[1])
+    return part.floor_codes[place] if place < len(part.floor_codes) else place
+
+
+def _alike(one: Signal | Command, other: Signal | Command) -> str:
+    given = one.codes is not None or other.codes is not None
+    return "give both the same `codes` for it" if given else "list both in the same order"
 
 
 def _levels(source: RegisterMap) -> Iterator[Problem]:
@@ -136,8 +148,10 @@ def _echoes(source: RegisterMap) -> Iterator[Problem]:
         for key, text in shown_at(command):
             claims.take(bits_at(source, text), name, key)
     for name, signal in source.signals.items():
+        if name in source.derived:
+            continue
         echoes = (
-            _echo(name, key, text, *owner)
+            _echo(source, name, key, text, *owner)
             for key, text in signal.keyed_addresses
             for owner in claims.at(signal_bits(source, signal, text))
         )
@@ -150,7 +164,9 @@ def shown_at(command: Command) -> tuple[tuple[KeyPath, str], ...]:
     return command.keyed_read_addresses or command.keyed_addresses
 
 
-def _echo(name: str, key: KeyPath, text: str, command: str, command_key: KeyPath) -> Problem | None:
+def _echo(
+    source: RegisterMap, name: str, key: KeyPath, text: str, command: str, command_key: KeyPath
+) -> Problem | None:
     path = ("signals", name, *key)
     if command not in CALLS or name not in LAMPS:
         lamps = f"; a lamp in a call button is {LAMPS[0]} or {LAMPS[1]}" if command in CALLS else ""
@@ -160,7 +176,10 @@ def _echo(name: str, key: KeyPath, text: str, command: str, command_key: KeyPath
         return Problem(
             path, f"{text} shows what {command} writes, and not what the lift does; {cure}", warning=only_one
         )
-    if len(key) == len(command_key) == 2 and key[1] != command_key[1]:
-        message = f"{text} is floor {key[1]} here and floor {command_key[1]} of {command}; list both in the same order"
-        return Problem(path, message)
+    if len(key) == len(command_key) == 2:
+        lamp, button = source.signals[name], source.commands[command]
+        lit, called = _code(lamp, key), _code(button, command_key)
+        if lit != called:
+            message = f"{text} is floor {lit} here and floor {called} of {command}; {_alike(lamp, button)}"
+            return Problem(path, message)
     return None

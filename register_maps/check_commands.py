@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 from register_maps.address import Place
 from register_maps.check_confirm import known
+from register_maps.check_signals import check_codes
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, Command, RegisterMap
@@ -14,11 +15,11 @@ from register_maps.words import BIT_TABLES, WRITABLE_TABLES, Table
 Said = Iterator[tuple[tuple[str | int, ...], str]]
 
 _OF_A_HOLD = ("until", "max_hold_s", "refresh_s", "on_link_loss", "bounded_by", "repeat_pulse_s")
-_OF_A_HEARTBEAT = frozenset({"at", "action", "every_s", "type", "rest", "shared_word", "note"})
+_OF_A_HEARTBEAT = frozenset({"at", "action", "every_s", "type", "byte_order", "rest", "shared_word", "note"})
 _REFUSED_ANYWAY = frozenset({"one_of", "as_", "until", "read_at", "read_one_of"})
 """Keys that other rules refuse a heartbeat."""
 
-_ALIASES = {"on": "press"}
+_ALIASES = {"on": "press", "as_": "as"}
 _KEPT_ON = ("robot_mode", "hold_door.")
 
 
@@ -42,20 +43,44 @@ def is_bit(place: Place) -> bool:
 
 def _floors(_: RegisterMap, name: str, command: Command) -> Said:
     if name not in CALLS:
-        for key, given in (("as", command.as_), ("one_of", command.one_of)):
-            if given is not None:
-                yield (key,), f"belongs to a call ({', '.join(CALLS)}), and {name} has no floor; remove it"
-        if "arrive_within_s" in command.model_fields_set and not command.is_heartbeat:
-            yield ("arrive_within_s",), f"belongs to a call, and {name} goes nowhere; remove it"
+        yield from _of_no_call(name, command)
         return
     if command.one_of is None and command.as_ is None:
         yield (), f"{name} carries a floor: say `as: floor` for a number, or `one_of` for one output per floor"
-    if command.one_of is not None and command.as_ is not None:
+    if command.codes is not None and command.one_of is None:
+        yield ("codes",), "belongs to `one_of`, with one output per floor; a number is the floor code itself"
+    if command.one_of is not None:
+        yield from _outputs(command)
+
+
+def _of_no_call(name: str, command: Command) -> Said:
+    for key in ("as_", "one_of"):
+        if getattr(command, key) is not None:
+            yield (
+                (_ALIASES.get(key, key),),
+                f"belongs to a call ({', '.join(CALLS)}), and {name} has no floor; remove it",
+            )
+    if command.is_heartbeat:
+        return
+    for key in ("codes", "code"):
+        if key in command.model_fields_set:
+            yield (key,), f"belongs to a call ({', '.join(CALLS)}), and {name} has no floor; remove it"
+    if "arrive_within_s" in command.model_fields_set:
+        yield ("arrive_within_s",), f"belongs to a call, and {name} goes nowhere; remove it"
+
+
+def _outputs(command: Command) -> Said:
+    """One output per floor."""
+    yield from check_codes(command.codes, command.one_of, "outputs")
+    if command.as_ is not None:
         yield ("as",), "`one_of` is one output per floor already; remove `as`"
-    if command.one_of is not None and command.rest != 0:
+    if command.rest != 0:
         yield ("rest",), "outputs of `one_of` rest at 0; remove `rest`"
-    if command.one_of is not None and "on" in command.model_fields_set:
+    if "on" in command.model_fields_set:
         yield ("press",), "outputs of `one_of` are pressed with 1; remove `press`"
+    for key in ("code", "byte_order"):
+        if key in command.model_fields_set:
+            yield (key,), "is for a number in a register, and `one_of` has one bit per floor; remove it"
 
 
 def _point(source: RegisterMap, __: str, command: Command) -> Said:
@@ -66,11 +91,8 @@ def _point(source: RegisterMap, __: str, command: Command) -> Said:
     if command.at is None:
         return
     place = source.place(command.at)
-    if is_bit(place) and command.as_ is not None:
-        what = "a coil" if place.table is Table.COIL else "a bit"
-        yield ("at",), f"{what} cannot carry a floor number; give a holding register, or `one_of`"
-    if place.bit is not None and command.type == "int16":
-        yield ("type",), "int16 needs a whole register, and this is 1 bit; use uint16"
+    if is_bit(place):
+        yield from _bit(place, command)
     low, high = (0, 1) if is_bit(place) else (0, 0xFFFF) if command.type == "uint16" else (-0x8000, 0x7FFF)
     sort = "a coil" if place.table is Table.COIL else "a bit" if is_bit(place) else command.type
     for name, value in (("press", command.on), ("rest", command.rest)):
@@ -78,6 +100,18 @@ def _point(source: RegisterMap, __: str, command: Command) -> Said:
             yield (name,), f"{value} does not fit: {sort} holds {low} to {high}"
     if command.as_ is not None and "on" in command.model_fields_set:
         yield ("press",), "a call writes its floor, not a fixed value; remove `press`"
+    if command.code == "bcd" and command.type == "int16":
+        yield ("code",), "BCD has no sign; use `type: uint16`"
+
+
+def _bit(place: Place, command: Command) -> Said:
+    if command.as_ is not None:
+        what = "a coil" if place.table is Table.COIL else "a bit"
+        yield ("at",), f"{what} cannot carry a floor number; give a holding register, or `one_of`"
+    if place.bit is not None and command.type == "int16":
+        yield ("type",), "int16 needs a whole register, and this is 1 bit; use uint16"
+    if command.byte_order == "low_first":
+        yield ("byte_order",), "is for a whole register, and this is 1 bit; remove it"
 
 
 def _read_back(source: RegisterMap, _: str, command: Command) -> Said:

@@ -43,7 +43,8 @@ def _at_floor(source: RegisterMap) -> Iterator[Problem]:
     if evidence.kind == "door_open" and not any(known(source, f"door.{side}") for side in Side):
         yield Problem(path, "the map has no door to show that the car stands; declare `door.front`")
     floor = source.signals.get("car_floor")
-    shows_the_last = floor is not None and (floor.at or floor.code_of) and not (*floor.unknown, *floor.none)
+    by_number = floor is not None and (floor.at or floor.code_of) and floor.positions is None
+    shows_the_last = floor is not None and by_number and not (*floor.unknown, *floor.none)
     if evidence.kind == "position_stable" and shows_the_last and "motion" not in source.signals:
         message = (
             "a floor number that shows the floor last passed stays the same between floors, so it proves nothing; say "
@@ -53,7 +54,7 @@ def _at_floor(source: RegisterMap) -> Iterator[Problem]:
     if evidence.kind == "door_limit" and not _limits_tell_the_floor(source):
         message = (
             "door_limit means that the open limit of each floor is also its floor switch: give a door `open_limits` and "
-            "car_floor `one_of` with the same addresses in the same order, or use {kind: position_stable, for_s: 1.0}"
+            "car_floor `one_of` with the same addresses and codes in the same order, or use {kind: position_stable, for_s: 1.0}"
         )
         yield Problem(path, message)
 
@@ -70,7 +71,8 @@ def _same_bits(source: RegisterMap, floor: Signal, door: Signal) -> bool:
     if floor.one_of is None or door.open_limits is None or len(floor.one_of) != len(door.open_limits):
         return False
     pairs = zip(map(source.place, floor.one_of), map(source.place, door.open_limits), strict=True)
-    return all((a.space, a.number, a.bit) == (b.space, b.number, b.bit) for a, b in pairs)
+    same_codes = floor.floor_codes == door.floor_codes
+    return same_codes and all((a.space, a.number, a.bit) == (b.space, b.number, b.bit) for a, b in pairs)
 
 
 def _fire(source: RegisterMap) -> Iterator[Problem]:

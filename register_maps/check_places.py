@@ -17,7 +17,7 @@ KeyPath = tuple[str | int, ...]
 def addresses(source: RegisterMap) -> Iterator[tuple[KeyPath, str]]:
     """Every address of a map with its key: of signals, commands (written and read back) and write blocks."""
     for name, signal in source.signals.items():
-        for key, text in signal.keyed_addresses:
+        for key, text in signal.keyed_addresses if name not in source.derived else ():
             yield ("signals", name, *key), text
     for name, command in source.commands.items():
         for key, text in (*command.keyed_addresses, *command.keyed_read_addresses):

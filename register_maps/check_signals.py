@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import SIGNALS, WORDS, Kind, RegisterMap, Signal
+from register_maps.signal_codec import highest_bcd
 from register_maps.signal_schema import PLACE_KEYS
 from register_maps.words import BIT_TABLES
 
@@ -29,6 +31,10 @@ _BELONGS: dict[str, tuple[str, ...]] = {
     "bits": ("at",),
     "must_change_within_s": ("at",),
     "word_order": ("at",),
+    "byte_order": ("at",),
+    "positions": ("at",),
+    "tolerance": ("at",),
+    "codes": ("one_of", "each_of", "open_limits"),
     "means_yes": ("at",),
     "unknown": ("at", "code_of"),
     "none": ("at", "code_of"),
@@ -40,6 +46,8 @@ _BELONGS: dict[str, tuple[str, ...]] = {
 def check_signals(source: RegisterMap) -> Iterator[Problem]:
     """Yield the problems of every signal by itself."""
     for name, signal in source.signals.items():
+        if name in source.derived:
+            continue
         path = ("signals", name)
         kind = SIGNALS.get(name)
         if kind is None:
@@ -59,6 +67,10 @@ def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Said:
     yield from _level(kind, signal, width)
     yield from _units(name, kind, signal)
     yield from _counting(kind, signal)
+    yield from check_codes(signal.codes, signal.one_of or signal.each_of or signal.open_limits, "bits")
+    yield from _byte_order(signal, width)
+    if signal.positions is not None:
+        yield from _positions(source, name, signal, width)
     if signal.known_while is not None:
         if name != "car_floor":
             yield ("known_while",), "belongs to car_floor; remove it"
@@ -70,6 +82,45 @@ def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Said:
     if signal.at is not None or signal.code_of is not None:
         yield from _reserved(kind, signal)
         yield from _codes(signal, width)
+
+
+def check_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None, sort: str) -> Said:
+    """Yield what is wrong with the floor codes of a list with one bit or output per floor."""
+    if codes is None or entries is None:
+        return
+    if len(codes) != len(entries):
+        yield (
+            ("codes",),
+            f"has {len(codes)} entries for {len(entries)} {sort}; give the floor code of each, in their order",
+        )
+    for index, code in enumerate(codes):
+        if code in codes[:index]:
+            yield ("codes", index), f"code {code} is given twice; every floor has a code of its own"
+
+
+def _byte_order(signal: Signal, width: int) -> Said:
+    if signal.byte_order == "low_first" and signal.at is not None and (width < 16 or signal.bits is not None):
+        message = "is for whole registers; name the bits as they are on the wire, and remove it"
+        yield ("byte_order",), message
+
+
+def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Said:
+    positions, tolerance = signal.positions or {}, signal.tolerance or 0
+    if name != "car_position":
+        yield ("positions",), "belongs to car_position; remove it"
+        return
+    if not source.derived:
+        yield ("positions",), "the map has a car_floor of its own, and nothing would read this; remove one of the two"
+    if len(positions) < 2:
+        yield ("positions",), "a lift has at least two floors; give the position of each"
+    for code, position in positions.items():
+        if (message := _misfit(signal, position, width)) is not None:
+            yield ("positions", code), message.replace("code", "position", 1)
+    ordered = sorted(positions.items(), key=lambda item: item[1])
+    for (low, low_at), (high, high_at) in itertools.pairwise(ordered):
+        if high_at - low_at <= 2 * tolerance + 1:
+            message = f"with a tolerance of {tolerance} the car would be at floors {low} and {high} at once; give a smaller one"
+            yield ("tolerance",), message
 
 
 def _width(source: RegisterMap, signal: Signal) -> int:
@@ -152,7 +203,12 @@ def _level(kind: Kind, signal: Signal, width: int) -> Said:
     if signal.active == "low" and signal.at is not None and not inverted:
         message = "`active: low` is for a flag, a door's single bit or limits, and the bits of a position code; change the `values`"
         yield ("active",), message
-    if "code" in signal.model_fields_set and _way(signal) in _BELONGS["code"] and not coded:
+    if signal.code == "bcd":
+        unsigned = signal.type in ("uint16", "uint32") and width > 1
+        if _way(signal) in _BELONGS["code"] and not (unsigned and kind in (Kind.FLOOR, Kind.NUMBER)):
+            cure = "use `type: uint16`" if kind in (Kind.FLOOR, Kind.NUMBER) and width > 1 else "remove `code`"
+            yield ("code",), f"BCD is for a floor or a number in several bits, without a sign; {cure}"
+    elif "code" in signal.model_fields_set and _way(signal) in _BELONGS["code"] and not coded:
         cure = "use `type: uint16`" if kind is Kind.FLOOR and width > 1 else "remove `code`"
         yield ("code",), f"`code` is for a floor in several bits, without a sign; {cure}"
 
@@ -212,7 +268,7 @@ def _flag(kind: Kind, signal: Signal, width: int) -> Said:
 
 
 def _reserved(kind: Kind, signal: Signal) -> Said:
-    if kind is not Kind.FLOOR and kind not in WORDS and signal.unknown:
+    if kind is not Kind.FLOOR and kind not in WORDS and signal.positions is None and signal.unknown:
         yield ("unknown",), f"a {kind} has no codes; remove `unknown`"
     if kind is not Kind.FLOOR and signal.none:
         yield ("none",), "`none` is for floors; remove it" + (", or say `unknown`" if kind in WORDS else "")
@@ -239,8 +295,12 @@ def _misfit(signal: Signal, code: int, width: int) -> str | None:
     low, high = {"int16": (-0x8000, 0x7FFF), "int32": (-0x8000_0000, 0x7FFF_FFFF)}.get(
         signal.type, (0, (1 << width) - 1)
     )
+    if signal.code == "bcd":
+        high = highest_bcd(width)
     if low <= code <= high:
         return None
+    if signal.code == "bcd":
+        return f"code {code} does not fit: {_bits(width)} of BCD hold 0 to {high}"
     hint = f"; as int16 it is {code - 0x10000}" if signal.type == "int16" and high < code else ""
     hint = hint or ("; a negative code needs `type: int16`" if code < 0 and width == 16 else "")
     return f"code {code} does not fit: {_bits(width)} of {signal.type} hold {low} to {high}{hint}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from register_maps.points import Block, Image, Point
 from register_maps.schema import CALLS, Command
-from register_maps.signal_codec import Locate
+from register_maps.signal_codec import Locate, floor_entry, from_bcd, highest_bcd, swap_bytes, to_bcd
 from register_maps.words import BIT_TABLES, Table
 
 Written = tuple[Block, int, float | None]
@@ -55,34 +55,37 @@ class CommandCodec:
         """
         spec = self.spec
         if spec.one_of is not None:
-            if code is not None and not 0 <= code < len(self.points):
-                raise ValueError(
-                    f"{self.name} has {len(self.points)} floors, with codes 0 to {len(self.points) - 1}; {code} is none of them"
-                )
-            return {point: int(index == code) for index, point in enumerate(self.points)}
+            pressed = None if code is None else floor_entry(self.name, spec.floor_codes, code)
+            return {point: int(index == pressed) for index, point in enumerate(self.points)}
         point = self.points[0]
+        value = self._value(code)
+        return {point: (swap_bytes(value & 0xFFFF) if spec.byte_order == "low_first" else value) & point.mask}
+
+    def _value(self, code: int | None) -> int:
+        """Return what its one point holds, as its source counts it."""
+        spec = self.spec
         if code is None:
-            return {point: spec.rest & point.mask}
+            return spec.rest
         if spec.is_heartbeat:
-            return {point: code & point.mask}
+            return code
         if spec.payload is not None:
-            return {point: payload_counts(spec)}
-        value = spec.on if spec.as_ is None else _checked_code(self.name, code, spec)
-        return {point: value & point.mask}
+            return payload_counts(spec)
+        return spec.on if spec.as_ is None else _checked_code(self.name, code, spec)
 
     def decode(self, image: Image) -> int | None:
         """What a register image asks for: a floor code, a count, 1 for on, None for rest or nonsense."""
         spec = self.spec
         raw = [point.within(image[point.space][point.address]) for point in self.points]
         if spec.one_of is not None:
-            return raw.index(1) if raw.count(1) == 1 and sum(raw) == 1 else None
-        value = raw[0] - 0x10000 if spec.type == "int16" and raw[0] & 0x8000 else raw[0]
+            return spec.floor_codes[raw.index(1)] if raw.count(1) == 1 and sum(raw) == 1 else None
+        value = swap_bytes(raw[0]) if spec.byte_order == "low_first" else raw[0]
+        value = value - 0x10000 if spec.type == "int16" and value & 0x8000 else value
         if spec.is_heartbeat:
             return value
         if value == spec.rest:
             return None
         if spec.as_ is not None:
-            return value
+            return from_bcd(value) if spec.code == "bcd" else value
         return 1 if spec.payload is not None or value == spec.on else None
 
 
@@ -128,9 +131,11 @@ def _function(point: Point, spec: Command) -> int:
 
 
 def _checked_code(name: str, code: int, spec: Command) -> int:
-    low, high = (-32768, 32767) if spec.type == "int16" else (0, 65535)
+    low, high = (-32768, 32767) if spec.type == "int16" else (0, highest_bcd(16)) if spec.code == "bcd" else (0, 65535)
     if not low <= code <= high:
-        raise ValueError(f"{name} writes {spec.type}, {low} to {high}; floor code {code} does not fit")
-    if code == spec.rest and not spec.ends_itself:
+        counting = "BCD" if spec.code == "bcd" else spec.type
+        raise ValueError(f"{name} writes {counting}, {low} to {high}; floor code {code} does not fit")
+    value = to_bcd(code, 16) if spec.code == "bcd" else code
+    if value == spec.rest and not spec.ends_itself:
         raise ValueError(f"{name} rests at {spec.rest}, so a floor with that code would be called by letting go")
-    return code
+    return value

@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from register_maps.fields import Address, Part, Pause, Seconds, Word
-from register_maps.signal_schema import keyed
+from register_maps.fields import Address, Codes, Part, Pause, Seconds, Word
+from register_maps.signal_schema import floor_codes, keyed
 
 _Addresses = Annotated[tuple[Address, ...], Field(min_length=2)]
 
@@ -36,12 +36,18 @@ class Command(Part):
 
     at: Address | None = None
     one_of: _Addresses | None = None
-    """One output per floor, lowest code (0) first."""
+    """One output per floor."""
+    codes: Codes | None = None
+    """The floor code of each entry of `one_of`; 0, 1, 2 and so on where it is left out."""
     read_at: Address | None = None
     """Where the output is read back, if not where it is written."""
     read_one_of: _Addresses | None = None
     type: Literal["uint16", "int16"] = "uint16"
     as_: Literal["floor"] | None = Field(default=None, alias="as")
+    code: Literal["binary", "bcd"] = "binary"
+    """How the floor code is written: `bcd` has four bits for each decimal digit."""
+    byte_order: Literal["high_first", "low_first"] = "high_first"
+    """Which half of the register is its high byte; Modbus sends the high byte first."""
     action: Literal["pulse", "hold", "count", "toggle"]
     """`count` and `toggle` are for the heartbeat."""
     on: Word = Field(default=1, alias="press")
@@ -116,6 +122,11 @@ class Command(Part):
     def addresses(self) -> tuple[str, ...]:
         """Every address this command writes to."""
         return tuple(address for _, address in self.keyed_addresses)
+
+    @property
+    def floor_codes(self) -> tuple[int, ...]:
+        """The floor code of each of its outputs, where it has one output per floor."""
+        return floor_codes(self.codes, self.one_of)
 
     @property
     def is_heartbeat(self) -> bool:

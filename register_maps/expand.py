@@ -64,12 +64,21 @@ def overlay(data: Any, changes: Mapping[str, Any]) -> Any:
             merged[section] = _present(entries | change)
         else:
             merged[section] = change
-    added = changes.get("signals")
+    added = added_signals(changes)
     for section in ("needs", "not_visible"):
         entries = merged.get(section)
-        if isinstance(entries, dict) and isinstance(added, dict):
-            merged[section] = {name: why for name, why in entries.items() if added.get(name) is None}
+        if isinstance(entries, dict):
+            merged[section] = {name: why for name, why in entries.items() if name not in added}
     return merged
+
+
+def added_signals(changes: Mapping[str, Any]) -> frozenset[str]:
+    """Return the signals that a site's changes add or change: with a table of positions, `car_floor` too."""
+    signals = changes.get("signals")
+    given = {name: entry for name, entry in signals.items() if entry is not None} if isinstance(signals, dict) else {}
+    position = given.get("car_position")
+    by_position = {"car_floor"} if isinstance(position, dict) and position.get("positions") is not None else set()
+    return frozenset(given.keys() | by_position)
 
 
 def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> Filled:

@@ -24,6 +24,8 @@ ParameterName = Annotated[
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Pause = Annotated[float, Field(ge=0, le=60)]
 Word = Annotated[int, Field(strict=True, ge=-32768, le=65535)]
+Codes = Annotated[tuple[Word, ...], Field(min_length=2)]
+Position = Annotated[int, Field(strict=True, ge=-0x8000_0000, le=0xFFFF_FFFF)]
 
 
 class Part(BaseModel):

@@ -5,20 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from register_maps.check import check
-from register_maps.check_places import unreadable
+from register_maps.check_places import check_served, unreadable
 from register_maps.draft_7 import draft_7_text
 from register_maps.errors import Finding, MapFileError, Problem
 from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay, unused
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
 from register_maps.plain import closest
 from register_maps.schema import RegisterMap
-from register_maps.source import KeyPath, Source, read, try_validate
+from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
 
 MAPS = Path(__file__).parent / "maps"
 """The shipped maps; what lies here is the list of supported models."""
@@ -50,6 +50,17 @@ class Changes:
 
 AS_IT_IS = Changes()
 
+_HEAD: StandIns = {
+    ("name",): "unnamed",
+    ("title",): "untitled",
+    ("provenance",): {"trust": "template", "sources": ["none"]},
+    ("addressing",): {"base": 0},
+    ("served",): {},
+    ("link",): LEFT_OUT,
+    ("at_floor_evidence",): {"kind": "position_stable", "for_s": 1.0},
+}
+"""Stands in for parts of the head, so that everything else is checked as well."""
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedMap:
@@ -58,7 +69,7 @@ class LoadedMap:
     map: RegisterMap
     path: Path
     sha256: str
-    """Of the file's bytes and of everything the site changed: what a checkout record is about."""
+    """Of the file's bytes and of everything the site changed: the journal names the map by it."""
     warnings: tuple[Finding, ...]
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
     """What every parameter is."""
@@ -85,13 +96,16 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: Changes
     filled = fill(overlay(source.data, changes.override), changes.parameters)
     source = replace(source, data=filled.data)
     wrong += [source.finding(problem.path, problem.message) for problem in filled.problems]
-    model, findings = try_validate(source, RegisterMap, spare=("signals", "commands"))
+    tried = try_validate(source, RegisterMap, spare=("signals", "commands"), stand_ins=_stand_ins(source))
+    model, findings = tried.model, tried.findings
     if model is None:
         raise MapFileError([*wrong, *findings])
     wrong += [source.finding(("given", name), message) for name, message in _misfits(model, changes.parameters)]
     hidden = unreadable(model)
+    if hidden and ("addressing",) in tried.replaced:
+        raise MapFileError([*wrong, *findings])  # how its addresses are written is not known
     model = _without(model, hidden)
-    problems = [*hidden, *_certain(check(model), source, model)]
+    problems = [*hidden, *_certain(_own(check(model), model, tried.replaced), source, model)]
     refused = [source.finding(problem.path, problem.message) for problem in problems if not problem.warning]
     if wrong or findings or refused:
         raise MapFileError([*wrong, *findings, *refused])
@@ -172,7 +186,9 @@ def _misfits(model: RegisterMap, given: Mapping[str, ParameterValue]) -> Iterabl
 
 def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
     """Leave out what has an address that cannot be read, so that the rest can still be checked."""
-    gone = {problem.path[:2] for problem in hidden}
+    gone: set[KeyPath] = {problem.path[:2] for problem in hidden}
+    if ("signals", "car_position") in gone:
+        gone |= {("signals", name) for name in model.derived}
     return model.model_copy(
         update={
             "signals": {name: part for name, part in model.signals.items() if ("signals", name) not in gone},
@@ -182,6 +198,19 @@ def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
             ),
         }
     )
+
+
+def _stand_ins(source: Source) -> StandIns:
+    """Return what stands in for parts of the head that are missing or wrong; a map of another schema is not read at all."""
+    has_schema = isinstance(source.data, dict) and "schema" in source.data
+    return _HEAD if has_schema else {**_HEAD, ("schema",): 1}
+
+
+def _own(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPath]) -> list[Problem]:
+    """Leave out the problems that only what stands in for missing parts may have caused."""
+    caused = set(check_served(model)) if ("served",) in replaced else set()
+    gone = {str(path[0]) for path in replaced} | ({"write_blocks"} if caused else set())
+    return [problem for problem in problems if problem.path[0] not in gone and problem not in caused]
 
 
 def _fingerprint(source: Source, changes: Changes) -> str:
@@ -196,6 +225,8 @@ def _certain(problems: list[Problem], source: Source, model: RegisterMap) -> lis
     given = source.data if isinstance(source.data, dict) else {}
     left_out = {str(name) for table in ("signals", "commands") for name in given.get(table) or ()}
     left_out -= {*model.signals, *model.commands}
+    if "car_position" in left_out and "car_floor" not in model.signals:
+        left_out.add("car_floor")
     if not left_out:
         return problems
     named = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, left_out))})(?![\w.])")
@@ -207,7 +238,7 @@ def _certain(problems: list[Problem], source: Source, model: RegisterMap) -> lis
 
 
 def _is_value_table(path: KeyPath) -> bool:
-    return len(path) == 3 and path[0] == "signals" and path[2] == "values"
+    return len(path) == 3 and path[0] == "signals" and path[2] in ("values", "positions")
 
 
 def _enumerate(table: dict[str, Any], names: Mapping[str, str]) -> None:

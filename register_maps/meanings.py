@@ -12,6 +12,7 @@ SIGNAL_MEANINGS: Mapping[str, str] = {
     "motion": "what the car is doing: standing, going up, going down",
     "mode": "the service that the lift is in",
     "alive": "a number that changes as long as the program of the controller runs",
+    "car_position": "where the car is in the shaft, as a length or a count of steps",
     "load": "the load in the car",
     "fault_code": "the number of the fault, as the controller gives it",
     "identity": "a number by which the controller or its program can be recognised",

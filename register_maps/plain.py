@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 Path = tuple[str | int, ...]
 JsonSchema = Mapping[str, Any]
 
+TABLE = "a table of keys"
 _SORTS = {
     "int": "a whole number",
     "float": "a number",
@@ -21,8 +22,8 @@ _SORTS = {
     "string": "text",
     "list": "a list in [ ]",
     "tuple": "a list in [ ]",
-    "dict": "a table of keys",
-    "model": "a table of keys",
+    "dict": TABLE,
+    "model": TABLE,
 }
 _BOUNDS = {
     "greater_than": ("more than", "gt"),
@@ -91,7 +92,7 @@ def _message(error: ErrorDetails, schema: JsonSchema, path: Path, written: str |
     sort = _SORTS.get(re.sub(r"_(type|parsing|parsing_size|from_float|attributes_type)$", "", kind))
     if sort is None:
         return error["msg"].replace("Input should", "must")
-    return _wrong_sort(sort, given, written)
+    return _wrong_sort(sort, given, written) + (_for_example(schema, path) if sort == TABLE else "")
 
 
 def _wrong_sort(sort: str, given: object, written: str | None) -> str:
@@ -105,6 +106,48 @@ def _wrong_sort(sort: str, given: object, written: str | None) -> str:
         read_as = {bool: "a boolean", type(None): "nothing"}.get(type(given), "a number")
         return f'must be text, and YAML reads {written} as {read_as}; quote it: "{written}"'
     return f"must be {sort}, not {'the text ' if isinstance(given, str) else ''}{written or repr(given)}"
+
+
+def _for_example(schema: JsonSchema, path: Path) -> str:
+    """Show what may stand at a path: `; for example {at: "holding:12"}`."""
+    node = next((node for node in _nodes(schema, path) if node.get("type") == "object"), {})
+    example = _example(schema, node, depth=2)
+    return f"; for example {example}" if ":" in example else ""
+
+
+def _example(schema: JsonSchema, node: JsonSchema, *, depth: int) -> str:
+    """Write one value that fits a part of a JSON Schema, with the keys that it must have, or else its first one."""
+    for part in _branches(schema, node):
+        if "const" in part or "enum" in part:
+            return str(part["const"] if "const" in part else part["enum"][0])
+        match part.get("type"):
+            case "object" if depth:
+                return _example_table(schema, part, depth=depth - 1)
+            case "object":
+                return "{...}"
+            case "array":
+                return "[...]"
+            case "integer" | "number":
+                return "1"
+            case "boolean":
+                return "true"
+            case "string":
+                word = re.search(r"such as ([^\s,]+)", str(node.get("description", part.get("description", ""))))
+                return "..." if word is None else f'"{word[1]}"' if ":" in word[1] else word[1]
+            case _:
+                pass
+    return "..."
+
+
+def _example_table(schema: JsonSchema, part: JsonSchema, *, depth: int) -> str:
+    properties = part.get("properties", {})
+    keys = part.get("required") or list(properties)[:1]
+    told = [f"{key}: {_example(schema, properties[key], depth=depth)}" for key in keys]
+    values = part.get("additionalProperties")
+    if not told and isinstance(values, dict):
+        named = _example(schema, part["propertyNames"], depth=0) if "propertyNames" in part else "..."
+        told = [f"{'name' if named == '...' else named}: {_example(schema, values, depth=depth)}"]
+    return f"{{{', '.join(told)}}}"
 
 
 def _unknown_key(word: str, allowed: list[str]) -> str:

@@ -2,14 +2,14 @@
 
 The models check each field by itself. What only makes sense across fields (overlaps, ranges a device does
 not serve, a confirmation that names no signal) is checked by `register_maps.check`. The grammar is explained, with the
-26 interface features it was designed against, in README.md of this folder.
+interface features it was designed against, in README.md of this folder.
 """
 
 from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from register_maps import address
 from register_maps.command_schema import Command, Confirm, Payload
@@ -193,6 +193,22 @@ class RegisterMap(Part):
     """How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
     not_visible: dict[Literal["fire"], str] = Field(default_factory=dict)
     """Safety signals this interface does not show, with the reason; shown on every face."""
+
+    @field_validator("signals")
+    @classmethod
+    def _floor_by_position(cls, signals: dict[str, Signal]) -> dict[str, Signal]:
+        """Take the floor from the position where nothing else shows it."""
+        position = signals.get("car_position")
+        if position is None or position.positions is None or "car_floor" in signals:
+            return signals
+        return {**signals, "car_floor": position.as_floor}
+
+    @property
+    def derived(self) -> frozenset[str]:
+        """Signals that the map does not declare, because it takes them from others: `car_floor` from `car_position`."""
+        position, floor = self.signals.get("car_position"), self.signals.get("car_floor")
+        is_derived = position is not None and position.positions is not None and floor == position.as_floor
+        return frozenset({"car_floor"} if is_derived else ())
 
     def place(self, text: str) -> address.Place:
         """Where an address of this map is. Raises ValueError for text that its notation cannot read."""

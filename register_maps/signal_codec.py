@@ -6,7 +6,8 @@ integer into a value and back.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from register_maps.points import UNLISTED, Image, Point, Unlisted, Value
@@ -29,8 +30,15 @@ class SignalCodec:
     decode: Callable[[int], Value | Unlisted]
     encode: Callable[[Value], int]
     """Raises ValueError for a value this signal cannot say."""
-    per_floor: bool = False
-    """One point per floor: a switch at each landing."""
+    floor_codes: tuple[int, ...] = ()
+    """The floor code of each point, where there is one point per floor: a switch at each landing."""
+    by_position: bool = False
+    """The floor is the one whose position the car is at; there is none between two of them."""
+
+    @property
+    def per_floor(self) -> bool:
+        """Whether it has one point per floor."""
+        return bool(self.floor_codes)
 
     @property
     def width(self) -> int:
@@ -62,14 +70,22 @@ def signal_codec(name: str, spec: Signal, locate: Locate) -> SignalCodec:
         return SignalCodec(name, kind, bits, *_limits(spec))
     if spec.up is not None:
         return SignalCodec(name, kind, bits, *_directions(spec))
-    if spec.open_limits is not None:
-        return SignalCodec(name, kind, bits, *_open_limits(len(bits), spec), per_floor=True)
-    if spec.one_of is not None:
-        return SignalCodec(name, kind, bits, *_one_of(name, len(bits), spec), per_floor=True)
-    if spec.each_of is not None:
-        return SignalCodec(name, kind, bits, *_each_of(name, len(bits), spec), per_floor=True)
+    if (codes := spec.floor_codes) and spec.open_limits is not None:
+        return SignalCodec(name, kind, bits, *_open_limits(codes, spec), floor_codes=codes)
+    if codes:
+        per_floor = _one_of if spec.one_of is not None else _each_of
+        return SignalCodec(name, kind, bits, *per_floor(name, codes, spec), floor_codes=codes)
     points = bits if spec.code_of is not None else _at(spec, locate)
-    return SignalCodec(name, kind, points, *_coding(name, kind, spec, sum(point.width for point in points)))
+    width = sum(point.width for point in points)
+    by_position = spec.positions is not None and kind is Kind.FLOOR
+    decode, encode = _by_position(name, spec, width) if by_position else _coding(name, kind, spec, width)
+    if spec.byte_order == "low_first":
+        return SignalCodec(name, kind, points, *_swapped(decode, encode), by_position=by_position)
+    return SignalCodec(name, kind, points, decode, encode, by_position=by_position)
+
+
+def _swapped(decode: Callable[[int], Value | Unlisted], encode: Callable[[Value], int]) -> Coding:
+    return (lambda raw: decode(swap_bytes(raw))), (lambda value: swap_bytes(encode(value)))
 
 
 def _at(spec: Signal, locate: Locate) -> tuple[Point, ...]:
@@ -93,12 +109,12 @@ def _limits(spec: Signal) -> Coding:
     return lambda raw: words[raw ^ flip], encode
 
 
-def _open_limits(count: int, spec: Signal) -> Coding:
+def _open_limits(codes: tuple[int, ...], spec: Signal) -> Coding:
     """Raw: one open limit per floor. One set is open, none reads as closed, several contradict each other.
 
-    A set of floor codes encodes as the limits of these floors; `open` alone, without a floor, as that of the lowest.
+    A set of floor codes encodes as the limits of these floors; `open` alone, without a floor, as that of the first.
     """
-    flip = (1 << count) - 1 if spec.active == "low" else 0
+    flip = (1 << len(codes)) - 1 if spec.active == "low" else 0
 
     def decode(raw: int) -> Value:
         raw ^= flip
@@ -108,7 +124,7 @@ def _open_limits(count: int, spec: Signal) -> Coding:
 
     def encode(value: Value) -> int:
         if isinstance(value, frozenset):
-            return sum(1 << code for code in value if 0 <= code < count) ^ flip
+            return sum(1 << place for place, code in enumerate(codes) if code in value) ^ flip
         return {Door.OPEN: 0b1, Door.FAULT: 0b11}.get(value, 0) ^ flip if isinstance(value, Door) else flip
 
     return decode, encode
@@ -130,42 +146,77 @@ def _directions(spec: Signal) -> Coding:
     return decode, encode
 
 
-def _one_of(name: str, count: int, spec: Signal) -> Coding:
+def _one_of(name: str, codes: tuple[int, ...], spec: Signal) -> Coding:
     """Raw: one bit per floor. None set is no floor known; several contradict each other."""
-    flip = (1 << count) - 1 if spec.active == "low" else 0
+    flip = (1 << len(codes)) - 1 if spec.active == "low" else 0
 
     def decode(raw: int) -> Value | Unlisted:
         raw ^= flip
         if raw == 0:
             return None
-        return raw.bit_length() - 1 if raw & raw - 1 == 0 else UNLISTED
+        return codes[raw.bit_length() - 1] if raw & raw - 1 == 0 else UNLISTED
 
     def encode(value: Value) -> int:
         if value is None:
             return flip
-        return 1 << _floor_code(name, count, value) ^ flip
+        return 1 << floor_entry(name, codes, value) ^ flip
 
     return decode, encode
 
 
-def _each_of(name: str, count: int, spec: Signal) -> Coding:
+def _each_of(name: str, codes: tuple[int, ...], spec: Signal) -> Coding:
     """Raw: one bit per floor, any number of them set."""
-    flip = (1 << count) - 1 if spec.active == "low" else 0
+    flip = (1 << len(codes)) - 1 if spec.active == "low" else 0
 
     def decode(raw: int) -> Value:
-        return frozenset(code for code in range(count) if (raw ^ flip) >> code & 1)
+        return frozenset(code for place, code in enumerate(codes) if (raw ^ flip) >> place & 1)
 
     def encode(value: Value) -> int:
-        codes = value if isinstance(value, frozenset) else frozenset()
-        return sum(1 << _floor_code(name, count, code) for code in codes) ^ flip
+        lit = value if isinstance(value, frozenset) else frozenset()
+        return sum(1 << floor_entry(name, codes, code) for code in lit) ^ flip
 
     return decode, encode
 
 
-def _floor_code(name: str, count: int, value: object) -> int:
-    if not isinstance(value, int) or not 0 <= value < count:
-        raise ValueError(f"{name} has {count} floors, with codes 0 to {count - 1}; {value} is none of them")
-    return value
+def floor_entry(name: str, codes: tuple[int, ...], value: object) -> int:
+    """Return which entry of a list with one per floor belongs to a floor code. Raises ValueError where none does."""
+    if value not in codes:
+        raise ValueError(f"{name} has {len(codes)} floors, with codes {listed_codes(codes)}; {value} is none of them")
+    return codes.index(value)
+
+
+def listed_codes(codes: Collection[int]) -> str:
+    """List codes for a reader: `0 to 3` where they follow one another, `1, 2, 4` where they do not."""
+    ordered = sorted(codes)
+    if len(ordered) > 1 and ordered[-1] - ordered[0] == len(ordered) - 1:
+        return f"{ordered[0]} to {ordered[-1]}"
+    return ", ".join(map(str, ordered))
+
+
+def _by_position(name: str, spec: Signal, width: int) -> Coding:
+    """Raw: a position. A floor is where the car is within the tolerance of its position; elsewhere there is none."""
+    positions, tolerance = spec.positions or {}, spec.tolerance or 0
+    read, write = _position(spec, width)
+
+    def decode(raw: int) -> Value | Unlisted:
+        position = read(raw)
+        if position is None or isinstance(position, Unlisted):
+            return position
+        return next((code for code, at in positions.items() if abs(_int(position) - at) <= tolerance), None)
+
+    ordered = sorted(positions.values())
+    between = ((low + high) // 2 for low, high in itertools.pairwise(ordered) if high - low > 2 * tolerance + 1)
+    nowhere = next(iter((*spec.unknown, *between)), None)
+
+    def encode(value: Value) -> int:
+        position = nowhere if value is None else positions.get(value) if isinstance(value, int) else None
+        if position is None:
+            raise ValueError(
+                f"{name} has positions for the floors with codes {listed_codes(positions)}; not for {value}"
+            )
+        return write(position)
+
+    return decode, encode
 
 
 def _coding(name: str, kind: Kind, spec: Signal, width: int) -> Coding:
@@ -176,12 +227,28 @@ def _coding(name: str, kind: Kind, spec: Signal, width: int) -> Coding:
             return _words(name, kind, spec, width)
         case Kind.FLOOR:
             return _floor(name, spec, width)
+        case Kind.NUMBER if spec.unknown:
+            return _position(spec, width)
         case Kind.NUMBER | Kind.COUNTER | Kind.FLOORS:
-            return _number(width, signed=spec.type in ("int16", "int32"))
+            return _number(spec, width)
 
 
-def _number(width: int, *, signed: bool) -> Coding:
+def _number(spec: Signal, width: int) -> Coding:
+    signed = spec.type in ("int16", "int32")
+    if spec.code == "bcd":
+        return _bcd, lambda value: to_bcd(_int(value), width)
     return (lambda raw: _signed(raw, width) if signed else raw), (lambda value: _int(value) & (1 << width) - 1)
+
+
+def _position(spec: Signal, width: int) -> Coding:
+    """Raw: a number, or one of those that mean that it is not known."""
+    read, write = _number(spec, width)
+
+    def decode(raw: int) -> Value | Unlisted:
+        position = read(raw)
+        return None if position in spec.unknown else position
+
+    return decode, lambda value: write(next(iter(spec.unknown), 0) if value is None else value)
 
 
 def _flag(spec: Signal, width: int) -> Coding:
@@ -218,19 +285,24 @@ def _floor(name: str, spec: Signal, width: int) -> Coding:
     nothing = frozenset(spec.unknown) | frozenset(spec.none)
     blank = next(iter((*spec.none, *spec.unknown)), None)
     flip = (1 << width) - 1 if spec.active == "low" else 0
-    gray = spec.code == "gray"
 
-    def decode(raw: int) -> Value:
-        raw = _from_gray(raw ^ flip) if gray else raw ^ flip
-        code = _signed(raw, width) if signed else raw
+    def decode(raw: int) -> Value | Unlisted:
+        raw ^= flip
+        code: Value | Unlisted = _signed(raw, width) if signed else raw
+        if spec.code == "gray":
+            code = _from_gray(raw)
+        elif spec.code == "bcd":
+            code = _bcd(raw)
         return None if code in nothing else code
 
     def encode(value: Value) -> int:
         code = blank if value is None else value
         if code is None:
             raise ValueError(f"{name} has no code for no floor")
+        if spec.code == "bcd":
+            return to_bcd(_int(code), width) ^ flip
         raw = _int(code) & (1 << width) - 1
-        return (raw ^ raw >> 1 if gray else raw) ^ flip
+        return (raw ^ raw >> 1 if spec.code == "gray" else raw) ^ flip
 
     return decode, encode
 
@@ -242,6 +314,35 @@ def _from_gray(raw: int) -> int:
         raw ^= shift
         shift >>= 1
     return raw
+
+
+def from_bcd(raw: int) -> int | None:
+    """Read four bits for each decimal digit; None where one of them is more than 9."""
+    digits = f"{raw:x}"
+    return int(digits) if digits.isdecimal() else None
+
+
+def _bcd(raw: int) -> int | Unlisted:
+    number = from_bcd(raw)
+    return UNLISTED if number is None else number
+
+
+def to_bcd(value: int, width: int) -> int:
+    """Write four bits for each decimal digit. Raises ValueError for a number that does not fit."""
+    if value < 0 or (raw := int(str(value), 16)) >= 1 << width:
+        raise ValueError(f"{value} does not fit: in {width} bits BCD holds 0 to {highest_bcd(width)}")
+    return raw
+
+
+def highest_bcd(width: int) -> int:
+    """Return the highest number that so many bits hold in BCD."""
+    digits, bits = divmod(width, 4)
+    return int(f"{min(9, (1 << bits) - 1)}{'9' * digits}")
+
+
+def swap_bytes(raw: int) -> int:
+    """Exchange the two bytes of each register."""
+    return (raw & 0x00FF_00FF) << 8 | raw >> 8 & 0x00FF_00FF
 
 
 def _int(value: Value) -> int:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from register_maps.fields import Address, Part, Seconds, Word
+from register_maps.fields import Address, Codes, Part, Position, Seconds, Word
 
 PLACE_KEYS: tuple[tuple[str, ...], ...] = (
     ("at",),
@@ -28,9 +28,9 @@ class Signal(Part):
 
     at: Address | None = None
     one_of: _Addresses | None = None
-    """One bit per floor, lowest code (0) first, at most one of them set; none set means no floor known."""
+    """One bit per floor, at most one of them set; none set means no floor known."""
     each_of: _Addresses | None = None
-    """One bit per floor, lowest code (0) first, any number of them set: the lamps of the call buttons."""
+    """One bit per floor, any number of them set: the lamps of the call buttons."""
     code_of: _Addresses | None = None
     """The bits of a position code, lowest first, from anywhere."""
     open_limit: Address | None = None
@@ -40,13 +40,17 @@ class Signal(Part):
     up: Address | None = None
     down: Address | None = None
     """Two bits of a motion; neither is stopped, both contradict each other."""
+    codes: Codes | None = None
+    """The floor code of each entry of `one_of`, `each_of` or `open_limits`; 0, 1, 2 and so on where it is left out."""
     type: Literal["uint16", "int16", "uint32", "int32", "counter"] = "uint16"
     word_order: Literal["high_first", "low_first"] | None = None
     """Which half of a 32-bit number has the lower address."""
+    byte_order: Literal["high_first", "low_first"] = "high_first"
+    """Which half of each register is its high byte; Modbus sends the high byte first."""
     bits: tuple[_Bit, _Bit] | None = None
     """First and last bit (0 = least significant) of a field inside a register."""
-    code: Literal["binary", "gray"] = "binary"
-    """How a position code counts (reflected binary code for `gray`)."""
+    code: Literal["binary", "gray", "bcd"] = "binary"
+    """How a number counts: `gray` is the reflected binary code, `bcd` has four bits for each decimal digit."""
     active: Literal["high", "low"] = "high"
     """Which level of a bit means yes; with a position code, of each of its bits."""
     values: dict[Annotated[int, Field(ge=-32768, le=65535)], str] | None = None
@@ -57,6 +61,10 @@ class Signal(Part):
     """Codes that mean "not known"."""
     none: tuple[Word, ...] = ()
     """Codes that mean "no floor", such as no destination."""
+    positions: dict[Annotated[int, Field(ge=-32768, le=65535)], Position] | None = None
+    """Of `car_position`: the position of each floor, by its code. Without a `car_floor` of its own, the map takes it from here."""
+    tolerance: Annotated[int, Field(ge=0, le=0x7FFF_FFFF)] | None = None
+    """How far from the position of a floor the car still counts as being there, in the counts of `car_position`."""
     known_while: Literal["stopped"] | None = None
     """Of a car floor that shows the destination under way: it counts only while `motion` says stopped."""
     must_change_within_s: Seconds | None = None
@@ -77,7 +85,19 @@ class Signal(Part):
             raise ValueError(f"{' and '.join(f'`{key}`' for key in ways[0])} belong together; {missing[0]} is missing")
         if self.bits is not None and self.bits[0] > self.bits[1]:
             raise ValueError("`bits` are written lowest first, such as [4, 5]")
+        if (self.positions is None) != (self.tolerance is None):
+            raise ValueError("`positions` and `tolerance` belong together; give both, or neither")
         return self
+
+    @property
+    def floor_codes(self) -> tuple[int, ...]:
+        """The floor code of each of its points, where it has one point per floor."""
+        return floor_codes(self.codes, self.one_of or self.each_of or self.open_limits)
+
+    @property
+    def as_floor(self) -> Signal:
+        """The floor signal that a position with a table of `positions` amounts to."""
+        return self.model_copy(update={"as_": "floor", "unit": ""})
 
     @property
     def keyed_addresses(self) -> tuple[tuple[tuple[str | int, ...], str], ...]:
@@ -93,6 +113,11 @@ class Signal(Part):
     def wide(self) -> bool:
         """Whether it is a 32-bit number, which takes the register after its address as well."""
         return self.type in ("uint32", "int32")
+
+
+def floor_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None) -> tuple[int, ...]:
+    """Return the floor code of each entry of a list with one per floor: those given, else 0, 1, 2 and so on."""
+    return tuple(range(len(entries or ()))) if codes is None else codes
 
 
 def keyed(part: Part, ways: tuple[tuple[str, ...], ...]) -> tuple[tuple[tuple[str | int, ...], str], ...]:

@@ -14,7 +14,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from types import MappingProxyType
+from typing import Any, Generic, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -23,13 +24,30 @@ from register_maps.errors import Finding, MapFileError
 from register_maps.nodes import ALIAS, TAG, Notes, compose
 from register_maps.plain import plain_words
 
-__all__ = ["Finding", "KeyPath", "MapFileError", "Source", "key_text", "read", "try_validate", "validate"]
+__all__ = [
+    "LEFT_OUT",
+    "Finding",
+    "KeyPath",
+    "MapFileError",
+    "Source",
+    "StandIns",
+    "Tried",
+    "key_text",
+    "read",
+    "try_validate",
+    "validate",
+]
 
 MAX_BYTES = 1_000_000
 """Chosen: ten times a site of a thousand lifts. What is larger is a mistake, and is not read."""
 
 KeyPath = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
+
+LEFT_OUT = object()
+"""Stands in for a value that may as well be left out."""
+StandIns = Mapping[tuple[str, ...], object]
+"""By place, in which `*` is any key: what stands in for a value that is missing or wrong, so that the rest can be checked."""
 
 _READ_AS = {
     "int": "a number",
@@ -40,6 +58,17 @@ _READ_AS = {
     "merge": "a merge",
     "value": "a default",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Tried(Generic[Model]):
+    """What came of validating a file that may have mistakes."""
+
+    model: Model | None
+    """As far as the file allows; None where it allows nothing."""
+    findings: tuple[Finding, ...]
+    replaced: frozenset[KeyPath] = frozenset()
+    """Where something else stands in for what the file has: what follows from that is not the file's fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,29 +132,31 @@ def read(path: Path, *, number_keys: Callable[[KeyPath], bool] = lambda _: False
 
 def validate(source: Source, model: type[Model]) -> Model:
     """Turn a source into a model. Raises MapFileError with every finding."""
-    result, findings = try_validate(source, model)
-    if findings or result is None:
-        raise MapFileError(findings)
-    return result
+    tried = try_validate(source, model)
+    if tried.findings or tried.model is None:
+        raise MapFileError(tried.findings)
+    return tried.model
 
 
 def try_validate(
-    source: Source, model: type[Model], *, spare: Collection[str] = ()
-) -> tuple[Model | None, tuple[Finding, ...]]:
+    source: Source, model: type[Model], *, spare: Collection[str] = (), stand_ins: StandIns = MappingProxyType({})
+) -> Tried[Model]:
     """Validate as far as possible, so that checks across fields can add their findings to these.
 
-    Unknown keys are left out, and so are wrong entries of the tables named by `spare`; where something else is wrong there
-    is no model.
+    Unknown keys are left out, and so are wrong entries of the tables named by `spare`. What is missing or wrong where
+    `stand_ins` has a place for it is replaced by that; where something else is wrong there is no model.
     """
     if message := _other_kind(source.data, model):
         return None, (source.finding((), message),)
     findings = list(source.findings)
     told = set(source.spoiled)
     data = source.data
+    replaced: dict[KeyPath, object] = {}
     for _ in range(2):
         try:
             # JSON mode is the one in which `strict` takes lists for tuples and words for enums, yet no "1" or yes for 1
-            return model.model_validate_json(json.dumps(data), strict=True), tuple(findings)
+            result = model.model_validate_json(json.dumps(data), strict=True)
+            return Tried(result, tuple(findings), frozenset(replaced))
         except ValidationError as error:
             schema = _json_schema(model)
             dropped: set[KeyPath] = set()
@@ -134,12 +165,34 @@ def try_validate(
                 if not any(path[: len(known)] == known for known in told):
                     findings.append(source.finding(path, message))
                     told.add(path)
-                spared = len(path) > 1 and path[0] in spare
-                dropped.add(path if entry["type"] == "extra_forbidden" else path[:2] if spared else ())
+                if entry["type"] == "extra_forbidden":
+                    dropped.add(path)
+                elif (stand_in := _stand_in(path, stand_ins)) is not None:
+                    replaced[stand_in[0]] = stand_in[1]
+                else:
+                    dropped.add(path[:2] if len(path) > 1 and path[0] in spare else ())
             if () in dropped:
                 break
-            data = _without(data, (), dropped)
-    return None, tuple(findings)
+            data = _without(data, (), {*dropped, *replaced})
+            for path, value in replaced.items():
+                _put(data, path, value)
+    return Tried(None, tuple(findings))
+
+
+def _stand_in(path: KeyPath, stand_ins: StandIns) -> tuple[KeyPath, object] | None:
+    """Return what stands in for a wrong value, with its place: the nearest one that holds the value."""
+    for end in range(len(path), 0, -1):
+        for place, value in stand_ins.items():
+            if len(place) == end and all(name in ("*", part) for name, part in zip(place, path, strict=False)):
+                return path[:end], value
+    return None
+
+
+def _put(data: object, path: KeyPath, value: object) -> None:
+    for part in path[:-1]:
+        data = data.get(part) if isinstance(data, dict) else None
+    if isinstance(data, dict) and value is not LEFT_OUT:
+        data[path[-1]] = value
 
 
 def _other_kind(data: object, model: type[BaseModel]) -> str:

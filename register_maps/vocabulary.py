@@ -51,6 +51,7 @@ SIGNALS: dict[str, Kind] = {
     "motion": Kind.MOTION,
     "mode": Kind.MODE,
     "alive": Kind.COUNTER,
+    "car_position": Kind.NUMBER,
     "load": Kind.NUMBER,
     "fault_code": Kind.NUMBER,
     "identity": Kind.NUMBER,

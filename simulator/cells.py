@@ -177,7 +177,7 @@ class Cells:
         for image in (self.written, self._shown):
             image[point.space][address] = 1
         self.stale = self.stale or _place(point) in self._spoken
-        self._ends[point] = now + counts * unit_s, command.spec.rest & 1
+        self._ends[point] = now + counts * unit_s, command.encode(None)[point]
         self._note_next_end()
 
     def timed_coil(self, endpoint: str, table: Table, address: int) -> tuple[Point, CommandCodec]:
@@ -271,7 +271,7 @@ class Cells:
 
     def _time(self, point: Point, command: CommandCodec, before: int, now: float) -> None:
         spec = command.spec
-        value, rest = point.within(self.written[point.space][point.address]), spec.rest & point.mask
+        value, rest = point.within(self.written[point.space][point.address]), command.encode(None)[point]
         if value == rest:
             self._ends.pop(point, None)
         elif value != before or point.whole:  # a write of neighbouring bits does not begin it anew

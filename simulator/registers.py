@@ -41,7 +41,8 @@ BEATS_PER_S = 2
 _remembered = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
 """What a picture is made of; the time since the last scan shows nowhere."""
 _sayable = attrgetter(*(field.name for field in fields(Picture) if field.name not in ("position_m", "speed_m_s")))
-"""What a map can say of a picture."""
+"""What a map can say of a picture, unless it has a car position."""
+_sayable_with_position = attrgetter(*(field.name for field in fields(Picture) if field.name != "speed_m_s"))
 
 
 class RegisterFace:
@@ -66,7 +67,8 @@ class RegisterFace:
         self._now = 0.0
         self._cells = Cells(codec)
         self._beat = asks.beat(codec, self._cells.seen)
-        self._says = Says(codec, self._codes, self.parameters.hold_watchdog_s)
+        self._says = Says(codec, self._codes, self.parameters.hold_watchdog_s, self.parameters.shaft.heights_m)
+        self._sayable = _sayable_with_position if "car_position" in codec.signals else _sayable
         self._shown: State | None = None
         """The state when the registers were last brought up to date, what of it they were made of, and what they say."""
         self._made_of: object = None
@@ -305,7 +307,7 @@ class RegisterFace:
         tale = Tale(self.picture, self._beats)
         if self._troubles.lies:
             tale = self._troubles.tale(tale)
-        said = _sayable(tale.picture), tale.beat, tale.lies
+        said = self._sayable(tale.picture), tale.beat, tale.lies
         if said != self._said or stale:
             self._said = said
             self._cells.show(lambda image: self._says.into(image, *tale))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from register_maps.codec import UNLISTED, Codec, Point, SignalCodec, Value
-from register_maps.schema import Kind
+from register_maps.schema import Kind, Signal
 from register_maps.words import Door, Mode, Motion, Side
 from simulator.state import Picture
 
@@ -36,8 +36,10 @@ NO_LIES = Lies()
 class Says:
     """The signals of one map, for a lift with these floor codes, lowest floor first."""
 
-    def __init__(self, codec: Codec, codes: Sequence[int], watchdog_s: float | None) -> None:
-        """`watchdog_s` is the time of the watchdog; None where there is none."""
+    def __init__(
+        self, codec: Codec, codes: Sequence[int], watchdog_s: float | None, heights_m: Sequence[float]
+    ) -> None:
+        """`watchdog_s` is the time of the watchdog, None where there is none; `heights_m` are those of the floors."""
         self._codec = codec
         self._codes = tuple(codes)
         self._has_handshake = "robot_in_place" in codec.commands
@@ -49,8 +51,14 @@ class Says:
         limits = {signal.points for signal in codec.signals.values() if signal.kind is Kind.DOOR and signal.per_floor}
         self._floor_is_door = floor is not None and floor.points in limits
         self._signals = [
-            (signal, [(point.space, point) for point in signal.points]) for signal in codec.signals.values()
+            (signal, [(point.space, point) for point in signal.points])
+            for name, signal in codec.signals.items()
+            if name not in codec.map.derived
         ]
+        position = codec.map.signals.get("car_position")
+        self._positions = _positions(position, self._codes, heights_m) if position is not None else ()
+        """Height of each floor in metres, and the position that is told there."""
+        self._knows_no_position = position is not None and bool(position.unknown)
         self._raw: dict[str, dict[Value, int | None]] = {name: {} for name in codec.signals}
         """What each value was found to be in raw bits; None: there are none for it."""
         self._says_unknown_floor = floor is not None and self._encoded(floor, None) is not None
@@ -60,7 +68,7 @@ class Says:
         for signal, places in self._signals:
             value = self._value(signal, picture, beat, lies)
             known = self._raw[signal.name]
-            if signal.kind is Kind.COUNTER:
+            if signal.kind is Kind.COUNTER or signal.name == "car_position":
                 raw: int | None = signal.encode(value)
             elif value in known:
                 raw = known[value]
@@ -86,7 +94,7 @@ class Says:
             case Kind.COUNTER:
                 return beat
             case Kind.NUMBER:
-                return {"watchdog_time": self._watchdog_counts, "fault_code": int(picture.fault)}.get(signal.name, 0)
+                return self._number(signal.name, picture)
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
@@ -104,6 +112,21 @@ class Says:
         elif signal.name == "car_floor" and not (picture.floor_known or signal.per_floor):
             index = None if self._says_unknown_floor else picture.last_known_floor
         return None if index is None else self._codes[index]
+
+    def _number(self, name: str, picture: Picture) -> int | None:
+        if name == "car_position":
+            return self._position(picture)
+        return {"watchdog_time": self._watchdog_counts, "fault_code": int(picture.fault)}.get(name, 0)
+
+    def _position(self, picture: Picture) -> int | None:
+        if self._knows_no_position and not picture.floor_known:
+            return None
+        if picture.level_floor is not None:
+            return round(self._positions[picture.level_floor][1])
+        below = [index for index, (height_m, _) in enumerate(self._positions) if height_m <= picture.position_m]
+        first = min(below[-1] if below else 0, len(self._positions) - 2)
+        (low_m, low), (high_m, high) = self._positions[first : first + 2]
+        return round(low + (high - low) * (picture.position_m - low_m) / (high_m - low_m))
 
     def _door(self, signal: SignalCodec, picture: Picture) -> Value:
         door = picture.doors.get(Side(signal.name.removeprefix("door.")), Door.CLOSED)
@@ -168,6 +191,16 @@ class Says:
         if value in (Motion.UP, Motion.DOWN):
             return (Motion.MOVING,)
         return (Mode.NORMAL,) if value is Mode.ROBOT else ()
+
+
+def _positions(spec: Signal, codes: Sequence[int], heights_m: Sequence[float]) -> tuple[tuple[float, float], ...]:
+    """Pair the height of each floor with its position: that of the map's table, else millimetres."""
+    table = spec.positions
+    if table is None:
+        return tuple((height_m, height_m * 1000) for height_m in heights_m)
+    if missing := [code for code in codes if code not in table]:
+        raise ValueError(f"car_position has no position for the floor with code {missing[0]}")
+    return tuple((height_m, table[code]) for height_m, code in zip(heights_m, codes, strict=True))
 
 
 def _insert(image: dict[str, list[int]], places: Sequence[tuple[str, Point]], raw: int) -> None:

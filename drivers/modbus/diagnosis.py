@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 
-from drivers.errors import ILLEGAL_ADDRESS, ControllerException, PointsRefused, UnitOffline
+from drivers.errors import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ControllerException, PointsRefused, UnitOffline
 from drivers.modbus.lines import Lines
 from drivers.model import LiftValues
 from register_maps.codec import Block, Cell, Codec, Point
 from register_maps.words import BIT_TABLES
 
 _log = logging.getLogger(__name__)
+
+
+_CURE = "compare table and address with the manual, and how it counts with `addressing` of the map"
 
 
 class Diagnosis:
@@ -28,6 +31,9 @@ class Diagnosis:
         """Name the signals that the answer to a poll is about; of what is not served, find out which of them."""
         if isinstance(error, UnitOffline):
             return error
+        if error.code == ILLEGAL_FUNCTION:
+            text = f"the controller does not answer for this table, which holds {whose(self._codec, block)}; {_CURE}"
+            return PointsRefused(error, text)
         if error.code != ILLEGAL_ADDRESS:
             return PointsRefused(error, f"this block holds {whose(self._codec, block)}")
         if block not in self._refused:
@@ -63,7 +69,9 @@ class Diagnosis:
                     raise
                 refused.append(f"{name} ({_printed(codec, name, point)})")
         if refused:
-            return f"the controller serves less than map {codec.map.name} says: it refuses {', '.join(refused)}"
+            return (
+                f"the controller serves less than map {codec.map.name} says: it refuses {', '.join(refused)}; {_CURE}"
+            )
         size = f"{block.count} {'bits' if block.table in BIT_TABLES else 'registers'}"
         return (
             f"the controller serves each signal of this block by itself, but not {size} from {block.start} in one request; "

@@ -18,11 +18,15 @@ from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
+from drivers.sparing import TOLD_EVERY_S, Changes
 from register_maps.frames import Request
 
 __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
 
 _logger = logging.getLogger(__name__)
+
+OUTAGES = 10
+"""Outages of one link that have lines of their own in the log, a minute. Chosen: as many as the changes of a lift have rows in the journal."""
 
 
 @unique
@@ -64,6 +68,10 @@ class Link:
         self._since: float | None = None
         self._quiet_since = 0.0
         self._warned = False
+        self._outages = Changes(OUTAGES)
+        self._is_logged = True
+        """Whether the last outage has a line of its own in the log."""
+        self._summary: asyncio.TimerHandle | None = None
         self._running = False
         self._up = asyncio.Event()
         self._down = asyncio.Event()
@@ -175,6 +183,7 @@ class Link:
                 pause_s = min(2 * pause_s, most_s)
         finally:
             self._running = False
+            self._log_outages()
             self._end("closed" if self._closing.is_set() else "stopped")
             self._ended.set()
 
@@ -243,11 +252,27 @@ class Link:
 
     def _fault(self, reason: str) -> None:
         """The connection ends, or was never made, and that was not our wish."""
-        if not self._warned:
-            self._quiet_since = asyncio.get_running_loop().time()
-        _logger.log(logging.DEBUG if self._warned else logging.WARNING, "%s: no connection: %s", self.name, reason)
+        is_new = not self._warned
+        if is_new:
+            self._quiet_since = now = asyncio.get_running_loop().time()
+            self._is_logged = self._outages.admits("lost", now)
+            if not self._is_logged and self._summary is None:
+                self._summary = asyncio.get_running_loop().call_later(TOLD_EVERY_S, self._log_outages)
+        level = logging.WARNING if is_new and self._is_logged else logging.DEBUG
+        _logger.log(level, "%s: no connection: %s", self.name, reason)
         self._warned = True
         self._end(reason)
+
+    def _log_outages(self) -> None:
+        """Log the outages that were only counted, and how it is now."""
+        if self._summary is not None:
+            self._summary.cancel()
+        self._summary = None
+        if (counted := self._outages.summary(asyncio.get_running_loop().time(), end=True)) is not None:
+            times, for_s = counted[0].total(), counted[1]
+            now = f"no connection: {self._reason}" if self._warned else "it answers"
+            message = "%s: lost %d more times within %.0f s; now %s"
+            _logger.warning(message, self.name, times, for_s, now)
 
     def _end(self, reason: str) -> None:
         wire, self._wire = self._wire, None
@@ -268,7 +293,8 @@ class Link:
         if self._warned:
             self._warned = False
             silent_s = asyncio.get_running_loop().time() - self._quiet_since
-            _logger.info("%s: answers again after %.1f s", self.name, silent_s)
+            level = logging.INFO if self._is_logged else logging.DEBUG
+            _logger.log(level, "%s: answers again after %.1f s", self.name, silent_s)
         elif self.epoch == 1:
             _logger.info("%s: connected", self.name)
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import getpass
 import os
 import re
+import stat
+import sys
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
@@ -63,7 +65,21 @@ def make(
             " outside, or end its session with `lift-manager release` and, once a person has looked into the car, say"
             " `lift-manager ack`"
         )
+    _keep_to_owner(sys.stdout)
     out.print(made.reveal(), markup=False, highlight=False, soft_wrap=True)
+
+
+def _keep_to_owner(stream: TextIO) -> None:
+    """Let nobody else read a file that stdout goes to: the shell makes it readable for all, and then no command takes the key in it."""
+    try:
+        number = stream.fileno()
+    except OSError:
+        return  # it is no file at all
+    try:
+        if stat.S_ISREG(os.fstat(number).st_mode):
+            os.fchmod(number, 0o600)
+    except OSError:
+        say_aside("every user of this computer may be able to read the file that the key goes to; `chmod 600` it")
 
 
 @app.command("list")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command, get_group
 
+from lift_manager.plain.version import running_version
 from register_maps.plain import closest
 
 COMMANDS = {
@@ -58,6 +59,20 @@ class Commands(TyperGroup):
 app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
 
+def _version(*, asked: bool) -> None:
+    if asked:
+        typer.echo(f"lift-manager {running_version()}")
+        raise typer.Exit
+
+
 @app.callback()
-def lift_manager() -> None:
+def lift_manager(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=lambda value: _version(asked=value), is_eager=True, help="Show the version."
+        ),
+    ] = False,
+) -> None:
     """Connect robots to real lifts over Modbus/TCP."""

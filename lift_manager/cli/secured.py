@@ -57,7 +57,7 @@ def verified(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl
 
 def advice(manager: str) -> str:
     """What may stand behind a manager that does not answer."""
-    text = "start it with `lift-manager serve SITE`, or say where it runs with --manager URL"
+    text = "start it with `lift-manager serve SITE`, or say where it runs with --manager ADDRESS"
     if manager.startswith("https:"):
         return f"{text}; a CA of your own is named with --ca FILE, and your certificate, where it asks for one, with --certificate FILE"
     return f"{text}, which begins with https:// where its site file says `tls`"

@@ -18,6 +18,7 @@ from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, s
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
+from lift_manager.cli.servable import lets_in_without_keys, obstacles
 from lift_manager.config.load import LoadedSite
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.rmf.dds import DdsError
@@ -29,7 +30,6 @@ from lift_manager.store.place import journal_path
 from lift_manager.store.state_file import StateFile, opened
 from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
-from lift_manager.web.origin import is_loopback
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
@@ -67,6 +67,8 @@ def serve(
     loaded = loaded_site(site)
     if loaded.unusable:
         raise refused(MapFileError(loaded.unusable))
+    for obstacle in obstacles(loaded):
+        raise fail(obstacle.message)
     for line in loaded.cautions():
         _log.warning("%s", line)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
@@ -99,21 +101,13 @@ def _journal(loaded: LoadedSite, place: Path) -> SqliteJournal:
 
 
 def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
-    """Read the keys of a site, or say why it is not served without them and exit with 1."""
+    """Read the keys of a site, or say why they cannot be used and exit with 1."""
     site, host = loaded.site, sock.getsockname()[0]
-    open_without = is_loopback(host) or site.api.without_keys is not None
     path = keys_path(place)
     try:
-        keys = KeyFile(path, site.name, open_without=open_without)
+        keys = KeyFile(path, site.name, open_without=lets_in_without_keys(site.api, host))
     except StoreError as error:
         raise fail(str(error)) from error
-    if not keys.names and not open_without:
-        text = (
-            f"others can reach {host}, and there is no key to tell them by: make one with `lift-manager keys make {loaded.path}"
-            " --name NAME --role ROLE`, or listen on 127.0.0.1, or say in the site file why it is acceptable without,"
-            " with `api: {without_keys: ...}`"
-        )
-        raise fail(text)
     live = f"every request needs one of {len(keys.names)} key(s)" if keys.names else "no request needs a key"
     _log.info("keys: %s; they are kept in %s", live, path)
     return keys

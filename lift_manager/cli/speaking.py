@@ -15,12 +15,27 @@ from lift_manager.cli.key_file import KEY_VARIABLE, KeyFile, key_of
 from lift_manager.cli.secured import advice, verified
 from lift_manager.client.client import MANAGER, LiftManagerClient
 from lift_manager.client.errors import ClientError, NotAManager, Refused, Unreachable
+from lift_manager.plain.http import Address, BadAddress
 
 Answer = TypeVar("Answer")
 
+
+def _url(text: str) -> str:
+    """Read the address of a manager: a URL, `host:port`, or a host alone."""
+    try:
+        return str(Address.of(text))
+    except BadAddress as error:
+        raise typer.BadParameter(str(error)) from None
+
+
 Manager = Annotated[
     str,
-    typer.Option("--manager", metavar="URL", help="Where the manager runs; without a key, its own computer only."),
+    typer.Option(
+        "--manager",
+        metavar="ADDRESS",
+        callback=_url,
+        help="Where the manager runs: a URL, host:port or a host; without a key, its own computer only.",
+    ),
 ]
 __all__ = ["MANAGER", "KeyFile", "Manager", "Speaker", "failure"]
 
@@ -55,7 +70,7 @@ def failure(error: ClientError, manager: str) -> typer.Exit:
         return fail(f"no manager answers at {manager} ({error.text}); {advice(manager)}")
     if isinstance(error, NotAManager):
         return fail(
-            f"what answers at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager URL"
+            f"what answers at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager ADDRESS"
         )
     if isinstance(error, Refused) and error.status == 401:
         return fail(f"{error}; here, with --key-file FILE or in the variable {KEY_VARIABLE}")

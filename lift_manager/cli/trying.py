@@ -20,6 +20,7 @@ from lift_manager.cli.common import (
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_names import check_names
+from lift_manager.cli.servable import obstacles
 from lift_manager.config.load import check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
@@ -76,7 +77,7 @@ def check(
             "give the building map that it was made of, too, with --building-map", param_hint="--nav-graph"
         )
     try:
-        say(check_file(file))
+        say(check_file(file, obstacles))
         if building_map is not None:
             check_names(file, building_map, nav_graph)
     except MapFileError as error:

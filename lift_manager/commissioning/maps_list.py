@@ -125,10 +125,12 @@ def _position(codec: Codec) -> str:
     spec, floors = codec.map.signals["car_floor"], len(codec.signals["car_floor"].points)
     if spec.one_of is not None:
         return f"one bit for each of {floors} floors"
+    if spec.positions is not None:
+        return f"position with a table of {len(spec.positions)} floors"
     if spec.code_of is not None or spec.bits is not None:
         width = codec.signals["car_floor"].width
         return f"{spec.code} code of {width} bits"
-    return "number"
+    return "number in BCD" if spec.code == "bcd" else "number"
 
 
 def _doors(source: RegisterMap) -> Iterator[str]:

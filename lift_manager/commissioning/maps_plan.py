@@ -91,9 +91,10 @@ def plan(source: RegisterMap, floors: Mapping[str, int] | None = None) -> Plan:
 def example_floors(codec: Codec) -> dict[str, int]:
     """Return floors that every call of a map can express: one for each output, or the first two codes from 1 on."""
     calls = [command for command in codec.commands.values() if command.is_call]
-    counts = [len(call.points) for call in calls if call.spec.one_of is not None]
-    if counts:
-        return {f"L{code + 1}": code for code in range(min(counts))}
+    listed = [call.spec.floor_codes for call in calls if call.spec.one_of is not None]
+    if listed:
+        codes = [code for code in listed[0] if all(code in others for others in listed)]
+        return {f"L{number}": code for number, code in enumerate(codes, start=1)}
     codes = [code for code in range(1, 5) if all(code != call.spec.rest for call in calls)]
     return {f"L{code}": code for code in codes[:2]}
 

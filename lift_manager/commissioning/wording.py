@@ -86,15 +86,15 @@ def signal_coding(signal: SignalCodec, spec: Signal) -> str:
     if spec.open_limit is not None:
         return f"limit contacts fully open and fully closed; neither = moving, both = fault{inverted}"
     if spec.open_limits is not None:
-        return f"one fully-open limit per floor, lowest first; none = closed, several = fault{inverted}"
+        return f"one fully-open limit per floor, {_entries(spec)}; none = closed, several = fault{inverted}"
     if spec.up is not None:
         return f"two bits, up and down; neither = stopped, both = unknown{inverted}"
     if spec.one_of is not None:
-        return f"one bit per floor, lowest first; none = no floor known, several = unknown{inverted}"
+        return f"one bit per floor, {_entries(spec)}; none = no floor known, several = unknown{inverted}"
     if spec.each_of is not None:
-        return f"one bit per floor, lowest first; any number of them{inverted}"
+        return f"one bit per floor, {_entries(spec)}; any number of them{inverted}"
     parts = [*_size(signal, spec), _values(signal, spec)]
-    if spec.unit:
+    if spec.unit and spec.positions is None:
         parts.append(f"in {spec.unit}")
     if spec.unit_s is not None:
         parts.append(f"one count is {spec.unit_s:g} s")
@@ -110,16 +110,17 @@ def command_coding(command: CommandCodec) -> str:
     spec = command.spec
     if spec.one_of is not None:
         each = "one relay pulse per floor" if command.is_timed_coil else "one output per floor"
-        return f"{each}, lowest first; {one_output(command)}"
+        return f"{each}, {_entries(spec)}; {one_output(command)}"
     if spec.action == "count":
         return "counts up from 1, and never writes 0"
     if spec.action == "toggle":
         return "0 and 1 in turn"
     if spec.as_ is not None:
-        number = "signed number" if spec.type == "int16" else "number"
+        number = "signed number" if spec.type == "int16" else "BCD number" if spec.code == "bcd" else "number"
+        number += _byte_order(spec)
         rest = "" if command.spec.ends_itself else f"; {spec.rest} = no command"
         return f"{number}, the code of a floor{rest}"
-    return one_output(command)
+    return one_output(command) + _byte_order(spec)
 
 
 def action(spec: Command) -> str:
@@ -177,18 +178,31 @@ def _follows(one: Point, other: Point) -> bool:
     return other.address == one.address and other.low == one.low + one.width
 
 
+def _entries(spec: Signal | Command) -> str:
+    """Say which floor each entry of a list with one per floor belongs to."""
+    return "lowest first" if spec.codes is None else f"for the codes {', '.join(map(str, spec.codes))}"
+
+
+def _byte_order(spec: Signal | Command) -> str:
+    return ", low byte first" if spec.byte_order == "low_first" else ""
+
+
 def _size(signal: SignalCodec, spec: Signal) -> Iterator[str]:
     if spec.code_of is not None:
         yield f"{len(signal.points)} bits, lowest first"
     elif spec.wide:
         order = "high word first" if spec.word_order == "high_first" else "low word first"
-        yield f"two registers, 32 bits, {order}"
+        yield f"two registers, 32 bits, {order}{_byte_order(spec)}"
+    elif spec.byte_order == "low_first":
+        yield "low byte first"
     elif spec.bits is not None and signal.points[0].width > 1:
         yield f"{signal.points[0].width} bits"
     if spec.type in ("int16", "int32"):
         yield "signed"
     if spec.code == "gray":
         yield "Gray code"
+    if spec.code == "bcd":
+        yield "BCD"
     if spec.active == "low" and signal.width > 1 and signal.kind is not Kind.FLAG:
         yield "every bit inverted"
 
@@ -203,6 +217,10 @@ def _values(signal: SignalCodec, spec: Signal) -> str:
         table = spec.values or {0: "closed", 1: "open"}
         told = ", ".join([*(f"{code ^ flip} = {word}" for code, word in table.items()), *special])
         return f"{told} (inverted)" if flip else told
+    if spec.positions is not None:
+        unit = f" {spec.unit}" if spec.unit else ""
+        floors = ", ".join(f"{position}{unit} = code {code}" for code, position in spec.positions.items())
+        return ", ".join([f"the floor within {spec.tolerance}{unit} of its position: {floors}", *special])
     if signal.kind is Kind.FLOOR:
         return ", ".join(["the code of a floor", *special])
     return {Kind.COUNTER: "a number that changes"}.get(signal.kind, "a number")

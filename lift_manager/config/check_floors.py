@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift
 from register_maps.codec import Codec, SignalCodec, Value
-from register_maps.schema import CALLS, Kind
+from register_maps.schema import CALLS, Kind, RegisterMap, Signal
+from register_maps.signal_codec import listed_codes
 
 _FLOOR_SIGNALS = ("car_floor", "destination", "call_accepted", "calls_registered")
 
@@ -32,13 +33,34 @@ def check_floors(key: Key, lift: Lift, codec: Codec) -> Iterator[Problem]:
                 )
 
 
+def unused_codes(lift: Lift, source: RegisterMap) -> Iterator[str]:
+    """Yield the codes of a map that belong to no floor of a lift: spare ones, or a list that is shifted by one."""
+    floors = {entry.code for entry in lift.floors.values()}
+    commands = source.commands.items() if lift.access == "control" else ()
+    lists = {name: part for name, part in (*source.signals.items(), *commands) if name not in source.derived}
+    parts: dict[tuple[int, ...], list[str]] = {}
+    for name, part in lists.items():
+        codes = (part.positions if isinstance(part, Signal) else None) or part.floor_codes
+        if spare := tuple(code for code in codes if code not in floors):
+            parts.setdefault(spare, []).append(name)
+    for spare, names in parts.items():
+        more = "codes" if len(spare) > 1 else "code"
+        text = f"{more} {listed_codes(spare)} of {', '.join(names)} {'belong' if len(spare) > 1 else 'belongs'} to no floor of this lift"
+        counted = [name for name in names if lists[name].codes is None and lists[name].floor_codes]
+        if counted and 0 in spare:
+            text += f"; without `codes`, the first entry of {', '.join(counted)} has code 0: if it is that of the lowest floor here, give `codes`"
+        yield text
+
+
 def _uncodable(code: int, codec: Codec, *, writes: bool) -> Iterator[str]:
     """Say once why the map's coding cannot express this floor."""
     for name in (name for name in CALLS if name in codec.commands and writes):
+        spec = codec.commands[name].spec
         try:
             codec.commands[name].encode(code)
         except ValueError as error:
-            yield str(error)
+            counted = spec.one_of is not None and spec.codes is None
+            yield f"{error}{'; if its outputs count otherwise, give `codes`' if counted else ''}"
             return
     for name in (name for name in _FLOOR_SIGNALS if name in codec.signals):
         if (message := _untellable(code, codec.signals[name])) is not None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift
 from lift_manager.domain.hours import superfluous
+from register_maps.expand import added_signals
 from register_maps.load import LoadedMap
 from register_maps.schema import CALLS, Parameter, RegisterMap
 from register_maps.vocabulary import HANDSHAKE
@@ -24,10 +25,9 @@ def unsaid(key: Key, lift: Lift, loaded: LoadedMap) -> Iterator[Problem]:
             about = source.parameters[name]
             message = f"is not set, and {source.name} cannot know it: {about.help} ({_allowed(about)})"
             yield Problem((*key, "parameters", name), message)
-    signals = lift.override.get("signals")
-    added = signals if isinstance(signals, dict) else {}
+    added = added_signals(lift.override)
     for name, reason in source.needs.items():
-        if added.get(name) is None:
+        if name not in added:
             yield Problem((*key, "override", "signals", name), f"{_missing(source, name)} ({reason}); {_add(name)}")
 
 

@@ -2,28 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from ipaddress import ip_address
 from pathlib import Path
 
 from lift_manager.config.check import check_site
+from lift_manager.config.check_floors import unused_codes
 from lift_manager.config.check_rmf import is_in_rmf, unheld_doors
 from lift_manager.config.devices import POLL_S, Device, devices, least_poll_s, links
 from lift_manager.config.maps import is_value_table, load_maps, tables
+from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
 from lift_manager.config.tls import tls_cautions, tls_lines, tls_problems
 from register_maps.errors import Finding, MapFileError
 from register_maps.load import Changes, LoadedMap, load
 from register_maps.schema import CALLS, LinkDefaults, RegisterMap
-from register_maps.source import KeyPath, Source, read, try_validate
+from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
 
 _MAP_KEYS = {"provenance", "addressing", "served", "signals", "commands"}
 _NOT_A_LIFT = {
     "template": "is a template and was taken from no lift",
     "simulation": "is that of a simulation",
 }
+
+
+_STAND_INS: StandIns = {
+    ("name",): "unnamed",
+    ("controllers", "*", "host"): "127.0.0.1",
+    **dict.fromkeys(
+        [
+            ("controllers", "*", "*"),
+            ("api",),
+            ("api", "*"),
+            ("rmf",),
+            ("rmf", "*"),
+            ("journal",),
+            ("timezone",),
+            ("state",),
+        ],
+        LEFT_OUT,
+    ),
+}
+"""Stands in for what says nothing of a lift, so that the lifts are checked as well."""
+_OF_ITS_LINK = frozenset({"poll_s", "max_age_s", "controller"})
+"""Keys of a lift that are judged by what its controller needs."""
 
 
 @dataclass(frozen=True)
@@ -77,17 +101,25 @@ class LoadedSite:
 def load_site(path: Path) -> LoadedSite:
     """Read and check a site file. Raises MapFileError with every finding."""
     source = read(path, number_keys=is_value_table)
-    site, found = try_validate(source, Site)
+    tried = try_validate(source, Site, stand_ins=_STAND_INS)
+    site = tried.model
     maps = load_maps(source, path.parent)
-    findings = [*found, *references(source), *maps.findings]
+    findings = [*tried.findings, *references(source), *maps.findings]
     unusable: tuple[Finding, ...] = ()
     if site is not None:
         problems = check_site(site, maps.lifts, maps.unchanged, maps.spare)
-        findings += [source.finding(problem.key, problem.message) for problem in problems]
+        own = (problem for problem in problems if not _follows(problem, tried.replaced))
+        findings += [source.finding(problem.key, problem.message) for problem in own]
         unusable = tuple(source.finding(fault.key, fault.message) for fault in tls_problems(site, path.parent))
     if findings or site is None:
         raise MapFileError([*findings, *unusable])
     return LoadedSite(site, maps.lifts, path, maps.spare, unusable)
+
+
+def _follows(problem: Problem, replaced: Collection[KeyPath]) -> bool:
+    """Whether a problem may come from what stands in for something that is missing or wrong, and not from the file."""
+    of_controllers = problem.key[0] == "controllers" or problem.key[-1] in _OF_ITS_LINK
+    return any(path[0] == problem.key[0] or (path[0] == "controllers" and of_controllers) for path in replaced)
 
 
 def references(source: Source) -> Iterator[Finding]:
@@ -115,8 +147,13 @@ def _named_controllers(data: object) -> Iterator[tuple[KeyPath, object]]:
             yield ("lifts", name, "endpoints", endpoint, "controller"), place.get("controller")
 
 
-def check_file(path: Path) -> list[str]:
-    """Check a site file or a map; returns what there is to say about a good one. Raises MapFileError."""
+def check_file(
+    path: Path, obstacles: Callable[[LoadedSite], Iterable[Finding]] = lambda loaded: loaded.unusable
+) -> list[str]:
+    """Check a site file or a map; returns what there is to say about a good one. Raises MapFileError.
+
+    `obstacles` finds what keeps a good site file from being used.
+    """
     data = read(path, number_keys=lambda _: True).data
     if isinstance(data, dict) and data.keys() & _MAP_KEYS and "lifts" not in data:
         loaded = load(path)
@@ -125,8 +162,8 @@ def check_file(path: Path) -> list[str]:
             f"{path}: {_map_line(loaded.map)}: no mistakes",
         ]
     loaded_site = load_site(path)
-    if loaded_site.unusable:
-        raise MapFileError(loaded_site.unusable)
+    if in_the_way := tuple(obstacles(loaded_site)):
+        raise MapFileError(in_the_way)
     lines = [f"caution: {line}" for line in loaded_site.cautions()]
     lines += tls_lines(loaded_site.site, path.parent)
     for name, lift in loaded_site.site.lifts.items():
@@ -139,6 +176,8 @@ def _about(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
         yield f"{name}: {signal} is not visible on this interface: {reason}"
     if keys := Changes(override=lift.override).keys:
         yield f"{name}: map {source.name} is changed at this site: {', '.join(keys)}"
+    for text in unused_codes(lift, source):
+        yield f"{name}: {text}"
     if source.provenance.trust in _NOT_A_LIFT:
         yield f"{name}: map {source.name} {_NOT_A_LIFT[source.provenance.trust]}; compare every signal with the real lift"
     if lift.access == "monitor":
@@ -146,7 +185,6 @@ def _about(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
         return
     if not source.commands.keys() & set(CALLS):
         yield f"{name}: map {source.name} has no command that calls the car; nothing here can send for it"
-    yield f"{name}: is commanded without a checkout record for map {source.name} ({source.provenance.trust}): nobody has written down that it was tried at this lift"
     if is_in_rmf(lift):
         yield from unheld_doors(name, lift, source)
     if lift.accept_latching is not None and any(c.on_link_loss == "latches" for c in source.commands.values()):

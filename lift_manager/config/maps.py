@@ -60,8 +60,12 @@ def tables(data: object, key: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def is_value_table(path: KeyPath) -> bool:
-    """Whether the keys of a table in a site file may be numbers: the codes of a signal that a lift overrides."""
-    return len(path) == 6 and (path[0], *path[2:4], path[5]) == ("lifts", "override", "signals", "values")
+    """Whether the keys of a table in a site file may be numbers: the codes and positions of a signal that a lift overrides."""
+    return (
+        len(path) == 6
+        and (path[0], *path[2:4]) == ("lifts", "override", "signals")
+        and path[5] in ("values", "positions")
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,8 +37,10 @@ _log = logging.getLogger(__name__)
 class Announcer:
     """Puts the events of one lift on the bus, a line of the log each."""
 
-    def __init__(self, lift: str, bus: Bus[Event]) -> None:
+    def __init__(self, lift: str, bus: Bus[Event], *, control: bool) -> None:
+        """`control` tells whether the lift may be commanded: nothing is ever held of one that is only watched."""
         self._lift = lift
+        self._control = control
         self._bus = bus
         self._rejected = ""
         """Why the last command was not pressed; empty if it was."""
@@ -53,7 +55,12 @@ class Announcer:
         if holder is not None:
             said = self._publish(Advised(self._lift, holder, advice, "there is a fire"))
             _log.warning("%s: there is a fire; %s is told: %s", self._lift, holder, advice, extra=said)
-        self.alarm("fire: everything is let go, robots are refused until a person has checked the lift", holder)
+        done = (
+            "everything is let go, robots are refused"
+            if self._control
+            else "this lift is only watched; robots are refused"
+        )
+        self.alarm(f"fire: {done} until a person has checked the lift", holder)
 
     def outcome(self, outcome: Outcome, holder: Holder | None) -> None:
         """Tell what became of a command."""
@@ -63,8 +70,8 @@ class Announcer:
         level = logging.DEBUG if rejected and rejected == self._rejected else logging.INFO
         self._rejected = rejected
         said = self._publish(CommandEnded(self._lift, outcome, holder))
-        words = (self._lift, outcome.command, outcome.result, proof, outcome.reason)
-        _log.log(level, "%s: %s %s%s %s", *words, extra=said)
+        why = f": {outcome.reason}" if outcome.reason else ""
+        _log.log(level, "%s: %s %s%s%s", self._lift, outcome.command, outcome.result, proof, why, extra=said)
 
     def opened(self, session: Session) -> None:
         """Tell who holds the lift."""
@@ -102,8 +109,9 @@ class Announcer:
         """Tell that a request within a session was taken, or has ended; `noted` says that the journal has its row."""
         event = RequestFollowed(self._lift, followed)
         said = self._publish(event) if noted else {"event": self._bus.hand_out(event), "lift": self._lift}
-        words = (self._lift, followed.holder, followed.do, followed.floor or "", followed.status, followed.reason)
-        _log.debug("%s: %s: %s %s is %s %s", *words, extra=said)
+        what = f"{followed.do} {followed.floor}" if followed.floor else followed.do
+        why = f": {followed.reason}" if followed.reason else ""
+        _log.debug("%s: %s: %s is %s%s", self._lift, followed.holder, what, followed.status, why, extra=said)
 
     def hold_spent(self, holder: Holder, limit_s: float) -> None:
         """Tell that a door was held for as long as the site allows."""

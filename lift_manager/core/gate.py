@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TypeVar
 
 from drivers.model import FloorName
+from drivers.sparing import Turns
 from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.recording import LiftLog
-from lift_manager.core.sparing import Turns
 from lift_manager.domain.asking import Blocking, Refusal, Refused
 from lift_manager.domain.state import Holder, LiftState
 from register_maps.words import Mode

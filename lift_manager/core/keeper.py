@@ -56,7 +56,7 @@ class SessionKeeper:
         self._options = options
         self._driver = driver
         self._able = driver.capabilities
-        self.say = Announcer(options.name, bus)
+        self.say = Announcer(options.name, bus, control=options.control)
         self.sight = around.sight
         self.changed = around.changed
         self._last_sight = around.last_sight

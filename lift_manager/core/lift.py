@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import math
 
 from drivers.driver import LiftDriver
-from drivers.errors import DriverError
+from drivers.errors import ControllerException, DriverError
 from drivers.model import FloorName, LiftReading
 from lift_manager.core.around import Around
 from lift_manager.core.ask_desk import AskDesk
@@ -29,7 +28,7 @@ from lift_manager.domain import wish as wishes
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Event, StateChanged
-from lift_manager.domain.report import Seen, lift_state, same_but_for_time
+from lift_manager.domain.report import Seen, late_text, lift_state, same_but_for_time
 from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.service import (
     Acknowledged,
@@ -42,8 +41,6 @@ from lift_manager.domain.service import (
 )
 from lift_manager.domain.sight import Sight, see
 from lift_manager.domain.state import Holder, LiftState
-
-_log = logging.getLogger(__name__)
 
 CLEAR_AT_STOP_S = 3.0
 """`clear_s` of a manager that ends: the process has five seconds in all. A robot at 0.5 m/s drives 1.5 m in that time."""
@@ -315,7 +312,9 @@ class LiftTask:
         if reading.notices:
             for notice in reading.notices:
                 self._keeper.tell(notice)
-        if before is not None and self._is_no_news(before, reading, gap_s):
+        late_s = _now() - reading.at
+        is_late = late_s > self._able.max_age_s
+        if before is not None and not is_late and self._is_no_news(before, reading, gap_s):
             return
         sight = self._sight = see(before, reading, self._able, gap_s=gap_s)
         if before is None:
@@ -324,8 +323,10 @@ class LiftTask:
             self._left[before.floor] = reading.at
         if self._left and self._keeper.session is not None:
             self._left.clear()
-        if self._fault:
-            _log.info("%s: reading %s", self.options.name, self._driver.source, extra={"lift": self.options.name})
+        if is_late:
+            self._fault = late_text(self._driver.source, late_s, self._able.max_age_s)
+            self._log.link(self._driver.source, self._fault, answers=True)
+        elif self._fault:
             self._fault = ""
             self._log.link(self._driver.source, "")
         self._gate.mode(sight.values.mode, reading.at)
@@ -345,10 +346,8 @@ class LiftTask:
         )
 
     def _missed(self, error: DriverError) -> None:
-        if not self._fault:
-            _log.warning("%s: %s", self.options.name, error, extra={"lift": self.options.name})
         self._fault = str(error)
-        self._log.link(self._driver.source, self._fault)
+        self._log.link(self._driver.source, self._fault, answers=isinstance(error, ControllerException))
         self._keeper.act(_now())
         self._publish()
 

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import math
 from asyncio import Future
 from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 
 from drivers.model import Command, Written
+from drivers.sparing import TOLD_EVERY_S, Changes, Sparing, newest
 from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal
 from lift_manager.core.memory import Memory
-from lift_manager.core.sparing import Sparing, newest
 from lift_manager.domain import journal_rows as rows
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.journal import Row
+from lift_manager.domain.seconds import without_seconds
 from lift_manager.domain.state import Holder
 from lift_manager.domain.wish import Wish
 from register_maps.words import Mode
+
+_log = logging.getLogger(__name__)
 
 REQUESTS = 30
 """Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
@@ -133,26 +138,23 @@ class RequestLog:
 class _Changes:
     """The changes of one thing."""
 
-    def __init__(self, write: Callable[[Counter[str], float], Row], journal: Journal) -> None:
-        """`write` makes the row of changes that were counted."""
-        self._sparing = Sparing(CHANGES)
+    def __init__(self, write: Callable[[Counter[str], float], Row], note: Callable[[Row], None]) -> None:
+        """`write` makes the row of changes that were counted; `note` writes a row down."""
+        self._changes = Changes(CHANGES)
         self._write = write
-        self._journal = journal
+        self._note = note
 
     def note(self, row: Row, word: str) -> None:
         """Write down one change, or count it by its `word`."""
         now = _now()
         self.tell(now)
-        # while some are counted all are: the last row then tells how it is
-        if not self._sparing.counts and self._sparing.admits(object(), now):
-            self._journal.note(row)
-        else:
-            self._sparing.count(word, now)
+        if self._changes.admits(word, now):
+            self._note(row)
 
     def tell(self, now: float, *, end: bool = False) -> None:
         """Write down what was counted for long enough, or at the end all of it."""
-        if self._sparing.counts and (end or self._sparing.due(now)):
-            self._journal.note(self._write(*self._sparing.told(now)))
+        if (counted := self._changes.summary(now, end=end)) is not None:
+            self._note(self._write(*counted))
 
 
 class LiftLog:
@@ -168,10 +170,15 @@ class LiftLog:
         """Why the lift is not read; empty while it is."""
         self._unread_since: float | None = None
         """Before it was read for the first time."""
-        self._modes = _Changes(lambda counted, for_s: rows.mode_changed(lift, self._mode, counted, for_s), journal)
+        self._logged = ""
+        """Why the lift is not read, as the log has it; empty while it is."""
+        self._logged_again_at = math.inf
+        """When the log has it once more."""
+        self._modes = _Changes(lambda counted, for_s: rows.mode_changed(lift, self._mode, counted, for_s), journal.note)
         self._links = _Changes(
-            lambda counted, for_s: rows.link_changed(lift, self._link or "", counted, for_s), journal
+            lambda counted, for_s: rows.link_changed(lift, self._link or "", counted, for_s), self._note_link
         )
+        self._reasons = Sparing(CHANGES)
 
     def asked(self, ask: Ask | Wish, *, known: bool = True) -> bool:
         """Note a request that is about to be decided on; `known` tells a floor that the lift has. Returns whether it has a row."""
@@ -184,8 +191,12 @@ class LiftLog:
     def tell(self, *, end: bool = False) -> None:
         """Write down what was counted for a minute and told by nothing since, or at the end all of it."""
         self._requests.tell_due(end=end)
+        now = _now()
         for changes in (self._modes, self._links):
-            changes.tell(_now(), end=end)
+            changes.tell(now, end=end)
+        if self._link and self._logged and now >= self._logged_again_at:
+            self._logged_again_at = math.inf
+            _log.warning("%s: still not read: %s", self._lift, self._link, extra={"lift": self._lift})
 
     def before(self, command: Command, frames: tuple[str, ...], *, again: bool = False) -> Future[str | None]:
         """Note what is about to be pressed; answer when row and session are written, or why nothing may be pressed."""
@@ -206,10 +217,13 @@ class LiftLog:
             before, self._mode = self._mode, mode
             self._modes.note(rows.mode_is(self._lift, mode, before), mode)
 
-    def link(self, source: str, trouble: str) -> None:
-        """Note that the lift is read, or why not, when that has changed. A start may take a little to read it at all."""
+    def link(self, source: str, trouble: str, *, answers: bool = False) -> None:
+        """Note and log that the lift is read, or why not, when that has changed. A start may take a little to read it at all.
+
+        With `answers` the controller is there and what it says cannot be used: another such reason is logged, too.
+        """
+        now = _now()
         if self._link is None and trouble:
-            now = _now()
             self._unread_since = now if self._unread_since is None else self._unread_since
             if now - self._unread_since < READ_WITHIN_S:
                 return
@@ -217,6 +231,21 @@ class LiftLog:
         if before is None or bool(trouble) is not bool(before):
             row = rows.link_down(self._lift, trouble) if trouble else rows.link_up(self._lift, source)
             self._links.note(row, "not read" if trouble else "read")
+        elif answers and self._is_another(trouble) and self._reasons.admits(object(), now):
+            self._log_link(trouble, up=False)
+
+    def _is_another(self, trouble: str) -> bool:
+        """Whether the log has another reason why the lift is not read."""
+        return bool(self._logged) and without_seconds(trouble) != without_seconds(self._logged)
+
+    def _note_link(self, row: Row) -> None:
+        self._journal.note(row)
+        self._log_link(row.text, up=row.data["up"] is True)
+
+    def _log_link(self, text: str, *, up: bool) -> None:
+        self._logged = "" if up else self._link or text
+        self._logged_again_at = math.inf if up else _now() + TOLD_EVERY_S
+        _log.log(logging.INFO if up else logging.WARNING, "%s: %s", self._lift, text, extra={"lift": self._lift})
 
     @property
     def trouble(self) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections import Counter, OrderedDict
 
+from drivers.sparing import Sparing, newest
 from lift_manager.core.journal import Journal
-from lift_manager.core.sparing import Sparing, newest
 from lift_manager.domain import journal_rows as rows
 from lift_manager.domain.asking import Refused, TurnedAway
 from lift_manager.domain.journal import Row, RowKind

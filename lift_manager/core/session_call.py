@@ -84,7 +84,8 @@ class SessionCall:
             fails = calls.off if self._pressed is None else calls.failed
             after = fails(after, "the controller no longer holds the call", now)
         if after.phase is not call.phase:
-            _log.info("%s: call to %s %s %s", self._lift, call.floor, after.phase, after.reason)
+            why = f": {after.reason}" if after.reason else ""
+            _log.info("%s: call to %s: %s%s", self._lift, call.floor, after.phase, why)
         self.now = after
         return after
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lift_manager.core.sparing import CALLERS
+from drivers.sparing import CALLERS
 from lift_manager.domain.asking import Blocking, Refusal, Refused
 from lift_manager.domain.rmf import FACE, rmf_session
 from lift_manager.domain.state import Holder

@@ -50,6 +50,7 @@ class Call:
     missing: int = 0
     """Readings in a row that showed no trace of it."""
     reason: str = ""
+    """Why it failed last; empty again once the lift has taken it."""
     reached: bool = False
     """The car stood there for it, and has not been seen to leave."""
     shut_since: float | None = None
@@ -92,13 +93,13 @@ def ended(call: Call, outcome: Outcome, now: float) -> Call:
     if outcome.not_granted:
         return replace(call, phase=CallPhase.WANTED, since=now)
     if outcome.result is Result.CONFIRMED:
-        return replace(call, phase=CallPhase.CONFIRMED, since=now)
+        return replace(call, phase=CallPhase.CONFIRMED, since=now, reason="")
     return failed(call, f"{outcome.result}: {outcome.reason}", now)
 
 
 def unpressed(call: Call, now: float) -> Call:
     """Note that the lift sets out for this floor without a press of its own."""
-    return replace(call, phase=CallPhase.CONFIRMED, since=now, missing=0)
+    return replace(call, phase=CallPhase.CONFIRMED, since=now, missing=0, reason="")
 
 
 def failed(call: Call, reason: str, now: float) -> Call:
@@ -161,7 +162,14 @@ def _arrived(call: Call, now: float, *, is_hold: bool) -> Call:
     if call.phase is not CallPhase.ARRIVED:
         failures = call.failures if is_hold else 0
         return replace(
-            call, phase=CallPhase.ARRIVED, since=now, failures=failures, missing=0, reached=True, shut_since=None
+            call,
+            phase=CallPhase.ARRIVED,
+            since=now,
+            failures=failures,
+            missing=0,
+            reason="",
+            reached=True,
+            shut_since=None,
         )
     failures = 0 if now - call.since > BACKOFF_S[1] else call.failures
     if (failures, call.shut_since) == (call.failures, None):

@@ -214,9 +214,10 @@ def manager_started(version: str, maps: Mapping[str, tuple[str, str, str]]) -> R
     return Row(RowKind.MANAGER, text, data={"version": version, "lifts": lifts})
 
 
-def manager_ended(*, released: bool) -> Row:
-    """Return the last row of an orderly end."""
+def manager_ended(*, released: bool, commands: bool) -> Row:
+    """Return the last row of an orderly end; `commands` tells whether it may command any lift."""
     rest = "everything is let go and verified" if released else "not every output could be verified as let go"
+    rest = rest if commands else "it held nothing, because it only watches"
     return Row(RowKind.MANAGER, f"the manager ends: {rest}", data={"released": released})
 
 

@@ -27,7 +27,7 @@ class Seen:
     age_s: float | None
     """Age of the newest reading; None when there never was one."""
     fault: str
-    """Why the last poll failed; empty when it did not."""
+    """Why the last poll failed, or came to nothing; empty when it did not."""
     source: str
     session: Session | None
     arrived: bool
@@ -88,6 +88,14 @@ def same_but_for_time(one: LiftState, other: LiftState) -> bool:
         return False
     same: bool = _LASTING(one) == _LASTING(other)  # twice a poll of each lift: a copy of each costs four times as much
     return same
+
+
+def late_text(source: str, took_s: float, max_age_s: float) -> str:
+    """Say that a controller answers, and that what it says is too old by then."""
+    return (
+        f"{source} answers too late: its last poll took {took_s:.1f} s, and a reading counts for {max_age_s:g} s (max_age_s); "
+        "look for what slows it down, or allow a longer `max_age_s` for this lift"
+    )
 
 
 def _offline(seen: Seen) -> str:

@@ -96,13 +96,23 @@ def _why_shut(state: LiftState, session: SessionInfo, floor: FloorName | None) -
         if told and all(door is Door.OPEN for door in state.doors.values()):
             if not session.door_held:
                 return f"the door at {floor} is open, and is not held yet: waits for the hold"
-            return "the door is open, and the lift does not let the robot through it"
+            return _why_not_through(state, session, floor)
         return f"the door at {floor} is not open for the robot ({told or 'not known'})"
     if not session.door_held:
         return f"the door at {floor} is open, and is not held yet: waits for the hold"
     if not state.permissions.get("may_enter", True):
         return "the lift does not give `may_enter`"
     return ""
+
+
+def _why_not_through(state: LiftState, session: SessionInfo, floor: FloorName | None) -> str:
+    """Say what keeps a robot from an open door that is held for it."""
+    permission = "may_leave" if session.robot is Who.ABOARD else "may_enter"
+    if not state.permissions.get(permission, True):
+        return f"the door at {floor} is open, and the lift does not give `{permission}`"
+    if state.restrictions.lockout:
+        return f"the door at {floor} is open, and robots are locked out"
+    return f"the door at {floor} is open, and the lift is not in a mode for robots (its mode is {state.mode})"
 
 
 def offline_text(seen: RideSight) -> str:

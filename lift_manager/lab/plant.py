@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 from register_maps.codec import Codec, SignalCodec, compile_map
@@ -47,9 +47,10 @@ def default_floors(source: RegisterMap) -> dict[str, int]:
     Raises ValueError for a map that cannot express two.
     """
     codec = compile_map(source)
-    places = list(_places(codec))
-    if places:
-        codes = [code for code in range(min(places)) if _is_expressible(codec, code)]
+    listed = list(_listed(codec))
+    if listed:
+        common = [code for code in listed[0] if all(code in others for others in listed)]
+        codes = [code for code in common if _is_expressible(codec, code)]
     else:
         tried = [*range(1, HIGHEST_TRIED + 1), 0]
         codes = sorted([code for code in tried if _is_expressible(codec, code)][:USUAL_FLOORS])
@@ -77,10 +78,11 @@ def blind_spots(codec: Codec) -> tuple[str, ...]:
     return (*blind, *([] if any(name.startswith("door.") for name in told) else ["whether its door is open"]))
 
 
-def _places(codec: Codec) -> Iterator[int]:
-    """How many floors each call and each signal with one point per floor has room for."""
-    yield from (len(signal.points) for signal in codec.signals.values() if signal.per_floor)
-    yield from (len(call.points) for call in codec.commands.values() if call.spec.one_of is not None)
+def _listed(codec: Codec) -> Iterator[Collection[int]]:
+    """Yield the floor codes that a map lists: of each signal with one point per floor or a table of positions, and of each call."""
+    yield from (signal.floor_codes for signal in codec.signals.values() if signal.per_floor)
+    yield from (spec.positions for spec in codec.map.signals.values() if spec.positions is not None)
+    yield from (call.spec.floor_codes for call in codec.commands.values() if call.spec.one_of is not None)
 
 
 def _is_expressible(codec: Codec, code: int) -> bool:

@@ -158,7 +158,7 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
         raise _unusable(path, SHARED, unshared(path.parent))
     lock = claim(path)
     try:
-        memory = StateFile(path, site, lifts, _kept(path, site, lifts), write)
+        memory = StateFile(path, site, lifts, read_state(path, site, lifts), write)
     except StateUnusable:
         if lock is not None:
             os.close(lock)
@@ -168,7 +168,8 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
     return memory
 
 
-def _kept(path: Path, site: str, lifts: Collection[str]) -> dict[str, Remembered]:
+def read_state(path: Path, site: str, lifts: Collection[str]) -> dict[str, Remembered]:
+    """Return what was kept of a site, and change nothing. Raises StateUnusable."""
     try:
         text, _ = read_own(path)
     except FileNotFoundError as error:

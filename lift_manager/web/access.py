@@ -102,6 +102,9 @@ class Gate:
             if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
                 about = f"the key {key.name} may not do this"
                 return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
+        elif _shows_a_key(scope):
+            no = self._caller(scope)  # without keys of the site no key is one of its own
+            return no if isinstance(no, No) else None
         if route is None:
             return wrong_method(path, methods) if methods else not_found(path)
         return None
@@ -143,6 +146,11 @@ class Gate:
 def caller_name(path: str, key: Key) -> str:
     """Return the caller as the journal shows it: that of the workshop API is a holder."""
     return f"workshop:{key.name}" if is_workshop(path) else key.name
+
+
+def _shows_a_key(scope: Scope) -> bool:
+    sent = Headers(scope=scope).getlist("authorization")
+    return any(one.partition(" ")[0].lower() == "bearer" for one in sent)
 
 
 def _asked(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Collection, Sequence
 from http import HTTPStatus
-from importlib.metadata import PackageNotFoundError, version
 
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
@@ -16,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from lift_manager.core.facade import Facade, FrameSource
 from lift_manager.domain.access import ROUTES, Route
 from lift_manager.domain.keys import KeyRing, Keys, redacted
+from lift_manager.plain.version import running_version
 from lift_manager.web import health, lifts_docs, people_docs, rides_docs, rmf_docs, sessions_docs, workshop_docs
 from lift_manager.web.accepting import streams_limit
 from lift_manager.web.access import Gate
@@ -97,14 +97,6 @@ def make_app(
     app.include_router(metrics_router(metrics))
     describe_access(app, routes, facade.lift_names())
     return app
-
-
-def running_version() -> str:
-    """Return the version of this program, as installed."""
-    try:
-        return version("lift-manager")
-    except PackageNotFoundError:
-        return "0+checkout"
 
 
 async def _to_docs() -> Response:

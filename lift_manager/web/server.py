@@ -34,7 +34,7 @@ def listen(host: str, port: int) -> socket.socket:
     """
     if not 0 <= port <= 65535:
         raise ListenError(f"port {port} does not exist; choose one from 1 to 65535 with --port")
-    family, address = _resolve(host, port)
+    family, address = resolved(host, port)
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
         # without it the port stays taken for a minute after a restart
@@ -49,7 +49,8 @@ def listen(host: str, port: int) -> socket.socket:
     return sock
 
 
-def _resolve(host: str, port: int) -> tuple[socket.AddressFamily, tuple[object, ...]]:
+def resolved(host: str, port: int) -> tuple[socket.AddressFamily, tuple[object, ...]]:
+    """Return where a host is, as this computer knows it. Raises ListenError."""
     bare = host.removeprefix("[").removesuffix("]")
     if not bare:
         raise ListenError(f"the host is empty; {HOSTS}")  # to the system that means everybody

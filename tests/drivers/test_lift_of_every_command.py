@@ -219,8 +219,22 @@ def test_a_controller_that_serves_less_than_its_map_says_is_reported_as_that() -
         assert isinstance(error, PointsRefused)
         assert "serves less than map written says: it refuses fault_code (holding:12)" in str(error)
         assert "exception 02 (illegal data address)" in str(error)
+        assert "compare table and address with the manual, and how it counts with `addressing` of the map" in str(error)
         asked = sum(1 for heard in device.heard if heard.request.count == 1 and heard.request.table is Table.HOLDING)
         assert asked == 2, "each address is asked for once, however often the poll is refused"
+
+    on_rig(check, text, {"": device})
+
+
+def test_a_controller_that_does_not_have_a_table_is_reported_with_what_is_read_there() -> None:
+    device = MemoryDevice()
+    device.fail_next(exception(1), times=10_000, on=lambda request: request.table is Table.INPUT)
+    text = 'signals: {car_floor: {at: "input:1", as: floor, unknown: [0]}, load: {at: "holding:8"}}\n'
+
+    async def check(made: Rig) -> None:
+        assert "the controller does not answer for this table, which holds car_floor at input:1; compare table" in str(
+            made.errors[-1]
+        )
 
     on_rig(check, text, {"": device})
 

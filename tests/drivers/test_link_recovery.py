@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.errors import ConnectionLost, ConnectProblem, LinkDown, Sent
-from drivers.modbus.link import Link, LinkSettings, LinkState
+from drivers.modbus.link import OUTAGES, Link, LinkSettings, LinkState
 from drivers.modbus.memory import MemoryDevice, MemoryWire, hang_up, silence
 from register_maps import frames
 from register_maps.words import Table
@@ -180,6 +180,32 @@ def test_an_outage_is_one_warning_and_its_end_one_line_more(caplog: pytest.LogCa
     assert connected == "lobby: connected"
     assert again.startswith("lobby: answers again after 60.")
     assert len(messages(caplog, logging.DEBUG)) > 50
+
+
+def test_a_link_that_flaps_has_a_few_lines_a_minute_and_the_rest_is_counted(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+
+    @virtual
+    async def outages() -> None:
+        device = MemoryDevice()
+        async with linked(device) as link:
+            for _ in range(300):
+                await link.wait_up()
+                await link.read(READ)
+                device.disconnect()
+                await elapse(1.0)
+            await link.wait_up()
+            await link.read(READ)
+            await elapse(120.0)
+
+    outages()
+    lines = [record.getMessage() for record in caplog.records if record.name == LINK_LOGGER]
+    lost = [line for line in lines if line.startswith("lobby: no connection")]
+    more = [line for line in lines if "more times within" in line]
+    assert OUTAGES <= len(lost) <= OUTAGES + 10
+    assert len(lines) < 2 * len(lost) + 12
+    assert len(lost) + sum(int(line.split("lost ")[1].split()[0]) for line in more) == 300
+    assert more[-1].endswith("now it answers")
 
 
 def test_a_controller_that_connects_and_stays_silent_is_not_announced_as_back(caplog: pytest.LogCaptureFixture) -> None:

@@ -5,6 +5,7 @@ import contextlib
 import logging
 import signal
 from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -188,6 +189,26 @@ def test_an_end_with_a_poll_in_flight_notes_nothing_after_the_last_row_is_writte
         assert journal.late == []
 
     asyncio.run(main())
+
+
+def test_a_manager_that_only_watches_says_at_its_end_that_it_held_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        plc = controller()
+        await plc.start()
+        site = site_of(plc.port)
+        watched = site.site.lifts["lift"].model_copy(update={"access": "monitor"})
+        only = replace(site, site=site.site.model_copy(update={"lifts": {"lift": watched}}))
+        sock, stop = listen("127.0.0.1", 0), asyncio.Event()
+        try:
+            async with asyncio.timeout(10):
+                assert await app.run(only, sock, stop=stop, ready=stop.set)
+        finally:
+            await plc.stop()
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(main())
+    assert "stopping: nothing is held, every lift is only watched" in caplog.text
+    assert "let go" not in caplog.text
 
 
 class WatchedMemory(ShortMemory):

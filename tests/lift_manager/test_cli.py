@@ -6,6 +6,8 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -142,7 +144,6 @@ def test_check_says_of_a_good_site_file_what_is_in_it_and_exits_with_0(answers: 
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == [
         "caution: main: map generic-registers is a template and was taken from no lift; compare every signal with the real lift",
-        "caution: main: is commanded without a checkout record for map generic-registers (template): nobody has written down that it was tried at this lift",
         "main: control, floors G, First, Second, map generic-registers (template)",
         "good.yaml: no mistakes",
     ]
@@ -266,3 +267,30 @@ def test_a_word_to_a_running_manager_imports_neither_a_web_server_nor_a_driver()
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    done = call("--version")
+    assert (done.returncode, done.stdout) == (0, f"lift-manager {version('lift-manager')}\n")
+
+
+@pytest.mark.parametrize(
+    "written", ["127.0.0.1:{port}", "http://127.0.0.1:{port}", " localhost:{port}", "http://127.0.0.1:{port}/"]
+)
+def test_a_manager_is_found_by_host_and_port_or_by_a_url(written: str) -> None:
+    with closing(socket.socket()) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        port = nobody.getsockname()[1]
+        done = call("lifts", "--manager", written.format(port=port))
+    assert done.returncode == 1
+    assert (
+        f"no manager answers at http://{'localhost' if 'localhost' in written else '127.0.0.1'}:{port} (" in done.stderr
+    )
+
+
+@pytest.mark.parametrize("written", ["ftp://lifts.example", "host:port", "http://user@host:1", "lifts.example:99999"])
+def test_what_is_no_address_of_a_manager_is_refused_in_words(written: str) -> None:
+    done = call("lifts", "--manager", written)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert "--manager" in done.stderr

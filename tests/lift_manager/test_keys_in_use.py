@@ -1,6 +1,7 @@
 """Keys against a running manager: made, needed, revoked, and never written down."""
 
 import json
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import httpx
 import pytest
 
 from tests.lift_manager.test_operate import LIFT, Site
-from tests.support.programs import Started, call, eventually, running
+from tests.support.programs import LIFT_MANAGER, Started, call, eventually, running
 
 WORKSHOP = "/open-rmf/demo-lift"
 LOCKOUT = f"/api/v1/lifts/{LIFT}/lockout"
@@ -133,7 +134,10 @@ def test_no_other_address_is_served_without_a_key_or_a_word_why(tmp_path: Path) 
     said = command("serve", file, "--port", "0", code=1)
     assert "others can reach 0.0.0.0, and there is no key to tell them by" in said
     assert "`api: {without_keys: ...}`" in said
+    checked = command("check", file, code=2)
+    assert f"{file}: api.host: {said}" in checked, "check and serve have the same words for it"
     command("keys", "make", file, "--name", "desk", "--role", "viewer")
+    assert "no mistakes" in command("check", file)
     with running("serve", file, "--port", "0") as manager:
         url = manager.says(r"http://0\.0\.0\.0(:\d+)/docs")[1]
         assert httpx.get(f"http://127.0.0.1{url}{WORKSHOP}/lift_names", trust_env=False).status_code == 401
@@ -156,7 +160,43 @@ def test_a_file_of_keys_that_is_damaged_stops_the_start_in_words(tmp_path: Path)
     command("keys", "make", file, "--name", "desk", "--role", "viewer")
     (kept,) = (tmp_path / "kept").glob("*.keys.json")
     kept.write_text(kept.read_text()[:-30])
-    assert "holds no keys of a lift manager, or is damaged" in command("serve", file, "--port", "0", code=1)
+    said = command("serve", file, "--port", "0", code=1)
+    assert "holds no keys of a lift manager, or is damaged" in said
+    assert said in command("check", file, code=2)
+
+
+def test_a_state_that_cannot_be_relied_on_is_found_by_check_as_well(tmp_path: Path) -> None:
+    file = site_file(tmp_path, host="127.0.0.1")
+    kept = tmp_path / "kept"
+    kept.mkdir(mode=0o700)
+    command("keys", "make", file, "--name", "desk", "--role", "viewer")
+    (keys,) = kept.glob("*.keys.json")
+    keys.with_name(keys.name.replace(".keys", "")).write_text("{}")
+    said = command("serve", file, "--port", "0", code=1)
+    assert said in command("check", file, code=2)
+
+
+def test_a_key_that_was_redirected_to_a_file_is_taken_from_there(site: Site, tmp_path: Path) -> None:
+    key_file = tmp_path / "desk.key"
+    key_file.touch(mode=0o644)
+    with key_file.open("w") as stream:
+        made = subprocess.run(
+            [*LIFT_MANAGER, "keys", "make", str(site.file), "--name", "desk", "--role", "viewer"],
+            stdout=stream,
+            stderr=subprocess.PIPE,
+            check=False,
+            text=True,
+        )
+    assert made.returncode == 0, made.stderr
+    assert key_file.stat().st_mode & 0o777 == 0o600
+    eventually(lambda: asked(site) == 401, 1.0)
+    assert LIFT in command("lifts", "--manager", site.url, "--key-file", key_file)
+
+
+def test_a_key_that_no_site_knows_is_refused_where_none_is_needed(site: Site) -> None:
+    assert asked(site) == 200
+    assert asked(site, f"lm_{'0' * 8}_{'0' * 64}") == 401
+    assert asked(site, "anything") == 401
 
 
 def test_no_secret_is_ever_written_down_wherever_a_caller_puts_it(site: Site) -> None:

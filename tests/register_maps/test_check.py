@@ -231,3 +231,44 @@ def test_what_has_to_be_kept_on_cannot_be_a_pulse(tmp_path: Path) -> None:
     assert [(finding.key, "use `action: hold`" in finding.message) for finding in findings_of(tmp_path, text)] == [
         ("commands.robot_mode.action", True)
     ]
+
+
+HEAD_KEYS = {
+    "title": "title: A map without mistakes\n",
+    "provenance": "provenance: {trust: template, sources: [this test]}\n",
+    "addressing": "addressing: {base: 1}\n",
+    "at_floor_evidence": "at_floor_evidence: {kind: level}\n",
+}
+SERVED = GOOD[GOOD.index("served:") : GOOD.index("signals:")]
+
+
+@pytest.mark.parametrize("key", HEAD_KEYS)
+def test_a_missing_key_of_the_head_hides_no_other_mistake(tmp_path: Path, key: str) -> None:
+    text = GOOD.replace(HEAD_KEYS[key], "").replace(DOOR_WORDS, DOOR_WORDS.replace("2: open", "2: opne"))
+    text = text.replace("confirm: {any_of: [effect], within_s: 5}", "confirm: {any_of: [levle], within_s: 5}")
+    assert sorted(finding.key for finding in findings_of(tmp_path, text)) == sorted(
+        [key, "signals.door.front.values[2]", "commands.close_door.front.confirm.any_of[0]"]
+    )
+
+
+DOOR_WORDS = "values: {0: closed, 1: opening, 2: open, 3: closing}"
+
+
+def test_a_map_that_does_not_say_what_it_serves_is_checked_for_everything_else(tmp_path: Path) -> None:
+    text = GOOD.replace(SERVED, "").replace('"discrete:4"', '"discrete:3"')
+    assert [finding.key for finding in findings_of(tmp_path, text)] == ["served", "signals.level.at"]
+
+
+def test_a_wrong_word_in_the_head_hides_no_other_mistake(tmp_path: Path) -> None:
+    text = GOOD.replace("trust: template", "trust: nobody").replace('"discrete:4"', '"discrete:3"')
+    assert [finding.key for finding in findings_of(tmp_path, text)] == ["provenance.trust", "signals.level.at"]
+
+
+def test_nothing_is_said_of_addresses_whose_notation_is_missing(tmp_path: Path) -> None:
+    text = GOOD.replace("addressing: {base: 1}\n", "").replace('"discrete:4"', '"X17"')
+    assert [finding.key for finding in findings_of(tmp_path, text)] == ["addressing"]
+
+
+def test_a_map_of_another_schema_is_not_judged_by_this_one(tmp_path: Path) -> None:
+    text = GOOD.replace("schema: 1", "schema: 2").replace('"discrete:4"', '"discrete:3"')
+    assert [finding.key for finding in findings_of(tmp_path, text)] == ["schema"]

@@ -37,6 +37,12 @@ MISTAKES: list[Mistake] = [
     ("a read-back nobody serves", READ_AT, 'read_at: "input:30.0"', "commands.hold_door.front.read_at", "input:30.0 is not served"),
     ("a read-back of what ends by itself", TIMED, TIMED + '    read_at: "coil:50"\n', "commands.close_door.front.read_at", "the device ends this pulse by itself"),
     ("a read-back of a heartbeat", BEAT, BEAT[:-1] + ', read_at: "holding:5"}', "commands.heartbeat.read_at", "a heartbeat changes all the time"),
+    ("fewer codes than outputs", CALL, CALL + "    codes: [0, 1]\n", "commands.call.codes", "has 2 entries for 3 outputs"),
+    ("codes of a number", GO, GO + "    codes: [0, 1, 2]\n", "commands.go.codes", "a number is the floor code itself"),
+    ("codes of no call", IN_PLACE, IN_PLACE[:-1] + ", codes: [0, 1]}", "commands.robot_in_place.codes", "robot_in_place has no floor"),
+    ("BCD in bits", CALL, CALL + "    code: bcd\n", "commands.call.code", "`one_of` has one bit per floor"),
+    ("BCD with a sign", GO, GO + "    code: bcd\n    type: int16\n", "commands.go.code", "BCD has no sign"),
+    ("bytes of a coil", IN_PLACE, IN_PLACE[:-1] + ", byte_order: low_first}", "commands.robot_in_place.byte_order", "is for a whole register"),
     # its action
     ("a heartbeat that is a pulse", BEAT, 'heartbeat: {at: "holding:21", action: pulse, width_s: 1, confirm: {any_of: [may_enter], within_s: 1}}', "commands.heartbeat.action", "use `action: count` or `action: toggle`"),
     ("a word to the lift that counts", IN_PLACE, 'robot_in_place: {at: "coil:8", action: toggle, confirm: {any_of: [overload], within_s: 3}}', "commands.robot_in_place.action", "is for the heartbeat"),
@@ -222,7 +228,35 @@ def test_an_output_that_no_floor_can_use_is_a_warning(tmp_path: Path) -> None:
     text, _ = changed(GOOD, '    at: "holding:30"\n    as: floor\n', '    one_of: ["coil:8", "coil:9"]\n')
     (warning,) = loaded(tmp_path, text).warnings
     assert warning.key == "commands.go_to.one_of"
-    assert "the first output, coil:8, calls the floor with code 0, and car_floor never says 0" in warning.message
+    assert (
+        "coil:8 calls the floor with code 0, and car_floor never says 0; say how the outputs count, such as `codes: [1, 2, 3]`"
+        in warning.message
+    )
+
+
+def test_outputs_whose_codes_are_given_may_leave_out_what_the_floor_never_says(tmp_path: Path) -> None:
+    text, _ = changed(
+        GOOD, '    at: "holding:30"\n    as: floor\n', '    one_of: ["coil:8", "coil:9"]\n    codes: [1, 2]\n'
+    )
+    assert loaded(tmp_path, text).warnings == ()
+
+
+def test_a_given_code_that_the_floor_never_says_is_refused(tmp_path: Path) -> None:
+    text, _ = changed(
+        GOOD, '    at: "holding:30"\n    as: floor\n', '    one_of: ["coil:8", "coil:9"]\n    codes: [0, 1]\n'
+    )
+    expect_only(
+        tmp_path,
+        text,
+        "commands.go_to.codes",
+        "coil:8 calls the floor with code 0, and car_floor never says 0; correct it",
+    )
+
+
+def test_a_given_code_that_no_floor_switch_has_is_refused(tmp_path: Path) -> None:
+    text, _ = changed(HANDSHAKE, CALL, CALL + "    codes: [0, 1, 3]\n")
+    text, _ = changed(text, '{each_of: ["coil:0", "coil:1", "coil:2"]}', '{each_of: ["coil:50", "coil:51", "coil:52"]}')
+    expect_only(tmp_path, text, "commands.call.codes", "car_floor only says codes 0 to 2; a floor is never shown: 3")
 
 
 def test_a_timed_pulse_without_a_proof_is_not_said_to_be_read_back(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.good_map import HANDSHAKE, Mistake, changed, expect_only, loaded
+from tests.support.good_map import HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
 
 FLOOR = 'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}'
 FRONT = 'door.front: {open_limits: ["discrete:0", "discrete:1", "discrete:2"]}'
@@ -42,6 +42,29 @@ FORMS: list[Mistake] = [
     ("a signed position code", CODE, CODE.replace("code: gray, ", "type: int16, "), "signals.destination.type", "int16 needs a whole register, and this is 2 bits"),
     ("another signal than the floor that counts while stopped", CODE, CODE[:-1] + ", known_while: stopped}", "signals.destination.known_while", "belongs to car_floor"),
     ("a signed door limit", FRONT, FRONT[:-1] + ", type: int16}", "signals.door.front.type", "and this is 1 bit"),
+    ("codes of a position", CODE, CODE[:-1] + ", codes: [0, 1]}", "signals.destination.codes", "belongs to a signal with `one_of` or `each_of` or `open_limits`"),
+    ("fewer codes than floors", LAMPS, LAMPS[:-1] + ", codes: [0, 1]}", "signals.calls_registered.codes", "has 2 entries for 3 bits"),
+    ("a code for two floors", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 0]}", "signals.calls_registered.codes[2]", "code 0 is given twice"),
+    ("lamps of a floor that is never shown", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 7]}", "signals.calls_registered.codes", "car_floor only says codes 0 to 2; a floor is never shown: 7"),
+    ("BCD with a sign", CODE, 'destination: {at: "input:0", as: floor, type: int16, code: bcd}', "signals.destination.code", "without a sign; use `type: uint16`"),
+    ("BCD in a flag", ENTER, ENTER[:-1] + ", code: bcd}", "signals.may_enter.code", "BCD is for a floor or a number in several bits"),
+    ("a reserved code beyond BCD", CODE, 'destination: {at: "input:0", as: floor, code: bcd, none: [10000]}', "signals.destination.none[0]", "16 bits of BCD hold 0 to 9999"),
+    ("bytes of a bit", ENTER, ENTER[:-1] + ", byte_order: low_first}", "signals.may_enter.byte_order", "is for whole registers"),
+    ("bytes of a field", CODE, 'destination: {at: "input:0", bits: [0, 3], as: floor, byte_order: low_first}', "signals.destination.byte_order", "is for whole registers"),
+    ("positions without a tolerance", LOAD, LOAD[:-1] + ", positions: {0: 1, 1: 9}}", "signals.load", "`positions` and `tolerance` belong together"),
+    ("positions of a load", LOAD, LOAD[:-1] + ", positions: {0: 1, 1: 9}, tolerance: 1}", "signals.load.positions", "belongs to car_position"),
+    ("positions beside a floor", LOAD, 'car_position: {at: "input:2", positions: {0: 1, 1: 9}, tolerance: 1}', "signals.car_position.positions", "the map has a car_floor of its own"),
+]  # fmt: skip
+
+BY_POSITION = 'car_position: {at: "input:3", positions: {0: 100, 1: 4000, 2: 8000}, tolerance: 20}'
+
+POSITIONS: list[Mistake] = [
+    ("a position that does not fit", BY_POSITION, BY_POSITION.replace("8000", "70000"), "signals.car_position.positions[2]", "position 70000 does not fit: 16 bits of uint16 hold 0 to 65535"),
+    ("floors that are one", BY_POSITION, BY_POSITION.replace("tolerance: 20", "tolerance: 1950"), "signals.car_position.tolerance", "with a tolerance of 1950 the car would be at floors 0 and 1 at once"),
+    ("a place that is taken", BY_POSITION, BY_POSITION.replace("input:3", "holding:12"), "signals.watchdog_time.at", "holding:12 is in car_position already"),
+    ("a place that is not served", BY_POSITION, BY_POSITION.replace("input:3", "input:300"), "signals.car_position.at", "input:300 is not served"),
+    ("a place that cannot be read", BY_POSITION, BY_POSITION.replace("input:3", "inputs:3"), "signals.car_position.at", "inputs:3"),
+    ("limits of a floor without a position", 'door.rear: {at: "sensor/discrete:0", active: low}', 'door.rear: {open_limits: ["discrete:20", "discrete:21"], codes: [0, 5]}', "signals.door.rear.codes", "car_floor only says codes 0 to 2; a floor is never shown: 5"),
 ]  # fmt: skip
 
 NUMBERS: list[Mistake] = [
@@ -73,6 +96,8 @@ CLASHES: list[Mistake] = [
     ("a flag where an output is read back", ENTER, 'may_enter: {at: "input:10.0"}', "signals.may_enter.at", "input:10.0 shows what hold_door.front writes"),
     ("a flag in the register of a call", ENTER, 'may_enter: {at: "holding:20.3"}', "signals.may_enter.at", "shows what go writes, and not what the lift does; give the place where the controller says it; a lamp in a call button is calls_registered or call_accepted"),
     ("lamps in another order than their buttons", LAMPS, LAMPS.replace('"coil:1", "coil:2"', '"coil:2", "coil:1"'), "signals.calls_registered.each_of[1]", "coil:2 is floor 1 here and floor 2 of call; list both in the same order"),
+    ("lamps with other codes than their buttons", LAMPS, 'calls_registered: {each_of: ["coil:0", "coil:50", "coil:51"], codes: [1, 0, 2]}', "signals.calls_registered.each_of[0]", "coil:0 is floor 1 here and floor 0 of call; give both the same `codes` for it"),
+    ("limits with other codes than the switches", FRONT, 'door.front: {open_limits: ["discrete:0", "discrete:30", "discrete:31"], codes: [1, 0, 2]}', "signals.door.front.open_limits[0]", "discrete:0 is floor 0 of car_floor and floor 1 of door.front; give both the same `codes` for it"),
 ]  # fmt: skip
 
 
@@ -86,6 +111,35 @@ def test_a_signal_that_does_not_fit_its_kind_is_refused(
     text, _ = changed(HANDSHAKE, old, new)
     # another evidence, because a floor that is said in another way is no door limit
     expect_only(tmp_path, text.replace("door_limit", "motion_stopped"), key, words)
+
+
+def positioned(text: str) -> str:
+    """The map with a position instead of floor switches."""
+    plain, _ = changed(text, FLOOR, BY_POSITION)
+    plain, _ = changed(plain, FRONT, 'door.front: {at: "discrete:0"}')
+    return plain.replace("door_limit", "motion_stopped").replace('load: {at: "input:2"', 'load: {at: "input:16"')
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [pytest.param(*case[1:], id=case[0]) for case in POSITIONS],
+)
+def test_a_position_that_shows_no_floor_is_refused_once(
+    tmp_path: Path, old: str, new: str, key: str, words: str
+) -> None:
+    expect_only(tmp_path, changed(positioned(HANDSHAKE), old, new)[0], key, words)
+
+
+def test_a_table_of_one_position_is_refused(tmp_path: Path) -> None:
+    text, _ = changed(positioned(HANDSHAKE), "{0: 100, 1: 4000, 2: 8000}", "{0: 100}")
+    found = {finding.key: finding.message for finding in findings_of(tmp_path, text)}
+    assert "a lift has at least two floors" in found["signals.car_position.positions"]
+
+
+def test_a_position_with_a_table_is_a_floor_signal(tmp_path: Path) -> None:
+    found = loaded(tmp_path, positioned(HANDSHAKE))
+    assert found.warnings == ()
+    assert "car_floor" in found.map.signals
 
 
 @pytest.mark.parametrize(

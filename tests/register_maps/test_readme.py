@@ -59,6 +59,8 @@ def completed(block: str) -> str:
     for key, value in said.items():
         merges = isinstance(value, dict) and key in ("signals", "link") and not own
         whole[key] = {**whole.get(key, {}), **value} if merges else value
+    if "positions" in said.get("signals", {}).get("car_position", {}):
+        del whole["signals"]["car_floor"]  # the position shows the floor
     return yaml.safe_dump(whole)
 
 

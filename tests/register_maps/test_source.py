@@ -55,7 +55,9 @@ REFUSED: list[tuple[str, str | bytes, int | None, str, str]] = [
     ("a byte that is not UTF-8", b"name: a\ntags: [\xe9]\n", 2, "", "0xE9 is not UTF-8"),
     ("a control character", "name: a\ntags: ['\x01']\n", 2, "", "U+0001 is not allowed"),
     ("nothing at all", "# only a comment\n", None, "", "empty"),
-    ("a list instead of keys", "- name\n", 1, "", "must be a table of keys, not a list"),
+    ("a list instead of keys", "- name\n", 1, "", "must be a table of keys, not a list; for example {name: ...}"),
+    ("text instead of keys", "name: a\nrooms: {hall: 5}\n", 2, "rooms.hall", "must be a table of keys, not 5; for example {code: 1}"),
+    ("a number instead of a table", "name: a\nrooms: 5\n", 2, "rooms", "must be a table of keys, not 5; for example {name: {code: 1}}"),
     ("a colon too many", "name: a: b\n", 1, "", "must be quoted"),
     ("wrong indentation", "name: a\nrooms:\n  hall: {code: 1}\n shaft: {code: 2}\n", 4, "", "indentation"),
     ("an open bracket", "tags: [a\nname: b\n", 2, "", "closing bracket is missing (what it belongs to starts in line 1)"),
@@ -227,7 +229,8 @@ def test_a_line_is_found_for_a_key_and_for_what_is_missing_below_it(tmp_path: Pa
 
 
 def test_unknown_keys_do_not_hide_what_else_can_be_checked(tmp_path: Path) -> None:
-    house, found = try_validate(read(written(tmp_path, "name: a\nzzz: 1\nrooms: {b: {code: 2, kid: 1}}\n")), House)
+    tried = try_validate(read(written(tmp_path, "name: a\nzzz: 1\nrooms: {b: {code: 2, kid: 1}}\n")), House)
+    house, found = tried.model, tried.findings
     assert house is not None
     assert house.rooms["b"].code == 2
     assert {finding.key for finding in found} == {"zzz", "rooms.b.kid"}
@@ -235,7 +238,8 @@ def test_unknown_keys_do_not_hide_what_else_can_be_checked(tmp_path: Path) -> No
 
 def test_wrong_entries_of_a_spared_table_are_left_out(tmp_path: Path) -> None:
     source = read(written(tmp_path, "name: a\nrooms: {b: {code: 99}, c: {code: 1}, d: 5}\n"))
-    house, found = try_validate(source, House, spare=("rooms",))
+    tried = try_validate(source, House, spare=("rooms",))
+    house, found = tried.model, tried.findings
     assert house is not None
     assert list(house.rooms) == ["c"]
     assert [finding.key for finding in found] == ["rooms.b.code", "rooms.d"]

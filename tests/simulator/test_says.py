@@ -290,3 +290,34 @@ def test_a_hold_that_latches_does_not_fall_with_the_heartbeat() -> None:
     lift = faced(written_map(WATCHED.replace("LOSS", "latches") + HEARTBEAT), (0, 1))
     lift.write(COIL, 0, 1)
     assert is_open(lift.after(3600))
+
+
+# -- the car position
+
+BY_POSITION = """\
+signals:
+  car_position: {at: "input:0", type: int32, word_order: high_first, positions: {1: -500, 2: 3000, 5: 6100}, tolerance: 10}
+  door.front: {at: "discrete:20"}
+"""
+
+
+def test_a_position_goes_from_that_of_one_floor_to_that_of_the_next() -> None:
+    lift = said(BY_POSITION, (1, 2, 5))
+    assert position_of(lift) == -500
+    lift.write(HOLDING, 100, 5)
+    seen = [position_of(lift)]
+    while lift.after(SCAN_S).door_open_floor != 2:
+        seen.append(position_of(lift))
+    assert position_of(lift) == 6100
+    assert seen == sorted(seen)
+    assert len(set(seen)) > 20
+
+
+def position_of(lift: Faced) -> int:
+    high, low = lift.read(INPUT, 0, 2)
+    return int.from_bytes((high << 16 | low).to_bytes(4, "big"), "big", signed=True)
+
+
+def test_a_floor_without_a_position_is_none_of_the_lift() -> None:
+    with pytest.raises(ValueError, match="car_position has no position for the floor with code 3"):
+        said(BY_POSITION, (1, 2, 3))

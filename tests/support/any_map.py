@@ -63,6 +63,15 @@ BITS = ("coil", "discrete")
 REGISTERS = ("holding", "input")
 
 
+BYTE_ORDER = st.sampled_from([{}, {"byte_order": "high_first"}, {"byte_order": "low_first"}])
+BCD = st.sampled_from([{}, {"code": "bcd"}])
+
+
+def given(codes: list[int] | None) -> Data:
+    """The floor codes of one bit per floor, where the map gives them."""
+    return {} if codes is None else {"codes": codes}
+
+
 @st.composite
 def bit(draw: st.DrawFn, places: Places) -> Data:
     """A flag: a bit, a bit of a register, or a whole register."""
@@ -92,19 +101,23 @@ def words(draw: st.DrawFn, places: Places, kind: str) -> Data:
 
 
 @st.composite
-def floor(draw: st.DrawFn, places: Places) -> Data:
-    """A floor: a number of any sort, one bit per floor, or a position code."""
-    form = draw(st.sampled_from(["number", "signed", "wide", "field", "one_of", "code_of"]))
+def floor(draw: st.DrawFn, places: Places, codes: list[int] | None) -> Data:
+    """A floor: a number of any sort, one bit per floor, or a position code; `codes` are those of the floors, where given."""
+    low_codes = codes is None
+    form = draw(st.sampled_from(["number", "signed", "one_of", *(["wide", "field", "code_of"] if low_codes else [])]))
     if form in ("one_of", "code_of"):
         many = [places.take(draw, *BITS) for _ in range(FLOORS if form == "one_of" else draw(st.integers(2, 5)))]
         entry: Data = {form: many, "active": draw(st.sampled_from(["high", "low"]))}
         if form == "code_of":
-            entry |= {"code": draw(st.sampled_from(["binary", "gray"])), "as": "floor"}
+            entry |= {"code": draw(st.sampled_from(["binary", "gray", "bcd"])), "as": "floor"}
+        elif codes is not None:
+            entry["codes"] = codes
         return entry
     if form == "wide":
         order = draw(st.sampled_from(["high_first", "low_first"]))
         kind = draw(st.sampled_from(["uint32", "int32"]))
-        return {"at": places.pair(draw, "input"), "type": kind, "word_order": order, "as": "floor", "unknown": [0]}
+        entry = {"at": places.pair(draw, "input"), "type": kind, "word_order": order, "as": "floor", "unknown": [0]}
+        return entry | draw(BYTE_ORDER) | (draw(BCD) if kind == "uint32" else {})
     at = places.take(draw, *REGISTERS)
     if form == "field":
         return {
@@ -114,7 +127,23 @@ def floor(draw: st.DrawFn, places: Places) -> Data:
             "as": "floor",
             "unknown": [31],
         }
-    return {"at": at, "type": "int16" if form == "signed" else "uint16", "as": "floor", "unknown": [0]}
+    entry = {"at": at, "type": "int16" if form == "signed" else "uint16", "as": "floor"}
+    unknown = next(code for code in range(FLOORS + 1) if code not in (codes or ()))
+    return entry | {"unknown": [unknown]} | draw(BYTE_ORDER) | (draw(BCD) if form == "number" else {})
+
+
+@st.composite
+def position(draw: st.DrawFn, places: Places, codes: list[int]) -> Data:
+    """A car position with the place of each floor, in two registers."""
+    kind = draw(st.sampled_from(["uint32", "int32"]))
+    gaps = draw(st.lists(st.integers(50, 5000), min_size=len(codes), max_size=len(codes)))
+    table = {code: sum(gaps[: index + 1]) for index, code in enumerate(codes)}
+    at = {
+        "at": places.pair(draw, "holding"),
+        "type": kind,
+        "word_order": draw(st.sampled_from(["high_first", "low_first"])),
+    }
+    return at | draw(BYTE_ORDER) | {"positions": table, "tolerance": draw(st.integers(0, 20)), "unit": "mm"}
 
 
 @st.composite
@@ -130,9 +159,13 @@ def door(draw: st.DrawFn, places: Places) -> Data:
 
 
 @st.composite
-def signals(draw: st.DrawFn, places: Places) -> Data:
+def signals(draw: st.DrawFn, places: Places, codes: list[int] | None) -> Data:
     """Some signals, a floor and a door among them."""
-    made: Data = {"car_floor": draw(floor(places)), "door.front": draw(door(places))}
+    made: Data = {"door.front": draw(door(places))}
+    if draw(st.booleans()):
+        made["car_position"] = draw(position(places, codes or list(range(FLOORS))))
+    else:
+        made["car_floor"] = draw(floor(places, codes))
     if draw(st.booleans()):
         made["motion"] = (
             {"up": places.take(draw, *BITS), "down": places.take(draw, *BITS)}
@@ -142,7 +175,7 @@ def signals(draw: st.DrawFn, places: Places) -> Data:
     if draw(st.booleans()):
         made["mode"] = draw(words(places, "mode"))
     if draw(st.booleans()):
-        made["calls_registered"] = {"each_of": [places.take(draw, *BITS) for _ in range(FLOORS)]}
+        made["calls_registered"] = {"each_of": [places.take(draw, *BITS) for _ in range(FLOORS)]} | given(codes)
     if draw(st.booleans()):
         made["load"] = {"at": places.pair(draw, "holding"), "type": "int32", "word_order": "low_first", "unit": "kg"}
     for flag in draw(st.sets(st.sampled_from(FLAGS), max_size=4)):
@@ -168,7 +201,7 @@ def output(draw: st.DrawFn, places: Places) -> Data:
 
 
 @st.composite
-def commands(draw: st.DrawFn, places: Places) -> Data:
+def commands(draw: st.DrawFn, places: Places, codes: list[int] | None) -> Data:
     """A call, a hold, and sometimes more."""
     confirm = {"any_of": ["effect"], "within_s": 1}
     hold = {
@@ -178,9 +211,9 @@ def commands(draw: st.DrawFn, places: Places) -> Data:
         "confirm": {"any_of": ["readback"], "within_s": 1},
     }
     pulse = {"action": "pulse", "width_s": 0.3, "confirm": confirm}
-    where: Data = {"at": places.take(draw, "holding"), "as": "floor"}
+    where: Data = {"at": places.take(draw, "holding"), "as": "floor"} | draw(BYTE_ORDER) | draw(BCD)
     if draw(st.booleans()):
-        where = {"one_of": [places.take(draw, "coil") for _ in range(FLOORS)]}
+        where = {"one_of": [places.take(draw, "coil") for _ in range(FLOORS)]} | given(codes)
     made: Data = {"go_to": where | pulse}
     made["hold_door.front"] = draw(output(places)) | hold
     if draw(st.booleans()):
@@ -206,6 +239,7 @@ def any_map(draw: st.DrawFn) -> RegisterMap:
     """A map that every check accepts."""
     base = draw(st.sampled_from([0, 1]))
     places = Places(base)
+    codes = draw(st.none() | st.lists(st.integers(-5, 20), min_size=FLOORS, max_size=FLOORS, unique=True))
     data = {
         "schema": 1,
         "name": "any",
@@ -214,8 +248,8 @@ def any_map(draw: st.DrawFn) -> RegisterMap:
         "addressing": {"base": base},
         "link": draw(LIMITS),
         "served": {table: [[n + base for n in span] for span in spans] for table, spans in SERVED.items()},
-        "signals": draw(signals(places)),
-        "commands": draw(commands(places)),
+        "signals": draw(signals(places, codes)),
+        "commands": draw(commands(places, codes)),
         "at_floor_evidence": {"kind": "position_stable", "for_s": 1.0},
     }
     made = RegisterMap.model_validate(data)

@@ -67,7 +67,7 @@ class _Sheet:
         spec = command.spec
         texts = [text for _, text in spec.keyed_read_addresses]
         for index, (point, printed) in enumerate(zip(command.points, spec.addresses, strict=True)):
-            part = self._floor(index) if spec.one_of is not None else ""
+            part = self._floor(spec.floor_codes[index]) if spec.one_of is not None else ""
             spare = _NO_FLOOR in part
             back = f"read back at {texts[index]}" if texts else ""
             yield IoPoint(
@@ -96,8 +96,8 @@ class _Sheet:
         if spec.code_of is not None:
             return [f"bit {index} of the code" for index in range(count)]
         if spec.open_limits is not None:
-            return [f"fully open, {self._floor(index)}" for index in range(count)]
-        return [self._floor(index) for index in range(count)] if count > 1 else [""]
+            return [f"fully open, {self._floor(code)}" for code in spec.floor_codes]
+        return [self._floor(code) for code in spec.floor_codes] or [""]
 
     def _floor(self, code: int) -> str:
         return f"floor {self._floors[code]}" if code in self._floors else f"code {code}, {_NO_FLOOR}"

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from register_maps.codec import Codec, Point
 from register_maps.words import BIT_TABLES, Table
 
+BLOCK = "RobotLift"
+"""Name of the function block."""
+
 _ARRAYS = {
     Table.COIL: "Coils",
     Table.DISCRETE: "DiscreteInputs",
@@ -32,9 +35,20 @@ class Area:
         return _ARRAYS[self.table]
 
     @property
-    def declaration(self) -> str:
+    def type_name(self) -> str:
+        """Name of its type: a caller has to declare the same one, and two arrays without a name are never of one type."""
+        return f"{BLOCK}{self.name}"
+
+    @property
+    def type_declaration(self) -> str:
+        """The declaration of its type."""
         element = "BOOL" if self.table in BIT_TABLES else "WORD"
-        return f"{self.name} : ARRAY [{self.first}..{self.last}] OF {element};"
+        return f"{self.type_name} : ARRAY [{self.first}..{self.last}] OF {element};"
+
+    @property
+    def declaration(self) -> str:
+        """The declaration of the array."""
+        return f"{self.name} : {self.type_name};"
 
 
 def areas(codec: Codec) -> tuple[Area, ...]:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lift_manager.commissioning.plc.cells import Area, areas
+from lift_manager.commissioning.plc.cells import BLOCK, Area, areas
 from lift_manager.commissioning.plc.demands import watchdog_s
 from register_maps.codec import Codec
 from register_maps.words import BIT_TABLES
-
-BLOCK = "RobotLift"
-"""Name of the function block."""
 
 _REGISTERS = {
     "CODESYS": (
@@ -64,7 +61,11 @@ def header(codec: Codec, floors: Mapping[str, int]) -> Iterator[str]:
         f"When the manager is silent for {watchdog_s(codec):g} s, every output falls and every command cell is cleared. "
         "The program takes commands out of their cells, so it must be able to write where the manager writes."
     )
-    arrays = "Each array holds one Modbus table; its index is the address on the wire, counted from 0."
+    arrays = (
+        "Each array holds one Modbus table; its index is the address on the wire, counted from 0. Declare yours with the types "
+        "below. Where types are objects of their own (CODESYS, TwinCAT), make one of each; where an array type cannot have a "
+        "name (S7), write the array itself in its place."
+    )
     connected = (f"{name}: {text}" for name, text in platforms(codec).items())
     paragraphs = [purpose, use_it, silence, f"Floors, lowest first: {listed}.", arrays, *connected]
     for paragraph in paragraphs:

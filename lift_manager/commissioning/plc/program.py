@@ -43,7 +43,9 @@ def structured_text(codec: Codec, floors: Mapping[str, int]) -> str:
         "(*",
         *(f"  {line}".rstrip() for line in notes.header(codec, floors)),
         "*)",
-        f"FUNCTION_BLOCK {notes.BLOCK}",
+        # one block for each: TwinCAT takes no more in it
+        *(line for area in cells.areas(codec) for line in ("TYPE", f"  {area.type_declaration}", "END_TYPE", "")),
+        f"FUNCTION_BLOCK {cells.BLOCK}",
         *_areas(codec),
         *_variables("VAR_INPUT", map(_declared, inputs(codec, names))),
         *_variables("VAR_OUTPUT", map(_declared, outputs(codec, names))),

@@ -9,6 +9,7 @@ from lift_manager.commissioning.plc.demands import watchdog_s
 from lift_manager.commissioning.plc.notes import platforms, use
 from lift_manager.commissioning.plc.terminals import Contact, Terminal, inputs, outputs
 from register_maps.codec import Codec, CommandCodec, SignalCodec
+from register_maps.schema import Command, Signal
 from register_maps.words import BIT_TABLES, READ_FUNCTION
 
 
@@ -52,7 +53,7 @@ def wiring_sheet(codec: Codec, floors: Mapping[str, int]) -> str:
         "",
         "## Where the arrays are connected",
         "",
-        *(f"- `{area.declaration}` {use(area)}." for area in areas(codec)),
+        *(f"- `{area.declaration}`, `{area.type_declaration}` {use(area)}." for area in areas(codec)),
         *(f"- {name}: {text}" for name, text in platforms(codec).items()),
         "",
         "## To be tried before the first robot",
@@ -107,10 +108,11 @@ def _wire(part: SignalCodec | CommandCodec) -> str:
 def _meaning(codec: Codec, signal: SignalCodec) -> str:
     spec = codec.map.signals[signal.name]
     if spec.values is not None:
-        return ", ".join(f"{code} = {word}" for code, word in spec.values.items())
+        return ", ".join([*(f"{code} = {word}" for code, word in spec.values.items()), *_bytes(spec)])
     special = [f"{code} = {word}" for word, codes in (("unknown", spec.unknown), ("none", spec.none)) for code in codes]
     if spec.as_ is not None:
-        return ", ".join(["the code of a floor", *special])
+        coded = ["the code of a floor", *(["in BCD"] if spec.code == "bcd" else []), *_bytes(spec)]
+        return ", ".join([*coded, *special])
     if spec.active == "low":
         return f"0 = {signal.name}"
     return {"floor": "one bit per floor", "counter": "counts up", "flag": f"1 = {signal.name}"}.get(
@@ -118,10 +120,14 @@ def _meaning(codec: Codec, signal: SignalCodec) -> str:
     )
 
 
+def _bytes(spec: Signal | Command) -> list[str]:
+    return ["low byte first"] if spec.byte_order == "low_first" else []
+
+
 def _order(command: CommandCodec) -> str:
     spec = command.spec
     what = (
-        "the code of a floor"
+        ", ".join(["the code of a floor", *(["in BCD"] if spec.code == "bcd" else []), *_bytes(spec)])
         if spec.as_ is not None
         else "one bit per floor"
         if len(command.points) > 1

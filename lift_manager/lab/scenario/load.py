@@ -47,7 +47,8 @@ class LoadedScenario:
 def load_scenario(path: Path) -> LoadedScenario:
     """Read and check a scenario file. Raises MapFileError with every finding."""
     source = read(path, number_keys=_is_value_table)
-    scenario, found = try_validate(source, Scenario)
+    tried = try_validate(source, Scenario)
+    scenario, found = tried.model, tried.findings
     mistakes = Mistakes(source, list(found))
     site = None if scenario is None else _site(scenario, path.parent, mistakes)
     lifts = {} if site is None else known_lifts(site)

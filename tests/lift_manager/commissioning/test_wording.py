@@ -34,6 +34,18 @@ SIGNALS = [
         "car_floor: {one_of: ['coil:1', 'coil:2']}",
         "one bit per floor, lowest first; none = no floor known, several = unknown",
     ),
+    (
+        "car_floor: {one_of: ['coil:1', 'coil:2'], codes: [-1, 4]}",
+        "one bit per floor, for the codes -1, 4; none = no floor known, several = unknown",
+    ),
+    (
+        "car_floor: {at: 'holding:1', as: floor, code: bcd, byte_order: low_first, unknown: [0]}",
+        "low byte first; BCD; the code of a floor, 0 = not known",
+    ),
+    (
+        "car_position: {at: 'holding:1', type: int16, unit: mm, positions: {1: -20, 2: 3500}, tolerance: 15}",
+        "signed; the floor within 15 mm of its position: -20 mm = code 1, 3500 mm = code 2",
+    ),
     ("calls_registered: {each_of: ['coil:1', 'coil:2']}", "one bit per floor, lowest first; any number of them"),
     (
         "car_floor: {code_of: ['coil:1', 'coil:2'], code: gray, active: low}",
@@ -69,6 +81,16 @@ COMMANDS = [
     (
         "go_to: {at: 'holding:1', type: int16, as: floor, action: pulse, width_s: 1}",
         "signed number, the code of a floor; 0 = no command",
+        "pressed for 1 s, then let go",
+    ),
+    (
+        "go_to: {at: 'holding:1', as: floor, code: bcd, byte_order: low_first, action: pulse, width_s: 1}",
+        "BCD number, low byte first, the code of a floor; 0 = no command",
+        "pressed for 1 s, then let go",
+    ),
+    (
+        "go_to: {one_of: ['coil:1', 'coil:2'], codes: [1, 2], action: pulse, width_s: 1}",
+        "one output per floor, for the codes 1, 2; 1 = on, 0 = let go",
         "pressed for 1 s, then let go",
     ),
     (

@@ -16,10 +16,43 @@ def about(folder: Path, text: str, words: str, *edits: tuple[str, str]) -> list[
     return [caution for caution in load(folder, text, *edits).cautions() if words in caution]
 
 
-def test_a_commanded_lift_is_cautioned_about_at_every_start(tmp_path: Path) -> None:
-    assert about(tmp_path, GENERIC, "checkout") == [
-        "main: is commanded without a checkout record for map generic-registers (template): nobody has written down that it was tried at this lift"
-    ]
+BUTTONS = """\
+    override:
+      commands:
+        go_to: {as: null, one_of: ["coil:0", "coil:1", "coil:2", "coil:3"], CODES, action: pulse, width_s: 1, confirm: {any_of: [effect], within_s: 10}}
+      served: {coil: [[0, 9]]}
+"""
+
+
+def test_nothing_is_said_of_checkout_records_that_nobody_can_make(tmp_path: Path) -> None:
+    assert about(tmp_path, GENERIC, "checkout") == []
+
+
+@pytest.mark.parametrize(
+    ("codes", "expected"),
+    [
+        (
+            "codes: [-3, 1, 2, 3]",
+            ["main: codes -3, 3 of go_to belong to no floor of this lift"],
+        ),
+        (
+            "note: no codes",
+            [
+                "main: codes 0, 3 of go_to belong to no floor of this lift; without `codes`, the first entry of go_to has code 0: if it is that of the lowest floor here, give `codes`"
+            ],
+        ),
+        ("codes: [1, 2, 3, 4]", ["main: codes 3 to 4 of go_to belong to no floor of this lift"]),
+        ("codes: [7, 2, 1, 5]", ["main: codes 5, 7 of go_to belong to no floor of this lift"]),
+    ],
+)
+def test_a_code_that_belongs_to_no_floor_is_cautioned_about(tmp_path: Path, codes: str, expected: list[str]) -> None:
+    two = GENERIC.replace("{B1: -1, L1: 1, L2: 2}", "{L1: 1, L2: 2}") + BUTTONS.replace("CODES", codes)
+    assert about(tmp_path, two, "of this lift") == expected
+
+
+def test_a_lift_whose_codes_are_its_floors_needs_no_word_about_them(tmp_path: Path) -> None:
+    four = GENERIC.replace("{B1: -1, L1: 1, L2: 2}", "{B1: -1, L1: 1, L2: 2, L3: 3}")
+    assert about(tmp_path, four + BUTTONS.replace("CODES", "codes: [-1, 1, 2, 3]"), "of this lift") == []
 
 
 def test_a_lift_that_is_only_watched_says_that_its_requests_are_refused(tmp_path: Path) -> None:
@@ -46,20 +79,17 @@ def test_an_address_that_others_reach_needs_keys_or_a_reason_that_is_said_at_eve
     assert about(tmp_path, local, "the API listens on") == []
 
 
-def test_a_commanded_lift_with_everything_visible_on_a_map_taken_from_a_lift_needs_no_other_caution(
+def test_a_commanded_lift_with_everything_visible_on_a_map_taken_from_a_lift_needs_no_caution(
     tmp_path: Path,
 ) -> None:
     my_map(tmp_path, ("trust: template", "trust: vendor-manual"))
-    assert list(load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).cautions()) == [
-        "main: is commanded without a checkout record for map generic-registers (vendor-manual): nobody has written down that it was tried at this lift"
-    ]
+    assert list(load(tmp_path, GENERIC, ("map: generic-registers", "map: ./mine.yaml")).cautions()) == []
 
 
 def test_what_a_lift_does_not_show_and_what_was_accepted_are_cautioned_about(tmp_path: Path) -> None:
     cautions = list(load(tmp_path, TWO_STOP).cautions())
     assert [caution.split(":")[1].strip() for caution in cautions] == [
         "fire is not visible on this interface",
-        "is commanded without a checkout record for map two-stop-agv (integration-code)",
         "outputs stay on when this manager is lost; accepted",
     ]
     assert cautions[-1].endswith("accepted: a person stands beside it")

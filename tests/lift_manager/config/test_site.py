@@ -452,3 +452,24 @@ def test_a_shorter_clear_s_allows_shorter_limits(tmp_path: Path) -> None:
     more = "    access: control\n    clear_s: 2\n    lease_s: 6\n    max_session_hold_s: 6\n"
     lift = load(tmp_path, GENERIC, ("    access: control\n", more)).site.lifts["main"]
     assert (lift.clear_s, lift.lease_s) == (2.0, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("edit", "key"),
+    [
+        (("port: 502", "port: 70000"), "controllers.plc.port"),
+        (("port: 502", "timeout_s: never"), "controllers.plc.timeout_s"),
+        (("name: A building\n", ""), "name"),
+        (("schema: 1\n", "schema: 1\napi: {port: 0}\n"), "api.port"),
+        (("schema: 1\n", "schema: 1\ntimezone: Mars\n"), "timezone"),
+    ],
+)
+def test_a_mistake_elsewhere_does_not_hide_those_of_the_floors(tmp_path: Path, edit: tuple[str, str], key: str) -> None:
+    found = findings(tmp_path, edited(GENERIC, edit, ("L2: 2", "L2: 1")))
+    assert sorted(finding.key for finding in found) == sorted([key, "lifts.main.floors.L2"])
+
+
+def test_what_stands_in_for_a_mistake_causes_none(tmp_path: Path) -> None:
+    second = "  other: {host: 192.0.2.99, port: 99999, map: two-stop-agv}\n"
+    found = findings(tmp_path, edited(GENERIC, ("lifts:\n", f"{second}lifts:\n")))
+    assert [finding.key for finding in found] == ["controllers.other.port"]

@@ -9,10 +9,10 @@ from typing import get_args
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result, Written
+from drivers.sparing import CALLERS, TOLD_EVERY_S
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
 from lift_manager.core.recording import LiftLog, RecordingBus
-from lift_manager.core.sparing import CALLERS, TOLD_EVERY_S
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.boarding import KeptBoarding
 from lift_manager.domain.events import (

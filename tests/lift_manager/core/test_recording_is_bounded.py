@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import Callable, Iterator
 from itertools import cycle
 
+from drivers.sparing import OF_MANY, TOLD_EVERY_S, TURN_EVERY_S, TURNS
 from lift_manager.core.bus import Bus
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import ShortMemory
 from lift_manager.core.recording import CHANGES, READ_WITHIN_S, REQUESTS, LiftLog
 from lift_manager.core.refusals import REFUSALS
-from lift_manager.core.sparing import OF_MANY, TOLD_EVERY_S, TURN_EVERY_S, TURNS
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
 from lift_manager.domain.events import Event
 from lift_manager.domain.journal import Row, RowKind

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lift_manager.core.sparing import CALLERS
+from drivers.sparing import CALLERS
 from lift_manager.core.waiting import HEARD_WITHIN_S, WaitingLine
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.rmf import rmf_holder

@@ -73,6 +73,12 @@ def test_arrival_forgives_earlier_failures() -> None:
     assert (call.phase, call.failures) == (CallPhase.ARRIVED, 0)
 
 
+def test_a_call_that_failed_has_no_reason_any_more_once_the_car_is_there() -> None:
+    call = calls.failed(confirmed(), "the call disappeared", 1.0)
+    assert call.reason == "the call disappeared"
+    assert calls.seen(call, sight("L2"), ABLE, 2.0).reason == ""
+
+
 def test_a_call_that_disappears_is_lost_after_a_few_readings_but_not_after_one() -> None:
     call = confirmed()
     for _ in range(calls.LOST_AFTER_READINGS - 1):

@@ -23,7 +23,7 @@ from lift_manager.domain.ride_record import (
 )
 from lift_manager.domain.ride_steps import REPEAT_S, asked, opened, read, step
 from lift_manager.domain.service import Advice, EndReason
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.domain.state import Holder, LiftState, Quality, Restrictions, RobotDoor
 from register_maps.words import Door, Mode, Side
 from tests.lift_manager.domain.ride_sights import (
     HOLDER,
@@ -274,6 +274,23 @@ def test_a_robot_could_leave_no_longer_once_the_car_moves_with_its_door_shut_or_
 def test_a_car_that_is_open_and_not_held_yet_says_that_it_waits_for_the_hold() -> None:
     unheld = _but(_with(OPEN_AT_START, door_held=False), robot_door=RobotDoor.MOVING)
     assert step(ride(Phase.BOARDING), unheld).record.reason.endswith("is open, and is not held yet: waits for the hold")
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"permissions": {"may_enter": False, "may_leave": True}}, "and the lift does not give `may_enter`"),
+        (
+            {"permissions": {"may_enter": True, "may_leave": False}},
+            "and the lift is not in a mode for robots (its mode is normal)",
+        ),
+        ({}, "and the lift is not in a mode for robots (its mode is normal)"),
+        ({"restrictions": Restrictions(lockout="M. Weber: cleaning")}, "and robots are locked out"),
+    ],
+)
+def test_an_open_door_that_invites_nobody_says_what_is_missing(more: dict[str, object], words: str) -> None:
+    barred = _but(OPEN_AT_START, robot_door=RobotDoor.MOVING, **more)
+    assert step(ride(Phase.BOARDING), barred).record.reason == f"the door at L1 is open, {words}"
 
 
 def test_a_ride_that_ends_with_its_robot_perhaps_inside_speaks_to_it() -> None:

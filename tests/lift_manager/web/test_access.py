@@ -128,12 +128,21 @@ def test_what_does_not_exist_is_404_only_to_who_has_a_key() -> None:
     assert (answer.status_code, answer.json()["code"]) == (404, "no_such_path")
 
 
-@pytest.mark.parametrize("headers", [{}, {"Authorization": "Bearer nonsense"}, bearing(Role.OPERATOR)])
+@pytest.mark.parametrize("headers", [{}, {"Authorization": "Basic bm9ib2R5Og=="}])
 def test_while_there_are_no_keys_nobody_needs_one_and_all_are_the_workshop(headers: Mapping[str, str]) -> None:
     facade = FakeManager()
     assert ask(facade, "POST", REQUEST, content=CALL, headers=headers).json()["success"] is True
     assert facade.asked[0].holder == Holder("workshop", "workshop")
     assert str(facade.asked[0].holder) == "workshop"
+
+
+@pytest.mark.parametrize("headers", [{"Authorization": "Bearer nonsense"}, bearing(Role.OPERATOR)])
+def test_while_there_are_no_keys_a_key_is_refused(headers: Mapping[str, str]) -> None:
+    facade = FakeManager()
+    answer = ask(facade, "POST", REQUEST, content=CALL, headers=headers)
+    assert (answer.status_code, facade.asked) == (401, [])
+    assert "this key does not count here" in answer.text
+    assert ask(facade, "GET", "/healthz", headers=headers).status_code == 200
 
 
 @pytest.mark.parametrize("role", [Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER])

@@ -88,6 +88,8 @@ class Machine:
     """`BOOL`, `INT`, `UINT`, `WORD`, `TON`, `TOF`, `TP`, `R_TRIG`; of an array: its elements'."""
     sections: dict[str, str] = field(default_factory=dict)
     """Where each variable was declared, such as `var_input`."""
+    _named: dict[str, Node] = field(default_factory=dict)
+    """Types that the program declares, by name."""
     _body: list[Execute] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -95,6 +97,11 @@ class Machine:
         blocks = [node for node in block if node.type == "function_block_declaration"]
         if len(blocks) != 1:
             raise StError("one function block was expected")
+        for node in (
+            definition for part in block if part.type == "type_declaration" for definition in part.named_children
+        ):
+            if node.type == "type_definition":
+                self._named[_text(_child(node, "name"))] = _child(node, "definition")
         for node in blocks[0].named_children:
             if node.type.startswith("var_"):
                 self._declare(node)
@@ -110,12 +117,18 @@ class Machine:
         for node in section.named_children:
             if node.type != "variable_declaration":
                 continue
-            kind = _child(node, "type")
+            kind = self._type(_child(node, "type"), section)
             for name in (_text(name) for name in node.children_by_field_name("names") if name.is_named):
                 if name.upper() in map(str.upper, self.types):
                     raise StError(f"{name} is declared twice")
                 self.sections[name] = section.type
                 self.types[name], self.values[name] = _initial(kind)
+
+    def _type(self, kind: Node, section: Node) -> Node:
+        """The type of a variable; what a caller passes in must be of a type that has a name, or no two are the same."""
+        if section.type == "var_in_out" and kind.type == "array_type":
+            raise StError(f"a caller can pass nothing into {_text(kind)}: its type has no name")
+        return self._named.get(_text(kind), kind)
 
     # -- statements
 

@@ -37,6 +37,18 @@ def test_the_text_is_plain_ascii_and_a_strict_plc_takes_it(layout: Layout) -> No
     assert Machine(text).sections.keys()
 
 
+@each_map
+def test_a_caller_declares_its_arrays_with_the_types_of_the_program(layout: Layout) -> None:
+    text = program(layout).st
+    types = re.findall(r"^  (RobotLift\w+) : ARRAY \[\d+\.\.\d+\] OF (?:BOOL|WORD);$", text, re.MULTILINE)
+    assert text.index("TYPE\n") < text.index("END_TYPE\n") < text.index("FUNCTION_BLOCK RobotLift\n")
+    passed_in = text.partition("VAR_IN_OUT\n")[2].partition("END_VAR")[0]
+    assert [re.split(r" : |;", line.strip())[1] for line in passed_in.splitlines()] == types
+    assert all(
+        f"`{name.removeprefix('RobotLift')} : {name};`, `{name} : ARRAY [" in program(layout).wiring for name in types
+    )
+
+
 def twincat_takes(text: str, folder: Path) -> bool:
     """Whether a parser that knows nothing of ours reads a program to its end. Each run takes seconds."""
     source = folder / "program.st"
@@ -103,7 +115,7 @@ def test_addresses_counted_from_one_are_moved_to_the_wire() -> None:
         del given["signals"]["alive"]
 
     made = render(changed(from_one), FLOORS)
-    assert "HoldingRegisters : ARRAY [0..18] OF WORD;" in made.st
+    assert "RobotLiftHoldingRegisters : ARRAY [0..18] OF WORD;" in made.st
     assert "Asked := (HoldingRegisters[17] = 16#0001);" in made.st
     assert "| robot_mode | holding:18 | 17 | FC06, FC03 |" in made.wiring
 

@@ -46,6 +46,15 @@ def test_standard_blocks_follow_their_timing_diagrams(kind: str, levels: str, se
     assert trace(kind, levels) == seen
 
 
+def test_what_a_caller_passes_in_has_a_type_with_a_name() -> None:
+    named = "TYPE Row : ARRAY [0..3] OF WORD; END_TYPE\nFUNCTION_BLOCK B\nVAR_IN_OUT Cells : Row; END_VAR\nCells[3] := 16#0001;\nEND_FUNCTION_BLOCK\n"
+    machine = Machine(named)
+    machine.scan(0.0)
+    assert machine.values["Cells"] == {0: 0, 1: 0, 2: 0, 3: 1}
+    with pytest.raises(StError, match="its type has no name"):
+        Machine(named.replace("Cells : Row", "Cells : ARRAY [0..3] OF WORD"))
+
+
 @pytest.mark.parametrize(
     "body",
     [

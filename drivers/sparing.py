@@ -1,4 +1,4 @@
-"""How much of what comes again and again is written down one by one, and what is only counted. Times are monotonic seconds."""
+"""How much of what comes again and again is written down or logged one by one, and what is only counted. Times are monotonic seconds."""
 
 from __future__ import annotations
 
@@ -68,6 +68,29 @@ class Sparing:
         counted, self._counted = self._counted, Counter()
         self.repeats_only = True
         return counted, now - self._since
+
+
+class Changes:
+    """Admits some changes of one thing a minute one by one. While some are counted all are: the last summary then says how it is."""
+
+    def __init__(self, rows: int) -> None:
+        self._sparing = Sparing(rows)
+
+    def admits(self, word: str, now: float) -> bool:
+        """Whether this change is to be told by itself; else it is counted by its `word`."""
+        if not self._sparing.counts and self._sparing.admits(object(), now):
+            return True
+        self._sparing.count(word, now)
+        return False
+
+    @property
+    def counts(self) -> bool:
+        """Whether there is something to sum up."""
+        return self._sparing.counts
+
+    def summary(self, now: float, *, end: bool = False) -> tuple[Counter[str], float] | None:
+        """Return what was counted for long enough, or at the end all of it, and within how many seconds."""
+        return self._sparing.told(now) if self._sparing.counts and (end or self._sparing.due(now)) else None
 
 
 CALLERS = 64

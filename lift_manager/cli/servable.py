@@ -1,0 +1,52 @@
+"""What keeps a good site file from being served on this computer. `serve` refuses it, and `check` says it before."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from lift_manager.config.load import LoadedSite
+from lift_manager.config.site import Api
+from lift_manager.store.errors import KeysUnusable, StateUnusable
+from lift_manager.store.keys import keys_path, read_keys
+from lift_manager.store.place import state_path
+from lift_manager.store.state_file import read_state
+from lift_manager.web.errors import ListenError
+from lift_manager.web.origin import is_loopback
+from lift_manager.web.server import resolved
+from register_maps.errors import Finding
+
+
+def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
+    """Yield why this site cannot be served: its certificates, its address, and what is kept of it. Changes nothing."""
+    yield from loaded.unusable
+    site, file = loaded.site, str(loaded.path)
+    try:
+        place = state_path(site.name, site.state, loaded.path, os.environ)
+        read_state(place, site.name, site.lifts.keys())
+        keys = read_keys(keys_path(place), site.name).live
+    except (StateUnusable, KeysUnusable) as error:
+        yield Finding(file, None, "", str(error))
+        return
+    try:
+        _, address = resolved(site.api.host, site.api.port)
+    except ListenError as error:
+        yield Finding(file, None, "api.host", str(error))
+        return
+    host = str(address[0])
+    if not keys and not lets_in_without_keys(site.api, host):
+        yield Finding(file, None, "api.host", _no_key(host, loaded.path))
+
+
+def lets_in_without_keys(api: Api, host: str) -> bool:
+    """Whether requests are let in at this address while the site has no key."""
+    return is_loopback(host) or api.without_keys is not None
+
+
+def _no_key(host: str, site_file: Path) -> str:
+    return (
+        f"others can reach {host}, and there is no key to tell them by: make one with `lift-manager keys make {site_file}"
+        " --name NAME --role ROLE`, or listen on 127.0.0.1, or say in the site file why it is acceptable without,"
+        " with `api: {without_keys: ...}`"
+    )
