@@ -93,6 +93,7 @@ def _note(lift: Lift) -> str:
         "a fire has yet to be acknowledged" if told.fire_latched else "",
         f"locked out {told.lockout}" if told.lockout else "",
         f"robot {_who(*_parted(told.maybe_occupied_by))} may be in the car" if told.maybe_occupied_by else "",
+        f"distrusted: {told.distrusted}" if told.distrusted else "",
         told.waiting_for,
         f"{lift.waiting} waiting" if lift.waiting else "",
     ]

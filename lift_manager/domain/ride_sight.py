@@ -166,6 +166,8 @@ def _why_kept_out(record: RideRecord, seen: RideSight) -> str:
         return f"there was a fire; a person must check {state.lift}: {how_to_acknowledge(state.lift)}"
     if state.mode in ROBOT_FORBIDDEN_MODES:
         return f"the mode of {state.lift} is {state.mode}"
+    if told.distrusted:
+        return f"the signals of {state.lift} are distrusted: {told.distrusted}"
     if told.maybe_aboard not in (None, record.holder, state.holder):
         return (
             f"a robot of {told.maybe_aboard} may be in the car; it has to say that it left, or a person must look:"
