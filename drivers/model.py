@@ -180,10 +180,18 @@ class Capabilities:
     """The car goes on only after `robot_in_place`, and is free only after `robot_left`."""
     door_opens_within_s: float
     """How long a lift that opens its door for a call may take over it."""
+    door_closes_within_s: float
+    """How long a door that is told by its open contact alone may take to close."""
+    open_contacts: frozenset[Side]
+    """Doors that are told by their open contact alone: `closed` is no more than "not open"."""
     watched: bool
     """Some hold relies on the watchdog of the I/O module, and the map reads its time."""
     same_floor_call: bool
     """A call, not the door hold, opens the door where the car already stands."""
     not_visible: Mapping[str, str]
     map_name: str
+    map_hash: str
+    """Changes with everything that the map says, the changes of the site included."""
+    printed: Mapping[str, tuple[str, ...]]
+    """Where each signal and command is, as the map writes it."""
     trust: str

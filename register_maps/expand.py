@@ -29,7 +29,7 @@ _LARGEST = 2**53
 _DIGITS = len(str(_LARGEST))
 CHANGEABLE = (
     *("signals", "commands", "served", "endpoints", "write_blocks"),
-    *("at_floor_evidence", "at_same_floor", "door_opens_within_s", "not_visible"),
+    *("at_floor_evidence", "at_same_floor", "door_opens_within_s", "door_closes_within_s", "not_visible"),
 )
 """What a site may change of a map. What the device needs of a link is said at its controller."""
 

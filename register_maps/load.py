@@ -127,6 +127,7 @@ def json_schema() -> str:
         "write_blocks",
         "at_floor_evidence",
         "door_opens_within_s",
+        "door_closes_within_s",
     ):
         schema["properties"][name] = _or_parameter(schema["properties"][name])
     schema["$defs"] = {

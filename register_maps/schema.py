@@ -191,6 +191,8 @@ class RegisterMap(Part):
     """How the door is opened where the car already stands: by the call itself, or by the door hold."""
     door_opens_within_s: Seconds = 10.0
     """How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
+    door_closes_within_s: Seconds = 10.0
+    """How long a door that is told by its open contact alone counts as moving once it is not open. Chosen: a slow goods lift door."""
     not_visible: dict[Literal["fire"], str] = Field(default_factory=dict)
     """Safety signals this interface does not show, with the reason; shown on every face."""
 

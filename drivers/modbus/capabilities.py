@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 
 from drivers.modbus.output import LOOK_S
 from drivers.model import Capabilities, FloorName
 from register_maps.codec import Block, Codec, Point
 from register_maps.schema import CALLS
-from register_maps.words import Side
+from register_maps.words import Door, Side
+
+OPEN_CONTACT: Mapping[int, str] = {0: Door.CLOSED, 1: Door.OPEN}
+"""What a door at a single point says where the map gives no words."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +58,27 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         levels=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
         needs_occupancy=source.needs_occupancy,
         door_opens_within_s=source.door_opens_within_s,
+        door_closes_within_s=source.door_closes_within_s,
+        open_contacts=frozenset(side for side in Side if _is_open_contact(codec, f"door.{side}")),
         watched=watching and "watchdog_time" in source.signals,
         same_floor_call=source.at_same_floor == "call",
         not_visible={str(signal): reason for signal, reason in source.not_visible.items()},
         map_name=source.name,
+        map_hash=_hash(codec),
+        printed={name: part.addresses for parts in (source.signals, source.commands) for name, part in parts.items()},
         trust=source.provenance.trust,
     )
+
+
+def _is_open_contact(codec: Codec, name: str) -> bool:
+    """Whether a door is told by no more than whether it is fully open: by a switch at each floor, or as two words of which 1 is `open`."""
+    signal, spec = codec.signals.get(name), codec.map.signals.get(name)
+    if signal is None or spec is None:
+        return False
+    return signal.per_floor or (spec.open_limit is None and (spec.values or OPEN_CONTACT) == OPEN_CONTACT)
+
+
+def _hash(codec: Codec) -> str:
+    """Return a hash of everything that the map says, and where this lift's points are on the wire."""
+    places = [signal.points for signal in codec.signals.values()]
+    return sha256(f"{codec.map.model_dump_json()}{places}".encode()).hexdigest()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum, unique
 from typing import Annotated
 
 from pydantic import Field
@@ -43,6 +44,11 @@ class Restricted(Answer):
     )
     maybe_occupied_by: str | None = Field(
         description="`face:name` of a robot that may be in the car without a session."
+    )
+    distrusted: str = Field(
+        default="",
+        description="Which of its signals contradicted each other, and what ends that; no door counts as open for robots meanwhile."
+        " Empty where none did.",
     )
     waiting_for: str = Field(description="What the session waits for before anything is pressed.")
 
@@ -112,6 +118,7 @@ class Lift(Answer):
                 lockout=told.lockout,
                 drain=told.drain,
                 maybe_occupied_by=None if told.maybe_aboard is None else str(told.maybe_aboard),
+                distrusted=told.distrusted,
                 waiting_for=told.waiting_for,
             ),
             not_visible=state.not_visible,
@@ -139,6 +146,14 @@ class Lifts(Answer):
     lifts: tuple[Lift, ...]
 
 
+@unique
+class ClosedEvidence(StrEnum):
+    """How a lift shows that a door is closed."""
+
+    REPORTED = "reported"
+    NOT_OPEN = "not_open"
+
+
 class LiftCapabilities(Answer):
     """What a lift can say and be told, and how long the site lets robots have it."""
 
@@ -149,6 +164,11 @@ class LiftCapabilities(Answer):
     commands: tuple[str, ...] = Field(examples=[["go_to", "hold_door.front"]])
     signals: tuple[str, ...]
     evidence: str = Field(description="What shows that the car stands at a floor.", examples=["level"])
+    closed_evidence: Mapping[Side, ClosedEvidence] = Field(
+        description="What `closed` of each door rests on. `not_open`: the lift tells no more than whether the door is open; it counts"
+        " as `moving` for as long as it may take to close, and as `closed` after that.",
+        examples=[{"front": "reported"}],
+    )
     max_age_s: float
     poll_s: float
     lease_s: float = Field(description="The longest lease; a session asks again before it ends.")
@@ -178,6 +198,10 @@ class LiftCapabilities(Answer):
             commands=tuple(sorted(able.commands)),
             signals=tuple(sorted(able.signals)),
             evidence=able.evidence,
+            closed_evidence={
+                side: ClosedEvidence.NOT_OPEN if side in able.open_contacts else ClosedEvidence.REPORTED
+                for side in able.doors
+            },
             max_age_s=able.max_age_s,
             poll_s=lift.poll_s,
             lease_s=lift.lease_s,

@@ -73,6 +73,7 @@ class AcknowledgedAnswer(Part):
     at: AwareDatetime
     acknowledged: tuple[Cause, ...] = Field(
         description="`fire`: after a fire the lift was checked. `occupied`: no robot is in the car."
+        " `contradiction`: the wiring and the map were checked."
     )
 
     @classmethod

@@ -94,6 +94,7 @@ def _note(lift: Lift) -> str:
         f"locked out {told.lockout}" if told.lockout else "",
         f"drain {told.drain}" if told.drain else "",
         f"robot {_who(*_parted(told.maybe_occupied_by))} may be in the car" if told.maybe_occupied_by else "",
+        f"distrusted: {told.distrusted}" if told.distrusted else "",
         told.waiting_for,
         f"{lift.waiting} waiting" if lift.waiting else "",
     ]

@@ -32,10 +32,14 @@ def ack(
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Say that a lift was checked after a fire, or that no robot is in its car."""
+    """Say that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again."""
     to = Speaker(manager, key_file, ca, certificate, certificate_key)
     said = to.ask(lambda client: client.acknowledge(lift, by))
-    causes = {Cause.FIRE: "the fire", Cause.OCCUPIED: "that no robot is in the car"}
+    causes = {
+        Cause.FIRE: "the fire",
+        Cause.OCCUPIED: "that no robot is in the car",
+        Cause.CONTRADICTION: "that its signals may be trusted",
+    }
     what = " and ".join(causes[cause] for cause in said.acknowledged)
     say([f"{said.lift}: {said.by} acknowledged {what}, {_shown(said.at)}; robots are taken again"])
 

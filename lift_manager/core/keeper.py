@@ -28,11 +28,12 @@ from lift_manager.core.tenure import Tenure
 from lift_manager.domain import session as sessions
 from lift_manager.domain.asking import Ask, Refusal, Refused
 from lift_manager.domain.boarding import Who
+from lift_manager.domain.contradictions import Commanded
 from lift_manager.domain.events import Event
 from lift_manager.domain.service import ITS_OWN_WORD, STOPPING_TEXT, Advice, EndReason, advise
 from lift_manager.domain.session import KeptSession, Session
 from lift_manager.domain.session_requests import SessionInfo, SessionOver
-from lift_manager.domain.sight import Sight, moving
+from lift_manager.domain.sight import Sight, disbelieved, moving
 from lift_manager.domain.state import Holder, Restrictions
 from register_maps.vocabulary import CALLS
 from register_maps.words import Door
@@ -143,7 +144,14 @@ class SessionKeeper:
         trouble = "" if self.serving.call.pressed else self._trouble()
         stuck = f"the disk: {trouble}" if trouble else ""
         resting = self.people.resting_text if self.people.resting(_now()) else ""
-        return stuck or resting or self.serving.awaits or self.handshake.awaits
+        sight = self._last_sight()
+        doubt = disbelieved(sight, self.session.floor) if sight is not None else ""
+        return stuck or resting or self.serving.awaits or self.handshake.awaits or doubt
+
+    @property
+    def commanded(self) -> Commanded:
+        """What of the session is on the lift."""
+        return Commanded(self.serving.call.now, pressed=self.serving.call.pressed or self.serving.doors.given)
 
     def restrictions(self) -> Restrictions:
         """Return what keeps robots off, and what the session waits for."""
@@ -341,7 +349,7 @@ class SessionKeeper:
         """Return what the session's robot does best."""
         sight = self.sight(_now())
         may_be_aboard = self.handshake.occupied_by(self.session) is not None
-        return advise(sight.values.doors if sight is not None else None, may_be_aboard=may_be_aboard)
+        return advise(sight.doors if sight is not None else None, may_be_aboard=may_be_aboard)
 
     def _press(self, command: Command, permit: Permit) -> asyncio.Future[Outcome]:
         if command.kind is not CommandKind.ROBOT_LEFT:

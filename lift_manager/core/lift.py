@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 from drivers.driver import LiftDriver
 from drivers.errors import ControllerException, DriverError
@@ -26,6 +27,7 @@ from lift_manager.core.ticker import Ticker
 from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain import wish as wishes
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
+from lift_manager.domain.contradictions import Track, Trust, Wiring, judge
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.report import Seen, late_text, lift_state, same_but_for_time
@@ -101,6 +103,10 @@ class LiftTask:
         self._left: dict[FloorName, float] = {}
         """When the car last left each floor while nobody held the lift."""
         self._read_while_held = ReadWhileHeld()
+        self._wiring = Wiring(self._able, options.floors, options.doors_at)
+        self._track = Track()
+        self._trust: Trust | None = None
+        """What the newest sight was judged by; a person may change it."""
         self._shown: LiftState | None = None
         self._looked = asyncio.Event()
 
@@ -316,7 +322,8 @@ class LiftTask:
         is_late = late_s > self._able.max_age_s
         if before is not None and not is_late and self._is_no_news(before, reading, gap_s):
             return
-        sight = self._sight = see(before, reading, self._able, gap_s=gap_s)
+        sight, news = self._judged(see(before, reading, self._able, gap_s=gap_s), reading.at)
+        self._sight = sight
         if before is None:
             self._looked.set()
         elif before.floor is not None and before.floor != sight.floor and self._keeper.session is None:
@@ -331,8 +338,22 @@ class LiftTask:
             self._log.link(self._driver.source, "")
         self._gate.mode(sight.values.mode, reading.at)
         self._log.mode(sight.values.mode)
+        for text in news:
+            self._keeper.tell(text)
         self._keeper.act(_now())
         self._publish()
+
+    def _judged(self, sight: Sight, at: float) -> tuple[Sight, tuple[str, ...]]:
+        """Return a sight with what speaks against its open door, and what people should know of that."""
+        people = self._people
+        judgement = judge(
+            self._wiring, self._track, people.remembered.trust, sight, self._keeper.commanded, at, people.clock()
+        )
+        self._track = judgement.track
+        people.note_trust(judgement.trust)
+        self._trust = people.remembered.trust
+        settled = sight.settled and not judgement.pending
+        return replace(sight, doubt=judgement.doubt, settled=settled), judgement.news
 
     def _is_no_news(self, before: Sight, reading: LiftReading, gap_s: float) -> bool:
         """Whether a reading only shows that nothing has changed: most do, and cost next to nothing."""
@@ -341,6 +362,7 @@ class LiftTask:
             and before.settled
             and reading.epoch == before.epoch
             and not self._keeper.busy
+            and self._people.remembered.trust is self._trust
             and not self._fault
             and gap_s <= self._able.max_age_s
         )

@@ -11,6 +11,7 @@ from lift_manager.core.bus import Bus
 from lift_manager.core.memory import Clock, Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.domain.contradictions import TRIPS, Trust
 from lift_manager.domain.events import DrainBegun, DrainOver, Event, LockedOut, LockoutOver, PersonAcknowledged
 from lift_manager.domain.hours import wall_clock
 from lift_manager.domain.ride_record import KeptRide
@@ -66,6 +67,16 @@ class PeopleFirst:
         drain = self.remembered.drain
         return "" if drain is None else f"by {drain.by} since {self._shown(drain.since)}: {drain.reason}"
 
+    @property
+    def distrusted(self) -> str:
+        """What its signals contradicted each other in, and what ends the distrust; empty where they did not."""
+        distrust = self.remembered.trust.distrust
+        if not distrust:
+            return ""
+        said = "; ".join(f"{one.text} (since {self._shown(one.since)})" for one in distrust)
+        name = self._options.name
+        return f"{said}. No door counts as open for robots until {TRIPS} trips in a row agree, or a person has looked: {how_to_acknowledge(name)}"
+
     def restrictions(self, waiting_for: str) -> Restrictions:
         """Return what keeps robots off, as every face shows it; `waiting_for` is what the session waits for."""
         occupied = self.remembered.occupied
@@ -74,6 +85,7 @@ class PeopleFirst:
             lockout=self.lockout,
             drain=self.drain,
             maybe_aboard=occupied.holder if occupied is not None else None,
+            distrusted=self.distrusted,
             waiting_for=waiting_for,
         )
 
@@ -164,6 +176,11 @@ class PeopleFirst:
         if session != self.remembered.session:
             self._keep(replace(self.remembered, session=session))
 
+    def note_trust(self, trust: Trust) -> None:
+        """Remember what its readings have proved and contradicted; called often, written on change."""
+        if trust != self.remembered.trust:
+            self._keep(replace(self.remembered, trust=trust))
+
     def note_rides(self, rides: tuple[KeptRide, ...]) -> None:
         """Remember the rides on it."""
         if rides != self.remembered.rides:
@@ -219,16 +236,25 @@ class PeopleFirst:
         A robot whose session goes on is not left: `held` says whose that is.
         """
         name = self._options.name
-        causes = {Cause.FIRE: self.fire_latched, Cause.OCCUPIED: occupied}
+        trust = self.remembered.trust
+        causes = {
+            Cause.FIRE: self.fire_latched,
+            Cause.OCCUPIED: occupied,
+            Cause.CONTRADICTION: bool(trust.distrust),
+        }
         what = tuple(cause for cause, given in causes.items() if given)
         if not what:
-            text = f"{name} has nothing to acknowledge: there was no fire, and no robot was left in the car"
+            text = f"{name} has nothing to acknowledge: there was no fire, no robot was left in the car, and its signals agree"
             if held is not None:
                 text += f"; {held} holds it, and a person ends that session with {how_to_release(name)}"
             return Refused(Refusal.NOTHING_TO_ACKNOWLEDGE, text)
         said = Acknowledged(by, self.clock(), what)
         kept = None if occupied else self.remembered.occupied
-        self._keep(replace(self.remembered, fire_since=None, occupied=kept, acknowledged=said))
+        self._keep(
+            replace(
+                self.remembered, fire_since=None, occupied=kept, trust=replace(trust, distrust=()), acknowledged=said
+            )
+        )
         event = self._bus.publish(PersonAcknowledged(name, said))
         _log.warning("%s: %s acknowledged by %s", name, " and ".join(what), by, extra={"event": event, "lift": name})
         return said
@@ -241,6 +267,7 @@ class PeopleFirst:
             f"drain {self.drain}" if self.drain else "",
             f"a robot of {occupied.holder} that may be in the car" if occupied is not None else "",
             "robot_left, which the lift has not taken" if self.remembered.left_untold is not None else "",
+            self.distrusted,
         )
         return "; ".join(word for word in words if word)
 

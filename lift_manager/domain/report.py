@@ -10,7 +10,7 @@ from operator import attrgetter
 from drivers.model import Capabilities, FloorName
 from lift_manager.domain.seconds import without_seconds
 from lift_manager.domain.session import Session
-from lift_manager.domain.sight import Sight, moving, permissions, robot_door
+from lift_manager.domain.sight import Sight, moving, permissions, robot_door, shut
 from lift_manager.domain.state import PERMISSIONS, LiftState, Quality, Restrictions, RobotDoor
 from register_maps.words import Mode, Motion, Side
 
@@ -63,7 +63,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         standing=sight is not None and sight.standing,
         destination=floor if wanted is None else wanted,
         robot_door=RobotDoor.MOVING if sight is None else _door_for_robots(seen, sight, now),
-        doors={} if values is None else values.doors,
+        doors={} if sight is None else sight.doors,
         motion=Motion.UNKNOWN if sight is None else _motion(sight),
         mode=Mode.UNKNOWN if values is None else values.mode,
         holder=session.holder if session is not None else None,
@@ -135,7 +135,10 @@ def _door_for_robots(seen: Seen, sight: Sight, now: float) -> RobotDoor:
 
 
 def _motion(sight: Sight) -> Motion:
-    """Return the motion the lift tells; a car that stands by other evidence is stopped, one between floors moves."""
+    """Return the motion the lift tells. Where it tells none, a car is known to stand only by its evidence and an open door.
+
+    Behind shut doors it may have set out: its floor contact, or its level flag, stays made for a moment.
+    """
     if sight.values.motion is not None:
         return sight.values.motion
-    return Motion.STOPPED if sight.standing else Motion.UNKNOWN
+    return Motion.STOPPED if sight.standing and not shut(sight.values) else Motion.UNKNOWN

@@ -114,7 +114,7 @@ def wait(lift: Choice, holder: Holder) -> int:
 def takes_robots(lift: Choice, holder: Holder) -> bool:
     """Whether a lift takes robots now, as far as anybody can tell without asking it."""
     state, told = lift.state, lift.state.restrictions
-    kept_out = told.lockout or told.fire_latched or told.drain or lift.refused
+    kept_out = told.lockout or told.fire_latched or told.drain or told.distrusted or lift.refused
     in_car = told.maybe_aboard not in (None, holder, state.holder)
     return is_live(state) and not kept_out and not in_car and state.mode not in ROBOT_FORBIDDEN_MODES
 

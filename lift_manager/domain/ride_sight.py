@@ -180,6 +180,8 @@ def _why_kept_out(record: RideRecord, seen: RideSight) -> str:
         return f"the mode of {state.lift} is {state.mode}"
     if told.drain and told.maybe_aboard != record.holder:
         return f"no new session begins on {state.lift}: drain {told.drain}; a person ends it with {how_to_end_drain(state.lift)}"
+    if told.distrusted:
+        return f"the signals of {state.lift} are distrusted: {told.distrusted}"
     if told.maybe_aboard not in (None, record.holder, state.holder):
         return (
             f"a robot of {told.maybe_aboard} may be in the car; it has to say that it left, or a person must look:"

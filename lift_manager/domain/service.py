@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum, unique
 from typing import TYPE_CHECKING
 
+from lift_manager.domain.contradictions import Trust
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from register_maps.words import Door, Side
@@ -215,6 +216,8 @@ class Cause(StrEnum):
     FIRE = "fire"
     OCCUPIED = "occupied"
     """The person has looked, and no robot is in the car."""
+    CONTRADICTION = "contradiction"
+    """The person has checked the wiring and the map: the signals of the lift may be trusted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,8 +249,11 @@ class Remembered:
     rides: tuple[KeptRide, ...] = ()
     """Rides on it that go on, and those of the last hour that may still be asked for; the oldest first."""
 
+    trust: Trust = field(default_factory=Trust)
+    """What its readings have proved, and what they contradicted."""
+
     @property
     def keeps_robots_out(self) -> bool:
-        """Whether some robot is refused because of it."""
+        """Whether some robot is refused, or not let through the door, because of it."""
         reasons = (self.fire_since, self.lockout, self.drain, self.occupied)
-        return any(reason is not None for reason in reasons)
+        return any(reason is not None for reason in reasons) or bool(self.trust.distrust)

@@ -6,7 +6,7 @@ Opening is believed slowly, closing at once: a robot drives on one message that 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from drivers.model import Capabilities, FloorName, LiftReading, LiftValues
 from lift_manager.domain.state import RobotDoor
@@ -18,6 +18,9 @@ _MUST_READ = (
     ("watchdog_tripped", False, "its module watchdog has tripped, so its outputs are not ours"),
 )
 """Flags that decide whether robots may command the lift: the value that lets them, and what to say of the other one."""
+
+MOVING = frozenset({Motion.UP, Motion.DOWN, Motion.MOVING})
+"""Motions of a car that does not stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +40,27 @@ class Sight:
     """The evidence for an open door came in one piece, or two readings in a row agree on it."""
     settled: bool
     """Another reading with the same values would tell nothing new."""
+    follows: bool = False
+    """It continues the reading before it: on the same connection, and without a gap longer than a reading counts."""
+    not_open_since: Mapping[Side, float] = field(default_factory=dict)
+    """Since when each door that is told by its open contact alone has read "not open"."""
+    closing: frozenset[Side] = frozenset()
+    """Of these, the doors that may still be closing."""
+    doubt: str = ""
+    """Why a door that reads open is not believed; empty while it is."""
 
     @property
     def floor(self) -> FloorName | None:
         """The floor the car reports."""
         return self.values.floor
+
+    @property
+    def doors(self) -> Mapping[Side, Door]:
+        """The doors; one that is told by its open contact alone counts as closed only after it has had time to close."""
+        doors = self.values.doors
+        if not self.closing:
+            return doors
+        return {side: Door.MOVING if side in self.closing else door for side, door in doors.items()}
 
 
 def see(before: Sight | None, reading: LiftReading, able: Capabilities, *, gap_s: float) -> Sight:
@@ -53,7 +72,19 @@ def see(before: Sight | None, reading: LiftReading, able: Capabilities, *, gap_s
     agreed = able.one_block or (follows is not None and _evidence(follows.values) == _evidence(values))
     standing = values.floor is not None and _stands(values, able, reading.at - floor_since)
     waits = able.evidence == "position_stable" and values.floor is not None and not standing
-    return Sight(values, reading.epoch, floor_since, standing, agreed, settled=agreed and not waits)
+    not_open_since = _not_open_since(follows, values, able, reading.at) if able.open_contacts else {}
+    closing = {side for side, since in not_open_since.items() if reading.at - since < able.door_closes_within_s}
+    return Sight(
+        values,
+        reading.epoch,
+        floor_since,
+        standing,
+        agreed,
+        settled=agreed and not waits and not closing,
+        follows=follows is not None,
+        not_open_since=not_open_since,
+        closing=frozenset(closing),
+    )
 
 
 def permissions(able: Capabilities, *, aboard: bool | None) -> frozenset[str]:
@@ -67,14 +98,20 @@ def robot_door(sight: Sight, doors_here: tuple[Side, ...], needs: frozenset[str]
 
     `needs` are the permissions of which one must be given; none where the map has none.
     """
-    doors = sight.values.doors
+    doors = sight.doors
     if doors and all(door is Door.CLOSED for door in doors.values()):
         return RobotDoor.CLOSED
     is_open = bool(doors_here) and all(doors.get(side) is Door.OPEN for side in doors_here)
     allowed = sight.values.mode not in ROBOT_FORBIDDEN_MODES
     permitted = not needs or any(sight.values.flags.get(flag, False) for flag in needs)
-    safe = sight.standing and sight.agreed and allowed and permitted
+    safe = sight.standing and sight.agreed and not sight.doubt and allowed and permitted
     return RobotDoor.OPEN if is_open and safe else RobotDoor.MOVING
+
+
+def disbelieved(sight: Sight, floor: FloorName | None) -> str:
+    """Say what a robot waits for at a floor whose door reads open and is not believed; empty where that is not so."""
+    reads_open = sight.floor == floor and Door.OPEN in sight.values.doors.values()
+    return sight.doubt if reads_open else ""
 
 
 def barred(values: LiftValues, able: Capabilities) -> str | None:
@@ -107,6 +144,11 @@ def fire_unread(values: LiftValues, able: Capabilities) -> str | None:
     return "mode" if values.mode is Mode.UNKNOWN or "mode" in values.unknown else None
 
 
+def shut(values: LiftValues) -> bool:
+    """Whether every door of the car reads closed; not for a car without doors."""
+    return bool(values.doors) and all(door is Door.CLOSED for door in values.doors.values())
+
+
 def moving(sight: Sight) -> bool:
     """Whether the car moves or may be moving: anything but a clear "stopped", or not seen to stand where motion is not told."""
     motion = sight.values.motion
@@ -115,9 +157,7 @@ def moving(sight: Sight) -> bool:
 
 def under_way(sight: Sight) -> bool:
     """Whether the lift says that the car moves, and every door is shut."""
-    doors = sight.values.doors
-    is_shut = bool(doors) and all(door is Door.CLOSED for door in doors.values())
-    return is_shut and sight.values.motion in (Motion.UP, Motion.DOWN, Motion.MOVING)
+    return shut(sight.values) and sight.values.motion in MOVING
 
 
 def shuts(sight: Sight, sides: tuple[Side, ...]) -> bool:
@@ -131,7 +171,7 @@ def left(sight: Sight, floor: FloorName) -> bool:
     if sight.floor is not None and not here:
         return True
     levels = here and any(door is not Door.CLOSED for door in sight.values.doors.values())
-    return motion in (Motion.UP, Motion.DOWN, Motion.MOVING) and not levels
+    return motion in MOVING and not levels
 
 
 def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:
@@ -148,6 +188,11 @@ def _stands(values: LiftValues, able: Capabilities, floor_for_s: float) -> bool:
             return True
         case _:
             return floor_for_s >= able.evidence_for_s
+
+
+def _not_open_since(before: Sight | None, values: LiftValues, able: Capabilities, at: float) -> dict[Side, float]:
+    known = {} if before is None else before.not_open_since
+    return {side: known.get(side, at) for side in able.open_contacts if values.doors.get(side) is Door.CLOSED}
 
 
 def _evidence(values: LiftValues) -> tuple[FloorName | None, Mapping[Side, Door], Motion | None, bool]:

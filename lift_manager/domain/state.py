@@ -51,6 +51,8 @@ class Restrictions:
     """Who lets sessions end and no new one begin, since when and why; empty when nobody does."""
     maybe_aboard: Holder | None = None
     """Whose robot may be in the car; others are refused while it holds no session."""
+    distrusted: str = ""
+    """Which of its signals contradicted each other, and what ends that; no door counts as open meanwhile. Empty where none did."""
     waiting_for: str = ""
     """What the session waits for before anything is pressed; empty when it does not."""
 

@@ -9,14 +9,16 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from lift_manager.domain.boarding import KeptBoarding, Who
+from lift_manager.domain.contradictions import Contradiction, Distrust, Trust
 from lift_manager.domain.service import Acknowledged, Cause, Drain, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from lift_manager.store.form_part import Moment, Part
 from lift_manager.store.ride_form import RideForm
 
-VERSION: Literal[3] = 3
-"""Version 1 knows neither sessions nor what they leave behind, version 2 neither sessions with an id nor rides."""
+VERSION: Literal[4] = 4
+"""Version 1 knows neither sessions nor what they leave behind, version 2 neither sessions with an id nor rides, version 3 not what the
+signals of a lift have proved and contradicted."""
 
 
 class LockoutForm(Part):
@@ -134,12 +136,51 @@ class LiftFormV2(LiftFormV1):
         )
 
 
-class LiftForm(LiftFormV2):
-    """What is remembered of one lift."""
+class LiftFormV3(LiftFormV2):
+    """What is remembered of one lift, apart from what its signals have proved and contradicted."""
 
     session: SessionForm | None
     rides: tuple[RideForm, ...] = ()
     drain: LockoutForm | None = None
+
+    def read(self) -> Remembered:
+        """Return what is remembered."""
+        drain = Drain(self.drain.by, self.drain.reason, self.drain.since) if self.drain else None
+        return replace(super().read(), rides=tuple(ride.read() for ride in self.rides), drain=drain)
+
+
+class DistrustForm(Part):
+    """A contradiction that raised the alarm."""
+
+    kind: Contradiction
+    text: str
+    since: Moment
+    trips: int
+
+
+class TrustForm(Part):
+    """What the signals of a lift have proved and contradicted."""
+
+    map_hash: str
+    door_proven: bool
+    distrust: tuple[DistrustForm, ...]
+
+    @classmethod
+    def of(cls, kept: Trust) -> TrustForm:
+        """Return the form of it."""
+        distrust = (DistrustForm(kind=o.kind, text=o.text, since=o.since, trips=o.trips) for o in kept.distrust)
+        return cls(map_hash=kept.map_hash, door_proven=kept.door_proven, distrust=tuple(distrust))
+
+    def read(self) -> Trust:
+        """Return it."""
+        distrust = tuple(Distrust(one.kind, one.text, one.since, one.trips) for one in self.distrust)
+        return Trust(self.map_hash, self.door_proven, distrust)
+
+
+class LiftForm(LiftFormV3):
+    """What is remembered of one lift."""
+
+    trust: TrustForm
 
     @classmethod
     def of(cls, kept: Remembered) -> LiftForm:
@@ -159,12 +200,12 @@ class LiftForm(LiftFormV2):
             session=SessionForm.of(kept.session) if kept.session else None,
             rides=tuple(RideForm.of(ride) for ride in kept.rides),
             drain=LockoutForm(by=drain.by, reason=drain.reason, since=drain.since) if drain else None,
+            trust=TrustForm.of(kept.trust),
         )
 
     def read(self) -> Remembered:
         """Return what is remembered."""
-        drain = Drain(self.drain.by, self.drain.reason, self.drain.since) if self.drain else None
-        return replace(super().read(), rides=tuple(ride.read() for ride in self.rides), drain=drain)
+        return replace(super().read(), trust=self.trust.read())
 
 
 class Head(BaseModel):
@@ -181,7 +222,7 @@ class StateForm(Part):
     """The whole file."""
 
     format: Literal["lift-manager state"] = "lift-manager state"
-    version: Literal[3] = VERSION
+    version: Literal[4] = VERSION
     site: str
     lifts: dict[str, LiftForm]
 
@@ -204,5 +245,21 @@ class StateFormV2(Part):
     lifts: dict[str, LiftFormV2]
 
 
-FORMS: Mapping[int, type[StateForm | StateFormV2 | StateFormV1]] = {1: StateFormV1, 2: StateFormV2, VERSION: StateForm}
+class StateFormV3(Part):
+    """The whole file of version 3."""
+
+    format: Literal["lift-manager state"]
+    version: Literal[3]
+    site: str
+    lifts: dict[str, LiftFormV3]
+
+
+AnyForm = StateForm | StateFormV3 | StateFormV2 | StateFormV1
+
+FORMS: Mapping[int, type[AnyForm]] = {
+    1: StateFormV1,
+    2: StateFormV2,
+    3: StateFormV3,
+    VERSION: StateForm,
+}
 """The form of each version that is read."""

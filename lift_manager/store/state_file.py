@@ -19,7 +19,7 @@ from drivers.thread import in_thread
 from lift_manager.core.memory import Trouble
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
-from lift_manager.store.form import FORMS, VERSION, Head, LiftForm, StateForm, StateFormV1, StateFormV2
+from lift_manager.store.form import FORMS, VERSION, AnyForm, Head, LiftForm, StateForm
 from lift_manager.store.place import SHARED, claim, replace_file, unshared
 
 _log = logging.getLogger(__name__)
@@ -207,7 +207,7 @@ def _keeping_out(path: Path, lifts: Collection[str]) -> Iterator[tuple[Path, str
                 yield other, form.site, lift
 
 
-def _read(path: Path, text: bytes, site: str) -> StateForm | StateFormV2 | StateFormV1:
+def _read(path: Path, text: bytes, site: str) -> AnyForm:
     try:
         head = Head.model_validate_json(text)
     except ValidationError as error:

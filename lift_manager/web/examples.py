@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 
-from lift_manager.api.lifts import Held, Lift, LiftCapabilities, Restricted, Signal, Signals
+from lift_manager.api.lifts import ClosedEvidence, Held, Lift, LiftCapabilities, Restricted, Signal, Signals
 from lift_manager.api.rides import Plan, Ride
 from lift_manager.api.sessions import Command, Session
 from lift_manager.domain.boarding import Who
@@ -44,6 +44,7 @@ CAPABILITIES = LiftCapabilities(
     commands=("go_to", "hold_door.front"),
     signals=("door.front", "floor", "mode", "motion"),
     evidence="level",
+    closed_evidence={Side.FRONT: ClosedEvidence.REPORTED},
     max_age_s=2.0,
     poll_s=0.2,
     lease_s=300.0,

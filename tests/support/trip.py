@@ -23,6 +23,7 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import Alarm, CommandEnded, Event, StateChanged
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from tests.support.proven import proven
 from tests.support.trip_sites import Site
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -240,8 +241,9 @@ async def trip(
     poll_s: float = 0.2,
     memory: Memory | None = None,
     start_s: float = START_S,
+    door_proven: bool = False,
 ) -> AsyncIterator[Trip]:
-    """One lift of a site whose devices are those of a plant, polled for `start_s`.
+    """One lift of a site whose devices are those of a plant, polled for `start_s`; `door_proven` by a trip before this one.
 
     Its end is a `kill -9`; the next one with the same plant and `memory` is the manager after a restart.
     """
@@ -279,7 +281,8 @@ async def trip(
         infer_occupancy=not in_words,
         between_sessions_s=0,
     )
-    task = LiftTask(driver, options, bus, memory=memory)
+    kept = proven(("lift",), driver.capabilities, memory) if door_proven else memory
+    task = LiftTask(driver, options, bus, memory=kept)
     made = Trip(site, plant, task, driver, exchanges, in_words, bus)
     running = [asyncio.ensure_future(work) for work in (*(link.run() for link in links), task.drive(), task.run())]
     await elapse(start_s)
@@ -296,11 +299,18 @@ async def trip(
             assert heard.lost == 0
 
 
-def on_trip(check: Callable[[Trip], Awaitable[None]], site: Site, plant: Plant, *, in_words: bool = True) -> Trip:
+def on_trip(
+    check: Callable[[Trip], Awaitable[None]],
+    site: Site,
+    plant: Plant,
+    *,
+    in_words: bool = True,
+    door_proven: bool = False,
+) -> Trip:
     """Run a check on virtual time and return the trip, with all that was said on it."""
 
     async def main() -> Trip:
-        async with trip(site, plant, in_words=in_words) as made:
+        async with trip(site, plant, in_words=in_words, door_proven=door_proven) as made:
             await check(made)
             return made
 

@@ -80,7 +80,7 @@ def test_a_word_that_is_not_listed_is_unknown_with_its_raw_value_and_invites_nob
             await made.until(lambda state: state.robot_door is RobotDoor.OPEN)
             assert (await made.driver.read()).values.unknown == {}
 
-    on_trip(check, site, ImagePlant(device))
+    on_trip(check, site, ImagePlant(device), door_proven=True)
     told = [record.getMessage() for record in caplog.records if f" reads {raw}, which" in record.getMessage()]
     assert len(told) == 1
     assert signal in told[0]

@@ -33,6 +33,7 @@ from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import Struck, Witness
 from register_maps.codec import Codec, compile_map
+from register_maps.schema import RegisterMap
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
 from simulator.registers import RegisterFace
 from simulator.state import Inputs, Parameters, Picture
@@ -94,7 +95,7 @@ class SimulatedLift:
 class World:
     """Simulated lifts, the weather on their wires, and the manager that drives them."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  every argument after the site and its judges is a setting with a default
         self,
         loaded: LoadedSite,
         witnesses: Sequence[Witness],
@@ -104,13 +105,16 @@ class World:
         look_s: float = LOOK_S,
         clock: Clock | None = None,
         disk: SimulatedDisk | None = None,
+        wired: Mapping[str, RegisterMap] | None = None,
     ) -> None:
         """Put everything together; raises WorldError for two lifts behind one unit.
 
         `settings` are those of a lift's controller, by lift; `look_s` is how often somebody asks for states; `disk` holds state
-        and journal, without one commits take no time.
+        and journal, without one commits take no time. `wired` says by which map a lift is really wired, where that of the site
+        is wrong.
         """
         self.loaded = loaded
+        self._wired = wired or {}
         self.lifts: dict[str, SimulatedLift] = {}
         self.weather: dict[str, WireFaults] = {}
         """The faults on the wire to each controller."""
@@ -341,7 +345,8 @@ class World:
         return FaultyWire(self._controllers[name], self.weather[name], peer=name)
 
     def _lift(self, name: str, like: Parameters | None) -> SimulatedLift:
-        spec, source = self.loaded.site.lifts[name], self.loaded.maps[name].map
+        spec = self.loaded.site.lifts[name]
+        source = self._wired.get(name, self.loaded.maps[name].map)
         codec = compile_map(source, offset=spec.offset)
         floors = {floor: entry.code for floor, entry in spec.floors.items()}
         face = simulated_lift(codec, floors, like=like, speed=like.speed if like is not None else 1.0)

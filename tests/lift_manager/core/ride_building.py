@@ -10,7 +10,7 @@ from lift_manager.core.bus import Bus
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Memory, ShortMemory
+from lift_manager.core.memory import Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.recording import RecordingBus
 from lift_manager.domain.asking import Accepted, Ask, Refused
@@ -20,6 +20,7 @@ from lift_manager.domain.ride import Ride, RideBegun, RideLimits, RideRequest
 from lift_manager.domain.state import Holder
 from register_maps.words import Door, Side
 from tests.lift_manager.core.scripted import AT_L2, PLAIN, ScriptedDriver
+from tests.support.proven import proven
 from tests.support.ride_rig import clock
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -92,8 +93,8 @@ async def building(
     fire_release_delay_s: float = 0.0,
     able: Capabilities = PLAIN,
 ) -> AsyncIterator[Building]:
-    """Lifts whose cars stand at L2 with their doors shut; its end is a `kill -9`."""
-    memory = memory or ShortMemory()
+    """Lifts whose cars stand at L2 with their doors shut, and whose door signals are proven; its end is a `kill -9`."""
+    memory = proven(lifts, able, memory)
     bus: Bus[Event] = RecordingBus(journal or ShortJournal())
     drivers = {lift: ScriptedDriver(able, AT_L2) for lift in lifts}
     tasks = []

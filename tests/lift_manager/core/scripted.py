@@ -16,6 +16,7 @@ from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from register_maps.words import Door, Mode, Side
 from tests.lift_manager.domain.test_call import ABLE
+from tests.support.proven import proven
 from tests.support.session_calls import SessionCalls
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -304,10 +305,12 @@ def on_bench(
     floors: tuple[str, ...] = ("L1", "L2", "L3"),
     control: bool = True,
     at_once: Callable[["Bench"], object] | None = None,
+    door_proven: bool = True,
 ) -> None:
     """Run a check on a fresh bench, on virtual time. Unless told otherwise, the car stands at L2 with its door shut.
 
-    `left_on` are the outputs that a manager before this one left on; `at_once` happens before the first reading.
+    `left_on` are the outputs that a manager before this one left on; `at_once` happens before the first reading. Its door signal was
+    proven by an earlier trip, unless `door_proven` is false.
     """
 
     async def main() -> None:
@@ -328,7 +331,8 @@ def on_bench(
             clear_s=clear_s,
             takeover_after_s=takeover_after_s,
         )
-        task = LiftTask(driver, options, bus, memory=memory, clock=clock)
+        kept = proven(("lift",), able, memory) if door_proven else memory
+        task = LiftTask(driver, options, bus, memory=kept, clock=clock)
         with bus.listen(10_000) as heard:
             running = [asyncio.ensure_future(work) for work in (task.drive(), task.run())]
             made = Bench(driver, task, heard, bus)

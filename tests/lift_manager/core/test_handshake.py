@@ -379,7 +379,7 @@ def test_the_door_is_open_for_a_robot_only_with_the_permission_for_where_it_is()
         await made.car("L1", Door.OPEN, enter=True)
         assert made.robot_door() is RobotDoor.OPEN
         made.accept("L3", IN_PLACE)
-        await elapse(1)
+        await made.car("L1", Door.CLOSED)
         await made.car("L3", Door.OPEN, enter=True)
         assert made.robot_door() is RobotDoor.MOVING
         await made.car("L3", Door.OPEN, leave=True)

@@ -14,6 +14,7 @@ from lift_manager.domain.events import Event
 from lift_manager.domain.state import RobotDoor
 from tests.lift_manager.core.rmf_words import RMF, says, stands_open
 from tests.lift_manager.core.scripted import AT_L2, FRONT, PLAIN, Bench, ScriptedDriver
+from tests.support.proven import proven
 from tests.support.virtual_time import elapse, run_virtual
 
 Check = Callable[[Bench, LiftManager], Awaitable[None]]
@@ -34,7 +35,7 @@ def unheard(check: Check) -> None:
             poll_s=0.1,
             lease_s=60,
         )
-        task = LiftTask(driver, options, bus)
+        task = LiftTask(driver, options, bus, memory=proven(("lift",), PLAIN))
         running = [asyncio.ensure_future(work) for work in (task.drive(), task.run())]
         with bus.listen() as ended:
             pass

@@ -28,7 +28,7 @@ def lost_by_a_restart(name: str, *, door_open_s: float | None, silent_s: float) 
     plant, memory, (pickup, _) = SimulatedPlant(site), ShortMemory(), stops(site)
 
     async def main() -> list[str]:
-        async with trip(site, plant, memory=memory) as before:
+        async with trip(site, plant, memory=memory, door_proven=True) as before:
             before.ask(pickup)
             if door_open_s is None:
                 await elapse(1.5)

@@ -25,10 +25,14 @@ ABLE = Capabilities(
     levels=frozenset(),
     needs_occupancy=False,
     door_opens_within_s=10.0,
+    door_closes_within_s=10.0,
+    open_contacts=frozenset(),
     watched=False,
     same_floor_call=False,
     not_visible={},
     map_name="by-hand",
+    map_hash="1f",
+    printed={},
     trust="template",
 )
 CONFIRMED = Outcome(Command(CommandKind.GO_TO, "L2"), Result.CONFIRMED)

@@ -208,3 +208,32 @@ def test_an_open_door_needs_the_permission_for_where_the_robot_is(
 @pytest.mark.parametrize("aboard", [True, False, None])
 def test_a_map_without_permissions_needs_none(aboard: bool | None) -> None:
     assert permissions(ABLE, aboard=aboard) == frozenset()
+
+
+def test_a_door_told_by_its_open_contact_alone_moves_for_as_long_as_it_may_take_to_close() -> None:
+    able = replace(ABLE, open_contacts=frozenset({Side.FRONT}), door_closes_within_s=5.0)
+    sight = see(see(None, reading(OPEN, 0.0), able), reading(CLOSED, 0.1), able)
+    assert (sight.doors, door(sight)) == ({Side.FRONT: Door.MOVING}, RobotDoor.MOVING)
+    assert not sight.settled
+    sight = see(sight, reading(CLOSED, 5.0), able)
+    assert door(sight) is RobotDoor.MOVING
+    sight = see(sight, reading(CLOSED, 5.1), able)
+    assert (sight.doors, door(sight)) == ({Side.FRONT: Door.CLOSED}, RobotDoor.CLOSED)
+    assert sight.settled
+    again = see(see(sight, reading(OPEN, 5.2), able), reading(CLOSED, 5.3), able)
+    assert door(again) is RobotDoor.MOVING
+
+
+def test_how_long_such_a_door_has_not_been_open_is_unknown_at_the_start_and_after_a_gap() -> None:
+    able = replace(ABLE, open_contacts=frozenset({Side.FRONT}), door_closes_within_s=5.0)
+    first = see(None, reading(CLOSED, 0.0), able)
+    assert door(first) is RobotDoor.MOVING
+    closed = see(first, reading(CLOSED, 5.0), able)
+    assert door(closed) is RobotDoor.CLOSED
+    assert door(see(closed, reading(CLOSED, 9.0), able, gap_s=4.0)) is RobotDoor.MOVING
+    assert door(see(closed, reading(CLOSED, 5.1, epoch=2), able)) is RobotDoor.MOVING
+
+
+def test_a_car_that_moves_does_not_stand_whatever_its_level_flag_says() -> None:
+    passing = replace(OPEN, motion=Motion.UP, flags={"level": True})
+    assert door(see(None, reading(passing, 0.0), LEVEL)) is RobotDoor.MOVING

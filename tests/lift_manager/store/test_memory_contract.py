@@ -9,6 +9,7 @@ import pytest
 
 from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.domain.boarding import KeptBoarding, Who
+from lift_manager.domain.contradictions import Contradiction, Distrust, Trust
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
@@ -40,6 +41,9 @@ EVERYTHING = Remembered(
         pressed=True,
         boarding=KeptBoarding(Who.ABOARD, sent_on=True, may_leave_at="G", in_place_told=True),
     ),
+    trust=Trust(
+        "1f", door_proven=True, distrust=(Distrust(Contradiction.CALL, "floor codes shifted by one?", AT, trips=2),)
+    ),
 )
 VALUES = [
     Remembered(),
@@ -51,6 +55,7 @@ VALUES = [
     Remembered(left_untold=AT),
     Remembered(robot_mode_until=AT.astimezone(SINGAPORE)),
     Remembered(session=EVERYTHING.session),
+    Remembered(trust=EVERYTHING.trust),
 ]
 LIFTS = ("east", "Güter / 2")
 

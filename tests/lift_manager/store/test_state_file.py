@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from lift_manager.domain.contradictions import Trust
 from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import StateUnusable
 from lift_manager.store.place import replace_file, state_path
@@ -22,7 +23,7 @@ from lift_manager.store.state_file import SLOW_S, StateFile, Write, opened
 from tests.lift_manager.store.test_memory_contract import EVERYTHING, LIFTS, no_trouble, written
 
 SITE = "Main hospital"
-FIRE = replace(EVERYTHING, lockout=None, occupied=None, acknowledged=None)
+FIRE = replace(EVERYTHING, lockout=None, occupied=None, acknowledged=None, trust=Trust())
 
 
 def state(path: Path, write: Write = replace_file) -> StateFile:
@@ -57,7 +58,7 @@ def test_the_file_is_for_its_user_alone_and_can_be_read_by_people(path: Path) ->
     assert path.stat().st_mode & 0o777 == 0o600
     assert path.parent.stat().st_mode & 0o777 == 0o700
     content = json.loads(path.read_text("utf-8"))
-    assert (content["format"], content["version"], content["site"]) == ("lift-manager state", 3, SITE)
+    assert (content["format"], content["version"], content["site"]) == ("lift-manager state", 4, SITE)
     assert list(content["lifts"]) == ["east"]
     assert content["lifts"]["east"]["lockout"] == {
         "by": "Jürgen O'Neill",
@@ -95,7 +96,7 @@ def spoilt(path: Path, spoil: Callable[[dict[str, Any]], object]) -> str:
     ("spoil", "words"),
     [
         (lambda c: c.update(format="another program"), "is no state of a lift manager"),
-        (lambda c: c.update(version=4), "is version 4 of that file"),
+        (lambda c: c.update(version=5), "is version 5 of that file"),
         (lambda c: c.update(site="Villa"), "belongs to the site 'Villa'"),
         (lambda c: c.update(more=1), "is damaged (more:"),
         (lambda c: c["lifts"]["east"].update(more=1), "is damaged (lifts.east.more:"),
@@ -136,7 +137,9 @@ def test_a_site_with_a_corrected_name_does_not_forget_what_keeps_robots_out(path
 
 
 def test_states_of_other_buildings_and_other_files_in_the_folder_are_let_be(path: Path) -> None:
-    write_down(path.with_name("calm.json"), replace(EVERYTHING, fire_since=None, lockout=None, occupied=None))
+    write_down(
+        path.with_name("calm.json"), replace(EVERYTHING, fire_since=None, lockout=None, occupied=None, trust=Trust())
+    )
     write_down(path, FIRE)
     path.rename(path.with_name("old.json"))
     path.with_name("notes.json").write_bytes(b"{")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.domain.boarding import KeptBoarding, Who
+from lift_manager.domain.contradictions import Trust
 from lift_manager.domain.service import Remembered
 from lift_manager.domain.session import restored
 from lift_manager.domain.state import Holder
@@ -66,6 +67,22 @@ VERSION_2 = {
 }
 """A file as version 2 wrote it, before sessions had ids."""
 
+VERSION_3 = {
+    "format": "lift-manager state",
+    "version": 3,
+    "site": SITE,
+    "lifts": {
+        "east": {
+            **VERSION_1_LIFT,
+            "left_untold": None,
+            "robot_mode_until": None,
+            "session": None,
+            "rides": [],
+        }
+    },
+}
+"""A file as version 3 wrote it, before anything was known of a lift's signals."""
+
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
@@ -114,6 +131,23 @@ def test_version_2_with_an_id_is_damage(path: Path) -> None:
     content["lifts"]["east"]["session"]["id"] = "given"
     path.write_text(json.dumps(content))
     with pytest.raises(StateUnusable, match=r"is damaged \(lifts\.east\.session\.id"):
+        opened(path, SITE, LIFTS)
+
+
+def test_a_file_of_version_3_is_read_and_nothing_is_proven_of_its_door(path: Path) -> None:
+    path.write_text(json.dumps(VERSION_3))
+    memory = opened(path, SITE, LIFTS)
+    assert memory.recall(EAST).trust == Trust()
+    asyncio.run(written(memory))
+    content = json.loads(path.read_text())
+    assert (content["version"], content["lifts"]["east"]["trust"]["door_proven"]) == (VERSION, False)
+
+
+def test_version_3_with_a_proven_door_is_damage(path: Path) -> None:
+    content = json.loads(json.dumps(VERSION_3))
+    content["lifts"]["east"]["trust"] = {"map_hash": "1f", "door_proven": True, "distrust": []}
+    path.write_text(json.dumps(content))
+    with pytest.raises(StateUnusable, match=r"is damaged \(lifts\.east\.trust"):
         opened(path, SITE, LIFTS)
 
 

@@ -40,10 +40,14 @@ ABLE = Capabilities(
     levels=frozenset(),
     needs_occupancy=False,
     door_opens_within_s=10.0,
+    door_closes_within_s=10.0,
+    open_contacts=frozenset(),
     watched=False,
     same_floor_call=False,
     not_visible={},
     map_name="generic-registers",
+    map_hash="1f",
+    printed={},
     trust="vendor-manual",
 )
 DOOR = SignalValue(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.1)

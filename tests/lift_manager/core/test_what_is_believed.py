@@ -1,0 +1,133 @@
+"""What a lift publishes while its door signal is not proven, or its signals contradict each other."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from lift_manager.core.memory import ShortMemory
+from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.domain.service import Acknowledged, Cause
+from lift_manager.domain.state import RobotDoor
+from register_maps.words import Door, Motion
+from tests.lift_manager.core.scripted import AT_L2, FRONT, PLAIN, Bench, on_bench
+from tests.support.virtual_time import elapse
+
+AT = datetime(2026, 3, 2, 21, 30, tzinfo=UTC)
+CONTACTS = replace(PLAIN, signals=frozenset({"car_floor", "door.front"}), evidence_for_s=0.2)
+"""A contact at each floor, and neither motion nor permissions."""
+PARKED_OPEN = replace(AT_L2, doors={FRONT: Door.OPEN})
+
+
+async def inverted_trip(made: Bench, start: str, end: str) -> None:
+    """Let an inverted contact tell of a trip: closed where the door is open, and open everywhere else."""
+    for floor, door in (
+        (start, Door.CLOSED),
+        (start, Door.OPEN),
+        (None, Door.OPEN),
+        (end, Door.OPEN),
+        (end, Door.CLOSED),
+    ):
+        await made.car(floor, door)
+
+
+async def trip(made: Bench, start: str, end: str) -> None:
+    for floor, door in (
+        (start, Door.OPEN),
+        (start, Door.CLOSED),
+        (None, Door.CLOSED),
+        (end, Door.CLOSED),
+        (end, Door.OPEN),
+    ):
+        await made.car(floor, door)
+
+
+def test_a_lift_that_is_parked_open_says_that_it_has_to_make_a_trip_and_is_open_after_it() -> None:
+    async def check(made: Bench) -> None:
+        made.accept("L2")
+        await elapse(20)
+        assert made.robot_door() is RobotDoor.MOVING
+        assert "has to be sent to another floor once" in made.state.restrictions.waiting_for
+        assert made.state.doors == {FRONT: Door.OPEN}
+        made.accept("L1")
+        await trip(made, "L2", "L1")
+        await elapse(1)
+        assert (made.robot_door(), made.state.restrictions.waiting_for) == (RobotDoor.OPEN, "")
+
+    on_bench(check, CONTACTS, found=PARKED_OPEN, door_proven=False)
+
+
+def test_a_proven_door_is_believed_after_a_restart_and_not_with_another_map() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await trip(made, "L2", "L1")
+        assert made.robot_door() is RobotDoor.OPEN
+
+    async def after(made: Bench) -> None:
+        await elapse(1)
+        assert made.robot_door() is RobotDoor.OPEN
+
+    async def with_another_map(made: Bench) -> None:
+        await elapse(1)
+        assert made.robot_door() is RobotDoor.MOVING
+
+    on_bench(before, CONTACTS, memory=memory, door_proven=False)
+    on_bench(after, CONTACTS, memory=memory, found=PARKED_OPEN, door_proven=False)
+    on_bench(with_another_map, replace(CONTACTS, map_hash="2e"), memory=memory, found=PARKED_OPEN, door_proven=False)
+
+
+def test_a_contradiction_outlives_the_manager_and_ends_with_a_persons_word() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await inverted_trip(made, "L2", "L1")
+        assert [text for text in await made.alarms() if text.startswith("contradiction: ")]
+        assert "door contact inverted?" in made.state.restrictions.distrusted
+
+    async def after(made: Bench) -> None:
+        assert "door contact inverted?" in made.state.restrictions.distrusted
+        made.accept("L1")
+        await trip(made, "L2", "L1")
+        await elapse(1)
+        assert made.robot_door() is RobotDoor.MOVING
+        assert "its signals to be trusted again" in made.state.restrictions.waiting_for
+        said = made.task.acknowledge("M. Weber")
+        assert isinstance(said, Acknowledged)
+        assert said.what == (Cause.CONTRADICTION,)
+        await elapse(1)
+        assert made.robot_door() is RobotDoor.OPEN
+        assert made.state.restrictions.distrusted == ""
+        made.accept("L1", hold=False)
+        await elapse(1)
+        assert made.state.holder is None
+        assert made.robot_door() is RobotDoor.OPEN
+        refused = made.task.acknowledge("M. Weber")
+        assert isinstance(refused, Refused)
+        assert refused.code is Refusal.NOTHING_TO_ACKNOWLEDGE
+
+    on_bench(before, CONTACTS, memory=memory, door_proven=False, clock=lambda: AT)
+    assert memory.recall("lift").keeps_robots_out
+    on_bench(after, CONTACTS, memory=memory, door_proven=False, clock=lambda: AT)
+
+
+def test_a_word_of_a_person_is_heeded_though_nothing_else_changes() -> None:
+    async def check(made: Bench) -> None:
+        await trip(made, "L2", "L1")
+        await inverted_trip(made, "L1", "L2")
+        await trip(made, "L2", "L1")
+        assert made.robot_door() is RobotDoor.MOVING
+        assert isinstance(made.task.acknowledge("M. Weber"), Acknowledged)
+        await elapse(1)
+        assert made.robot_door() is RobotDoor.OPEN
+
+    on_bench(check, CONTACTS, door_proven=False)
+
+
+def test_a_car_behind_closed_doors_is_not_said_to_stand_where_nothing_tells_its_motion() -> None:
+    async def check(made: Bench) -> None:
+        assert (made.state.standing, made.state.motion) == (True, Motion.UNKNOWN)
+        await made.car("L2", Door.OPEN)
+        assert made.state.motion is Motion.STOPPED
+        await made.car("L2", Door.CLOSED)
+        assert made.state.motion is Motion.UNKNOWN
+
+    on_bench(check, CONTACTS)
