@@ -147,7 +147,7 @@ def try_validate(
     `stand_ins` has a place for it is replaced by that; where something else is wrong there is no model.
     """
     if message := _other_kind(source.data, model):
-        return None, (source.finding((), message),)
+        return Tried(None, (source.finding((), message),), frozenset())
     findings = list(source.findings)
     told = set(source.spoiled)
     data = source.data

@@ -103,8 +103,8 @@ class Gate:
                 about = f"the key {key.name} may not do this"
                 return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
         elif _shows_a_key(scope):
-            no = self._caller(scope)  # without keys of the site no key is one of its own
-            return no if isinstance(no, No) else None
+            caller = self._caller(scope)  # without keys of the site no key is one of its own
+            return caller if isinstance(caller, No) else None
         if route is None:
             return wrong_method(path, methods) if methods else not_found(path)
         return None

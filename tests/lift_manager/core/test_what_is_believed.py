@@ -126,7 +126,7 @@ def test_a_car_behind_closed_doors_is_not_said_to_stand_where_nothing_tells_its_
     async def check(made: Bench) -> None:
         assert (made.state.standing, made.state.motion) == (True, Motion.UNKNOWN)
         await made.car("L2", Door.OPEN)
-        assert made.state.motion is Motion.STOPPED
+        assert (made.state.standing, made.state.motion) == (True, Motion.STOPPED)
         await made.car("L2", Door.CLOSED)
         assert made.state.motion is Motion.UNKNOWN
 
