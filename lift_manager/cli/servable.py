@@ -9,7 +9,7 @@ from pathlib import Path
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
 from lift_manager.store.errors import KeysUnusable, StateUnusable
-from lift_manager.store.keys import keys_path, read_keys
+from lift_manager.store.keys import keys_path, read_kept_keys
 from lift_manager.store.place import state_path
 from lift_manager.store.state_file import read_state
 from lift_manager.web.errors import ListenError
@@ -25,7 +25,7 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
     try:
         place = state_path(site.name, site.state, loaded.path, os.environ)
         read_state(place, site.name, site.lifts.keys())
-        keys = read_keys(keys_path(place), site.name).live
+        keys = read_kept_keys(keys_path(place), site.name).live
     except (StateUnusable, KeysUnusable) as error:
         yield Finding(file, None, "", str(error))
         return

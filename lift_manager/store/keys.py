@@ -79,6 +79,16 @@ def keys_path(state: Path) -> Path:
     return state.with_name(f"{state.stem}.keys.json")
 
 
+def read_kept_keys(path: Path, site: str) -> KeysForm:
+    """Return the keys of a site that a manager may serve with: as `read_keys`, but keys that got lost are refused, too."""
+    keys, lock = read_keys(path, site), _lock_of(path)
+    if not path.exists() and lock.exists():
+        what = f"is gone, though there were keys: {lock.name} is beside it"
+        advice = f"put back a copy of it, or make keys with `lift-manager keys make`; if this site is to have none, remove {lock}"
+        raise _unusable(path, what, advice)
+    return keys
+
+
 def read_keys(path: Path, site: str) -> KeysForm:
     """Return the keys of a site; a file that is not there holds none. Raises KeysUnusable."""
     if is_shared(path.parent):
@@ -226,12 +236,7 @@ class KeyFile:
         self._live: dict[str, KeyEntry] = {}
         self._trouble = ""
         self._seen = _signature(path)
-        self._take(read_keys(path, site))
-        lock = _lock_of(path)
-        if self._seen is None and lock.exists():
-            what = f"is gone, though there were keys: {lock.name} is beside it"
-            advice = f"put back a copy of it, or make keys with `lift-manager keys make`; if this site is to have none, remove {lock}"
-            raise _unusable(path, what, advice)
+        self._take(read_kept_keys(path, site))
 
     @property
     def needed(self) -> bool:

@@ -154,8 +154,7 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
 
     No other process may open it for as long as the StateFile lives.
     """
-    if is_shared(path.parent):
-        raise _unusable(path, SHARED, unshared(path.parent))
+    _require_own_folder(path)
     lock = claim(path)
     try:
         memory = StateFile(path, site, lifts, read_state(path, site, lifts), write)
@@ -168,8 +167,14 @@ def opened(path: Path, site: str, lifts: Collection[str], write: Write = replace
     return memory
 
 
+def _require_own_folder(path: Path) -> None:
+    if is_shared(path.parent):
+        raise _unusable(path, SHARED, unshared(path.parent))
+
+
 def read_state(path: Path, site: str, lifts: Collection[str]) -> dict[str, Remembered]:
     """Return what was kept of a site, and change nothing. Raises StateUnusable."""
+    _require_own_folder(path)
     try:
         text, _ = read_own(path)
     except FileNotFoundError as error:

@@ -19,6 +19,8 @@ from lift_manager.domain.events import (
     Advised,
     Alarm,
     CommandEnded,
+    DrainBegun,
+    DrainOver,
     Event,
     HandedOver,
     LockedOut,
@@ -38,6 +40,8 @@ from lift_manager.domain.service import (
     Acknowledged,
     Advice,
     Cause,
+    Drain,
+    DrainEnded,
     EndReason,
     ForceReleased,
     Lockout,
@@ -54,6 +58,7 @@ ROBOT, OTHER = Holder("workshop", "workshop"), Holder("rmf", "fleet/r1")
 AT = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 GO = Command(CommandKind.GO_TO, "L2")
 LOCKOUT = Lockout("M. Weber", "door operator is replaced", AT)
+DRAIN = Drain("M. Weber", "door is serviced", AT)
 FOLLOWED = Followed(
     id="unsaid",
     lift="east",
@@ -98,6 +103,13 @@ EVENTS: dict[type, tuple[Event, RowKind, str, str]] = {
     LockedOut: (LockedOut("east", LOCKOUT), RowKind.PERSON, "M. Weber", "door operator is replaced"),
     LockoutOver: (
         LockoutOver("east", LockoutEnded("A. Novak", AT, LOCKOUT)),
+        RowKind.PERSON,
+        "A. Novak",
+        "by M. Weber is ended",
+    ),
+    DrainBegun: (DrainBegun("east", DRAIN), RowKind.PERSON, "M. Weber", "drain begun by M. Weber: door is serviced"),
+    DrainOver: (
+        DrainOver("east", DrainEnded("A. Novak", AT, DRAIN)),
         RowKind.PERSON,
         "A. Novak",
         "by M. Weber is ended",
