@@ -3,28 +3,29 @@
 import asyncio
 import traceback
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from lift_manager import app
-from lift_manager.commissioning.detection import Lie
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.domain.asking import Ask, RobotWord
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.judged import Finding, Wrong
 from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.rows import WrittenJournal
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import Witness
 from lift_manager.lab.world.world import World
 from register_maps.load import Changes, LoadedMap, load
 from simulator import faults as device
 from simulator.faults import Fault
+from simulator.modes import Key
 from simulator.people import People, Traffic
-from simulator.state import Parameters
+from simulator.state import Inputs, Parameters
 from tests.campaigns.aboard import Aboard
 from tests.campaigns.schedules import (
     LASTS_S,
@@ -32,6 +33,8 @@ from tests.campaigns.schedules import (
     Asks,
     DeviceFails,
     Event,
+    HandsOver,
+    KeyTurned,
     Patience,
     PeopleCome,
     PersonActs,
@@ -44,6 +47,18 @@ from tests.support.trip_sites import COMPLETIONS, Completion, site_of
 
 LIFT = "lift"
 AS_THE_MAP_SAYS = Patience()
+CLEAR_S = 0.0
+"""How long before a release of ours an invitation must be withdrawn (`judged.CLEAR_S` for all that the README promises)."""
+ROW_TAKES_S = 0.02
+"""How long a row of the journal takes to be on the disk. Chosen: a busy one."""
+HOLD = {
+    "action": "hold",
+    "max_hold_s": 30,
+    "refresh_s": 1,
+    "on_link_loss": "device_watchdog",
+    "confirm": {"any_of": ["readback"], "within_s": 2},
+}
+CLOSE = {"action": "pulse", "width_s": 0.5, "confirm": {"any_of": ["effect"], "within_s": 10}}
 ASKS_EVERY_S = 1.0
 """How often a client repeats itself: as the workshop's adapter does."""
 BOARDS_S = 3.0
@@ -72,10 +87,35 @@ class Played:
         return bool(self.findings)
 
 
+REAR_DOOR: Mapping[str, Mapping[str, Any]] = {
+    "generic-coils": {
+        "served": {"discrete": [[0, 32]], "coil": [[0, 12]]},
+        "signals": {"door.rear": {"open_limit": "discrete:30", "closed_limit": "discrete:31"}},
+        "commands": {
+            "hold_door.rear": {**HOLD, "at": "coil:11", "excludes": ["close_door.rear"]},
+            "close_door.rear": {**CLOSE, "at": "coil:12", "excludes": ["hold_door.rear"]},
+        },
+    },
+    "generic-registers": {
+        "served": {"holding": [[0, 8], [16, 21]]},
+        "signals": {
+            "door.rear": {"at": "holding:8", "values": {1: "closed", 2: "opening", 3: "open", 4: "closing", 5: "fault"}}
+        },
+        "commands": {
+            "hold_door.rear": {**HOLD, "at": "holding:20", "excludes": ["close_door.rear"]},
+            "close_door.rear": {**CLOSE, "at": "holding:21", "excludes": ["hold_door.rear"]},
+        },
+    },
+}
+"""What a site adds for a second door at each floor."""
+
+
 @cache
-def loaded_map(name: str) -> tuple[LoadedMap, Mapping[str, int]]:
+def loaded_map(name: str, *, two_doors: bool = False) -> tuple[LoadedMap, Mapping[str, int]]:
     """Return a shipped map, completed where a site has to, and codes of the floors of a lift on it."""
     added = COMPLETIONS.get(name, Completion())
+    if two_doors:
+        added = Completion(added.parameters, {**added.override, **REAR_DOOR[name]})
     return load(name, changes=Changes(added.parameters, added.override)), site_of(name).floors
 
 
@@ -86,9 +126,11 @@ def loaded_site(
     lease_s: float,
     between_sessions_s: float,
     patience: Patience = AS_THE_MAP_SAYS,
+    *,
+    two_doors: bool = False,
 ) -> LoadedSite:
     """Return a site with one lift of a shipped map; its devices are where nothing is."""
-    loaded, floors = loaded_map(name)
+    loaded, floors = loaded_map(name, two_doors=two_doors)
     endpoints = loaded.map.endpoints
     lift = {
         "controller": "plc",
@@ -121,14 +163,17 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
         schedule.lease_s,
         schedule.between_sessions_s,
         schedule.patience,
+        two_doors=schedule.two_doors,
     )
-    oracle = judge_of(loaded)
+    oracle = judge_of(loaded, clear_s=CLEAR_S)
     played = Played(schedule, oracle.findings)
 
     async def main() -> None:
         settings = {LIFT: Parameters(speed=schedule.speed)}
-        witnesses_of_ours = (oracle, Rules(oracle), played.aboard)
-        world = World(loaded, (*witnesses_of_ours, *witnesses), seed=schedule.seed, settings=settings)
+        rules = Rules(oracle, knows_rows=True)
+        journal = WrittenJournal(ROW_TAKES_S, rules.noted)
+        watching = (oracle, rules, played.aboard, *witnesses)
+        world = World(loaded, watching, seed=schedule.seed, settings=settings, journal=journal)
         async with world.running():
             actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]
             await elapse(LASTS_S)
@@ -139,7 +184,9 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
             if isinstance(error, Exception):
                 raise error
         if not world.released and oracle.is_clean(LIFT, LASTS_S, app.RELEASE_WITHIN_S):
-            oracle.find(LASTS_S, LIFT, "held at the end", "nothing stood against letting go of everything", Lie.OUTPUT)
+            oracle.find(
+                LASTS_S, LIFT, "held at the end", "nothing stood against letting go of everything", Wrong.OUTPUT
+            )
 
     try:
         run_virtual(main, limit_s=10 * LASTS_S)
@@ -170,8 +217,8 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
             await _spoil(world, lift, event)
         case Restarts():
             await world.restart()
-        case PersonActs():
-            _person_acts(world, lift, event.what)
+        case PersonActs() | KeyTurned() | HandsOver():
+            await _by_hand(world, lift, event)
         case PeopleCome():
             traffic = Traffic(per_minute=event.per_minute)
             world.populate(lift, People(seed=event.seed, floors=len(world.lifts[lift].floors), traffic=traffic))
@@ -185,6 +232,16 @@ async def _spoil(world: World, lift: str, event: WireFails) -> None:
         world.mend(controller, event.fault)
 
 
+async def _by_hand(world: World, lift: str, event: PersonActs | KeyTurned | HandsOver) -> None:
+    match event:
+        case PersonActs():
+            _person_acts(world, lift, event.what)
+        case KeyTurned():
+            await _turn_key(world, lift, event)
+        case HandsOver():
+            _hand_over(world, lift, event)
+
+
 def _person_acts(world: World, lift: str, what: str) -> None:
     manager = world.manager
     match what:
@@ -194,6 +251,24 @@ def _person_acts(world: World, lift: str, what: str) -> None:
             manager.lock_out(lift, "the guard", "moving furniture")
         case _:
             manager.end_lockout(lift, "the guard")
+
+
+async def _turn_key(world: World, lift: str, event: KeyTurned) -> None:
+    before = world.lifts[lift].inputs.key
+    world.set_inputs(lift, _key(world, lift, event.key))
+    await elapse(event.for_s)
+    world.set_inputs(lift, replace(world.lifts[lift].inputs, key=before, robots_allowed=True))
+
+
+def _key(world: World, lift: str, key: str) -> Inputs:
+    inputs = world.lifts[lift].inputs
+    return replace(inputs, robots_allowed=False) if key == "no_robots" else replace(inputs, key=Key(key))
+
+
+def _hand_over(world: World, lift: str, event: HandsOver) -> None:
+    state = world.manager.state(lift)
+    if state is not None and state.holder == _holder(event.holder):
+        world.manager.hand_over(lift, _holder(event.holder), _holder(event.to))
 
 
 def applies(world: World, name: str, fault: Fault) -> bool:

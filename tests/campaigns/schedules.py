@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 from lift_manager.lab.world.fault_names import every_device_fault
-from register_maps.words import Mode, Table
+from register_maps.words import Mode, Side, Table
 from simulator import faults as device
 from simulator import wire_faults as wire
 from simulator.faults import Fault
@@ -22,6 +22,16 @@ IN_PIECES = 0.15
 """Share of minutes in which what is read of a lift may not belong together: they are what a second reading is for."""
 TEARS = (("generic-registers", 2), ("seer-generic", 1))
 """Maps, and how much at once, where door and floor come in different reads and little else delays them."""
+TURNED, HANDED, DOUBLE = 0.12, 0.1, 0.1
+"""Shares of minutes in which a key is turned, a robot gives the lift to another, and each floor has two doors."""
+TELLS_KEYS = {
+    "no_robots": ("generic-coils",),
+    "inspection": ("generic-coils", "generic-registers"),
+    "independent": ("generic-coils", "generic-registers"),
+}
+"""Maps that tell how a key stands."""
+TWO_DOORS = ("generic-coils", "generic-registers")
+"""Maps that a site gives a second door."""
 HOLDERS = ("workshop", "fleet:r1", "fleet:r2")
 
 
@@ -110,7 +120,26 @@ class Patience:
         return f"{at_once} at once, readings count for {self.max_age_s} s, time-out {self.timeout_s} s"
 
 
-Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | Restarts
+@dataclass(frozen=True)
+class KeyTurned:
+    """A person turns a key switch, and back again."""
+
+    at: float
+    key: str
+    """no_robots, inspection or independent."""
+    for_s: float
+
+
+@dataclass(frozen=True)
+class HandsOver:
+    """One robot gives the lift to another, if it holds it then."""
+
+    at: float
+    holder: str
+    to: str
+
+
+Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | KeyTurned | HandsOver | Restarts
 
 
 @dataclass(frozen=True)
@@ -125,10 +154,13 @@ class Schedule:
     between_sessions_s: float
     events: tuple[Event, ...]
     patience: Patience = Patience()
+    two_doors: bool = False
+    """Each floor has a rear door beside the front one."""
 
     def __str__(self) -> str:
         head = f"seed {self.seed}, {self.map}, speed {self.speed:g}, hold {self.max_session_hold_s:g} s, lease {self.lease_s:g} s"
         head += f", {self.patience}" if self.patience != Patience() else ""
+        head += ", two doors" if self.two_doors else ""
         return "\n".join([head, *(f"  {event.at:6.2f} s  {event}" for event in self.events)])
 
 
@@ -156,7 +188,33 @@ def draw(seed: int, maps: Sequence[str]) -> Schedule:
         between_sessions_s=random.choice((0.0, 5.0)),
         events=tuple(sorted(events, key=lambda event: event.at)),
     )
-    return _in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule
+    schedule = _in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule
+    return _further(Random(f"{seed} further"), schedule, maps)
+
+
+def _further(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedule:
+    """Turn keys, hand the lift over, and build a second door, each in a few minutes; dice of its own leave all else as it was."""
+    events: list[Event] = []
+    if random.random() < TURNED:
+        key = random.choice(("no_robots", "no_robots", "inspection", "independent"))
+        events.append(KeyTurned(random.uniform(3, 40), key, random.uniform(4, 20)))
+        told_by = [one for one in TELLS_KEYS[key] if one in maps]
+        if told_by and random.random() < 0.7:
+            schedule = replace(schedule, map=random.choice(told_by), patience=Patience())
+    if random.random() < HANDED:
+        rides = [event for event in schedule.events if isinstance(event, RobotRides)]
+        events += [
+            HandsOver(ride.at + random.uniform(4, 25), ride.holder, random.choice(HOLDERS)) for ride in rides[:1]
+        ]
+    two = [one for one in TWO_DOORS if one in maps]
+    if two and random.random() < DOUBLE:
+        schedule = replace(schedule, map=random.choice(two), two_doors=True, patience=Patience())
+        kinds = (device.StuckDoor, device.ReopeningDoor)
+        side = random.choice(tuple(Side))
+        events.append(DeviceFails(random.uniform(4, 30), random.choice(kinds)(side), random.choice((4.0, 10.0, 30.0))))
+    if not events:
+        return schedule
+    return replace(schedule, events=tuple(sorted((*schedule.events, *events), key=lambda event: event.at)))
 
 
 def _in_pieces(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedule:
