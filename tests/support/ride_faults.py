@@ -248,7 +248,6 @@ FURTHER: Mapping[str, Callable[[Story], Awaitable[None]]] = {
             device.FrozenHeartbeat(),
             device.StuckDoor(),
             device.ReopeningDoor(),
-            device.Relevelling(),
             device.CallsCancelled(),
             device.RobotModeWithdrawn(),
             device.Overload(),

@@ -67,7 +67,7 @@ class _Book:
     fire_published_at: float = -math.inf
     locked_since: float = math.inf
     mode_at: float = -math.inf
-    """When the lift was last in a mode without robots."""
+    """When the lift was last in a mode without robots, or kept them off."""
     live_at: float = -math.inf
     restarted_at: float = -math.inf
     asked_since: dict[Holder, set[FloorName]] | None = None
@@ -97,8 +97,10 @@ class _Book:
     fallen: set[tuple[str, int]] = field(default_factory=set)
     """Outputs that fell last, and when."""
     fallen_at: float = -math.inf
-    rows: set[tuple[str, int]] = field(default_factory=set)
-    """Presses whose row is on the disk, with the floor of a call; one that we released needs another row."""
+    rows: dict[tuple[str, int], bool] = field(default_factory=dict)
+    """Presses whose row is on the disk, with the floor of a call, and whether that row has had its press."""
+    released: set[tuple[str, int]] = field(default_factory=set)
+    """Outputs that we released since they were pressed: each needs another row. One that somebody else took away does not."""
     doubts: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
     """Requests that were accepted and are not judged yet: when, of whom, and who held the lift then."""
 
@@ -116,7 +118,7 @@ class Rules:
         """See whether robot mode was dropped under way, and who was given a lift that another one holds."""
         book = self._books[lift]
         before, book.truth = book.truth, truth
-        if truth.mode in FORBIDDEN:
+        if truth.mode in FORBIDDEN or truth.bars & book.about.shows.bars:
             book.mode_at = at
         _follow(at, book, before, truth)
         if truth.robot_mode:
@@ -159,7 +161,7 @@ class Rules:
         if row.kind is not RowKind.PRESS:
             return
         book, floor = self._books[row.lift], row.data["floor"]
-        book.rows.add((str(row.data["command"]), 1 if floor is None else book.about.floors.index(str(floor))))
+        book.rows[str(row.data["command"]), 1 if floor is None else book.about.floors.index(str(floor))] = False
 
     def published(self, at: float, lift: str, state: LiftState) -> None:
         """See whether what a robot needs besides an open door is there, and know what the manager knows."""
@@ -196,7 +198,7 @@ class Rules:
                 self._let_fall(at, lift, self._books[lift])
         for book in self._books.values() if self._knows_rows and exchange.executed else ():
             if book.fallen_at == at and controller in book.about.controllers:
-                book.rows -= book.fallen
+                book.released |= book.fallen
 
     def heard(self, at: float, event: Event) -> None:
         """Keep the book of sessions and of people's words."""
@@ -265,8 +267,11 @@ class Rules:
     def _has_rows(self, at: float, lift: str, book: _Book, commands: frozenset[str]) -> None:
         given = dict(book.truth.given) if book.truth is not None else {}
         for name in sorted(commands):
-            if (name, given.get(name, 1)) not in book.rows:
+            output = name, given.get(name, 1)
+            if book.rows.get(output, True) and (output not in book.rows or output in book.released):
                 self._oracle.find(at, lift, "pressed before its row", f"{name}, and it is not written down yet")
+            book.rows[output] = True
+            book.released.discard(output)
 
     @staticmethod
     def _was_asked_for(book: _Book, name: str) -> bool:

@@ -9,6 +9,7 @@ import pytest
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.domain.asking import Accepted, Ask
 from lift_manager.domain.events import CommandEnded, SessionOpened, SessionRestored
+from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, Wrong
@@ -321,6 +322,40 @@ def test_a_hold_that_stands_in_the_register_and_fell_by_the_controllers_own_watc
         assert truth.doors_shut
 
     judged("generic-registers", check)
+
+
+def rows_of(*story: str) -> list[str]:
+    """Note a row, press, or let the output fall, a second each; and return the rules that are broken."""
+    oracle = judge()
+    rules = Rules(oracle, knows_rows=True)
+    rules.looked(0.0, "lift", STANDS_OPEN)
+    for at, word in enumerate(story, start=1):
+        match word:
+            case "row":
+                rules.noted(Row(RowKind.PRESS, "", "lift", "", {"command": "hold_door.front", "floor": None}))
+            case "press":
+                rules.looked(at, "lift", HELD)
+                rules.pressed(at, "lift", FRONT)
+            case _:
+                rules.looked(at, "lift", STANDS_OPEN)
+        if word == "release":
+            rules.exchanged(at, "plc", replace(failed_write(at), executed=True))
+    return found(oracle)
+
+
+@pytest.mark.parametrize(
+    ("story", "is_found"),
+    [
+        (("row", "press"), False),
+        (("press",), True),
+        (("row", "press", "release", "press"), True),
+        (("row", "press", "release", "row", "press"), False),
+        (("row", "press", "row", "release", "press"), False),
+        (("row", "press", "falls by itself", "press"), False),
+    ],
+)
+def test_nothing_is_pressed_before_its_row_is_on_the_disk(story: tuple[str, ...], *, is_found: bool) -> None:
+    assert ("pressed before its row" in rows_of(*story)) is is_found
 
 
 # -- restarts, fires and releases
