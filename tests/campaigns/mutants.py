@@ -296,6 +296,22 @@ MUTANTS: tuple[Mutant, ...] = (
         ),
     ),
     Mutant(
+        "lockout for RMF",
+        (
+            Edit(
+                "lift_manager/core/people.py",
+                "        if not self.lockout:\n            return None\n        name",
+                "        if True:\n            return None\n        name",
+            ),
+            Edit(
+                "lift_manager/core/people.py",
+                'return f"it is locked out {self.lockout}" if self.lockout else None',
+                "return None",
+            ),
+        ),
+        campaign=RMF,
+    ),
+    Mutant(
         "end of a hold behind an open door",
         (
             Edit(
