@@ -465,7 +465,7 @@ class Oracle:
         state, about = watched.state, watched.about
         if state is None or state.holder is None:
             return False
-        if truth.mode in about.shows.modes and state.quality is Quality.LIVE:
+        if state.quality is Quality.LIVE and (truth.mode in about.shows.modes or truth.bars & about.shows.bars):
             return False
         on_s = at - watched.on_since[name, floor]
         asks = watched.asks.get(state.holder)

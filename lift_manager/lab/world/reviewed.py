@@ -184,7 +184,7 @@ def described(source: RegisterMap) -> Shows:
         door_by=DoorBy.OPEN_LIMITS if by_limits else DoorBy.BOTH_ENDS if both else DoorBy.OPEN_CONTACT,
         robot_mode="robot_mode_on" in signals,
         permits="robot_in_place" in source.commands and not signals.keys().isdisjoint({"may_enter", "may_leave"}),
-        bars=signals.keys() & {"robots_allowed", "watchdog_tripped"},
+        bars=frozenset(signals.keys() & {"robots_allowed", "watchdog_tripped"}),
     )
 
 
