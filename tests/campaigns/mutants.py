@@ -239,7 +239,13 @@ MUTANTS: tuple[Mutant, ...] = (
     ),
     Mutant(
         "proof beyond our own read-back",
-        (Edit("drivers/modbus/confirm.py", 'if name == "readback" and read_back:', "if read_back:"),),
+        (
+            Edit(
+                "drivers/modbus/presses.py",
+                "found = proof(press.expected, values, read_back=press.read_back)",
+                "found = Proof.READBACK",
+            ),
+        ),
     ),
     Mutant(
         "evidence that the car stands",

@@ -22,8 +22,9 @@ IN_PIECES = 0.15
 """Share of minutes in which what is read of a lift may not belong together: they are what a second reading is for."""
 TEARS = (("generic-registers", 2), ("seer-generic", 1))
 """Maps, and how much at once, where door and floor come in different reads and little else delays them."""
-TURNED, HANDED, DOUBLE = 0.12, 0.1, 0.1
-"""Shares of minutes in which a key is turned, a robot gives the lift to another, and each floor has two doors."""
+TURNED, HANDED, DOUBLE, RESTARTED = 0.12, 0.1, 0.1, 0.08
+"""Shares of minutes in which a key is turned, a robot gives the lift to another, each floor has two doors, and the manager is killed while the
+first car is on its way."""
 TELLS_KEYS = {
     "no_robots": ("generic-coils",),
     "inspection": ("generic-coils", "generic-registers"),
@@ -212,6 +213,9 @@ def _further(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedul
         kinds = (device.StuckDoor, device.ReopeningDoor)
         side = random.choice(tuple(Side))
         events.append(DeviceFails(random.uniform(4, 30), random.choice(kinds)(side), random.choice((4.0, 10.0, 30.0))))
+    if random.random() < RESTARTED:
+        first = next((event.at for event in schedule.events if isinstance(event, RobotRides)), 0.0)
+        events.append(Restarts(first + random.uniform(1.5, 9)))
     if not events:
         return schedule
     return replace(schedule, events=tuple(sorted((*schedule.events, *events), key=lambda event: event.at)))

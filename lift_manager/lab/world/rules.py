@@ -354,6 +354,10 @@ class Rules:
             self._oracle.find(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
             book.session = event.to
+            if book.asked_since is not None and (asked := book.asked_since.get(event.holder)):
+                book.asked_since.setdefault(event.to, set()).update(
+                    asked
+                )  # it goes on with what its holder has asked for
         else:
             book.session, book.pressed_something = event.holder, isinstance(event, SessionRestored)
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.domain.asking import Accepted, Ask
-from lift_manager.domain.events import CommandEnded, SessionOpened, SessionRestored
+from lift_manager.domain.events import CommandEnded, HandedOver, SessionOpened, SessionRestored
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
@@ -379,6 +379,19 @@ def test_after_a_restart_only_the_holder_frees_presses_and_only_for_the_floor_th
     assert restarted(by=ROBOT, floor="L2") == []
     assert restarted(by=OTHER, floor="L2") == ["pressed by a restart"]
     assert restarted(by=ROBOT, floor="L1") == ["pressed by a restart"]
+
+
+@pytest.mark.parametrize("by", [ROBOT, OTHER])
+def test_a_session_that_is_handed_over_goes_on_with_what_its_holder_has_asked_for_since_the_restart(by: Holder) -> None:
+    oracle = judge()
+    rules = Rules(oracle)
+    rules.struck(1.2, Struck("manager", RESTART, began=True))
+    rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
+    rules.asked(4.0, Ask("lift", by, "L2", hold_door=True), Accepted())
+    rules.heard(4.1, HandedOver("lift", ROBOT, Holder("fleet", "r3")))
+    rules.looked(4.2, "lift", HELD)
+    rules.pressed(4.2, "lift", FRONT)
+    assert ("pressed by a restart" in found(oracle)) is (by == OTHER)
 
 
 @pytest.mark.parametrize("has_call", [True, False])
