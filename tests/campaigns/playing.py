@@ -172,7 +172,7 @@ def play(schedule: Schedule, *, witnesses: Iterable[Witness] = ()) -> Played:
         settings = {LIFT: Parameters(speed=schedule.speed)}
         rules = Rules(oracle, knows_rows=True)
         journal = WrittenJournal(ROW_TAKES_S, rules.noted)
-        watching = (oracle, rules, played.aboard, *witnesses)
+        watching: tuple[Witness, ...] = (oracle, rules, played.aboard, *witnesses)
         world = World(loaded, watching, seed=schedule.seed, settings=settings, journal=journal)
         async with world.running():
             actors = [asyncio.ensure_future(act(world, LIFT, event, played)) for event in schedule.events]

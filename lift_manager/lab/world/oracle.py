@@ -300,6 +300,10 @@ class Oracle:
         asks = self._lifts[lift].asks.get(holder)
         return None if asks is None else asks[0]
 
+    def is_foreign(self, lift: str, command: str, at: float) -> bool:
+        """Whether somebody else writes this command, or did of late."""
+        return at <= self._lifts[lift].foreign.get(command, -math.inf)
+
     def was_blinded(self, lift: str, since: float, names: frozenset[str], command: str = "") -> str | None:
         """Return which of these faults was present at some time after `since`, and touches the command."""
         for fault in self._lifts[lift].faults:
@@ -448,7 +452,7 @@ class Oracle:
         return least_s + watched.about.pulses_s.get(name, 0.0) + RELEASE_EXCHANGES * slow_s
 
     def _is_let_pass(self, watched: _Watched, lift: str, name: str, at: float) -> bool:
-        if at <= watched.foreign.get(name, -math.inf):
+        if self.is_foreign(lift, name, at):
             self.let_pass(lift, "output on too long", "foreign_writer")
         elif at <= watched.stuck.get(name, -math.inf):
             self.let_pass(lift, "output on too long", "left on unseen")

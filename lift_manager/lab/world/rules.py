@@ -190,15 +190,18 @@ class Rules:
     def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
         """See whether a hold that has just fallen was released by us, and whether its robot had time to clear the door."""
         fallen = [
-            lift for lift, book in self._books.items() if book.fell_at == at and controller in book.about.controllers
+            lift
+            for lift, book in self._books.items()
+            if book.fell_at == at and controller in book.about.controllers
+            if not any(self._oracle.is_foreign(lift, hold, at) for hold in book.about.holds)
         ]
         if fallen and exchange.executed and parse_request(exchange.request, timed_coils=True).is_write:
             for lift in fallen:
                 self._books[lift].fell_by_us = True
                 self._let_fall(at, lift, self._books[lift])
-        for book in self._books.values() if self._knows_rows and exchange.executed else ():
+        for lift, book in self._books.items() if self._knows_rows and exchange.executed else ():
             if book.fallen_at == at and controller in book.about.controllers:
-                book.released |= book.fallen
+                book.released |= {one for one in book.fallen if not self._oracle.is_foreign(lift, one[0], at)}
 
     def heard(self, at: float, event: Event) -> None:
         """Keep the book of sessions and of people's words."""
@@ -354,10 +357,9 @@ class Rules:
             self._oracle.find(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
             book.session = event.to
-            if book.asked_since is not None and (asked := book.asked_since.get(event.holder)):
-                book.asked_since.setdefault(event.to, set()).update(
-                    asked
-                )  # it goes on with what its holder has asked for
+            if book.asked_since is not None and (ask := self._oracle.ask_of(event.lift, event.holder)) is not None:
+                # its holder was heard by this very word, and the session goes on with what it wants
+                book.asked_since.setdefault(event.to, set()).add(ask.floor)
         else:
             book.session, book.pressed_something = event.holder, isinstance(event, SessionRestored)
 
