@@ -88,6 +88,7 @@ def picture(state: State, parameters: Parameters) -> Picture:
         obstruction=state.image.obstruction,
         overload=state.image.overload,
         fault=state.image.fault,
+        robots_allowed=state.image.robots_allowed,
         nudging=state.acting.trouble.nudging,
         occupied=state.handshake.occupied,
         may_enter=awaited and not state.handshake.occupied,

@@ -125,6 +125,11 @@ class Troubles:
             self._presses = None
         return seen
 
+    @property
+    def lost(self) -> Mapping[str, int]:
+        """Presses that are swallowed and still last, by command."""
+        return {} if self._presses is None else self._presses.lost
+
     def tale(self, told: Tale) -> Tale:
         """Return what is shown in the place of the truth."""
         if self._held is not None:

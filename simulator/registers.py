@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from operator import attrgetter
 
-from register_maps.codec import Codec
+from register_maps.codec import Codec, Image
 from register_maps.schema import Kind
 from register_maps.words import Table
 from simulator import asks, controller, shaft
@@ -105,6 +105,21 @@ class RegisterFace:
     def asked(self) -> Mapping[str, int]:
         """Return what the controller is asked for over the network: the index of the floor for a call, 1 for others."""
         return self._inputs.asked
+
+    @property
+    def cells(self) -> Image:
+        """What the program sees of what clients wrote, as raw cells."""
+        return self._cells.seen
+
+    @property
+    def lost(self) -> Mapping[str, int]:
+        """Presses that are stored and that the program does not see, by command."""
+        return self._troubles.lost
+
+    @property
+    def believed(self) -> Mapping[str, int]:
+        """What of `asked` the controller acts on: no hold whose watchdog ran out, nothing that needs robot mode without it."""
+        return self._state.heard.given
 
     def endpoint(self, name: str) -> Endpoint:
         """One of the map's further devices. Raises ValueError for a name that the map does not have."""

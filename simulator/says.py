@@ -152,7 +152,7 @@ class Says:
             "may_enter": picture.may_enter if self._has_handshake else may_pass,
             "may_leave": picture.may_leave if self._has_handshake else may_pass,
             "ready": in_service,
-            "robots_allowed": True,
+            "robots_allowed": picture.robots_allowed,
             "overload": picture.overload,
             "nudging": picture.nudging,
             "fault": picture.fault,

@@ -104,6 +104,8 @@ class Inputs:
     """Too much load: the door stays open and the car does not start."""
     fault: bool = False
     """The lift has failed, and is out of service."""
+    robots_allowed: bool = True
+    """The key switch that keeps robots off the lift is not turned."""
     asked: network.Given = field(default_factory=dict)
     """What the network asks for."""
     signs_of_life: int = 0
@@ -174,6 +176,7 @@ class Picture:
     obstruction: frozenset[Side]
     overload: bool
     fault: bool
+    robots_allowed: bool
     nudging: bool
     occupied: bool
     """A robot is aboard, as far as the handshake tells."""

@@ -2,7 +2,7 @@
 
 from drivers.model import FloorName
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
-from lift_manager.domain.events import Event, PersonAcknowledged, SessionEnded, SessionOpened
+from lift_manager.domain.events import Event, HandedOver, PersonAcknowledged, SessionEnded, SessionOpened
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.world.judged import Finding
@@ -41,11 +41,20 @@ class Aboard:
                 lift, holder
             ):
                 self.left(lift)
-            case SessionOpened(lift=lift, holder=holder) if self._robots.get(lift, holder) != holder:
-                text = f"{holder} is given a lift in which a robot of {self._robots[lift]} stands"
-                self._findings.append(Finding(at, lift, "given to another with a robot aboard", text))
+            case SessionOpened(lift=lift, holder=holder):
+                self._is_free_for(at, lift, holder)
+            case HandedOver(lift=lift, holder=holder, to=to):
+                # whoever gives the lift away gives away the robot in it, and speaks for it no more
+                self._is_free_for(at, lift, holder)
+                if lift in self._robots:
+                    self._robots[lift] = to
             case _:
                 pass
+
+    def _is_free_for(self, at: float, lift: str, holder: Holder) -> None:
+        if self._robots.get(lift, holder) != holder:
+            text = f"{holder} is given a lift in which a robot of {self._robots[lift]} stands"
+            self._findings.append(Finding(at, lift, "given to another with a robot aboard", text))
 
     def _is_where_it_wanted(self, lift: str, holder: Holder) -> bool:
         """Whether the car is where its robot wanted no more than to be, with the door left as it is: it gets out by itself."""

@@ -21,9 +21,9 @@ from lift_manager.domain.asking import Ask, Refused
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
-from lift_manager.lab.world.judged import Finding
+from lift_manager.lab.world.judged import Finding, Judged, Wrong
 from lift_manager.lab.world.judging import judge_of
-from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.oracle import STANDS_STILL, Oracle
 from lift_manager.lab.world.world import World
 from register_maps.codec import compile_map
 from register_maps.words import Mode
@@ -110,7 +110,8 @@ def device_faults() -> tuple[Fault, ...]:
 def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
     """Play one cell; where the lift has nothing that could fail like this, or never comes to this phase, it says so."""
     loaded = loaded_site(name, 900.0, 300.0, 0.0)
-    oracle = Oracle({lift: replace(judged, detections={}) for lift, judged in judge_of(loaded).judges.items()})
+    judges = judge_of(loaded).judges
+    oracle = Oracle({lift: replace(judged, excuses={}) for lift, judged in judges.items()})
     watch = _Watch()
 
     async def main() -> str:
@@ -133,11 +134,23 @@ def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
     lies: dict[Lie, float] = {}
     others: list[Finding] = []
     for finding in oracle.findings:
-        if finding.lie is None or finding.at < watch.began:
+        if finding.wrong in BESIDE and _misreads(judges[LIFT], fault):
+            continue
+        if finding.wrong is None or finding.wrong in BESIDE or finding.at < watch.began:
             others.append(finding)
         else:
-            lies[finding.lie] = finding.at - watch.began
+            lies[Lie(finding.wrong)] = finding.at - watch.began
     return Cell(name, _name(fault), phase, watch.told, tuple(sorted(lies.items())), tuple(map(str, others)))
+
+
+BESIDE = frozenset({Wrong.FLOOR, Wrong.SHOWN})
+"""What is said beside the open door: detection does not speak of it, and the judge knows which faults misread it."""
+
+
+def _misreads(judged: Judged, fault: Fault | WireFault) -> bool:
+    name = fault_name(fault)
+    excuse = judged.excuses.get(name)
+    return name in STANDS_STILL or (excuse is not None and not BESIDE.isdisjoint(excuse.kinds))
 
 
 class _Watch:

@@ -21,8 +21,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("lift_manager", "drivers", "register_maps", "simulator", "tests")
-WITHIN = 500
+WITHIN = 200
 """Schedules in which each of them must be found."""
+RMF = "tests.campaigns.rmf"
+"""The campaign for what only an adapter can do wrong."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Mutant:
 
     rule: str
     edits: tuple[Edit, ...]
+    campaign: str = "tests.campaigns.truth"
+    """Which one must find it."""
 
 
 MUTANTS: tuple[Mutant, ...] = (
@@ -126,8 +130,8 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/domain/report.py",
-                "(told.lockout or told.fire_latched or told.waiting_for)",
-                "(told.lockout or told.waiting_for)",
+                "kept_out = told.lockout or told.fire_latched or told.waiting_for",
+                "kept_out = told.lockout or told.waiting_for",
             ),
         ),
     ),
@@ -136,8 +140,8 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/domain/report.py",
-                "(told.lockout or told.fire_latched or told.waiting_for)",
-                "(told.fire_latched or told.waiting_for)",
+                "kept_out = told.lockout or told.fire_latched or told.waiting_for",
+                "kept_out = told.fire_latched or told.waiting_for",
             ),
         ),
     ),
@@ -203,6 +207,147 @@ MUTANTS: tuple[Mutant, ...] = (
         "workshop's door word",
         (Edit("lift_manager/web/workshop.py", '"door_state": DOOR_STATE[state.robot_door],', '"door_state": 2,'),),
     ),
+    Mutant(
+        "inspection among the forbidden modes",
+        (
+            Edit(
+                "register_maps/words.py",
+                "{Mode.INDEPENDENT, Mode.ATTENDANT, Mode.INSPECTION, Mode.FIRE,",
+                "{Mode.INDEPENDENT, Mode.ATTENDANT, Mode.FIRE,",
+            ),
+        ),
+    ),
+    Mutant(
+        "mode that is published",
+        (
+            Edit(
+                "lift_manager/domain/report.py",
+                "mode=Mode.UNKNOWN if values is None else values.mode,",
+                "mode=Mode.UNKNOWN if values is None else Mode.NORMAL,",
+            ),
+        ),
+    ),
+    Mutant(
+        "floor under way",
+        (
+            Edit(
+                "lift_manager/domain/report.py",
+                "floor = None if sight is None else _reported_floor(seen, sight)",
+                "floor = None if sight is None else sight.floor if sight.standing else wanted or sight.floor",
+            ),
+        ),
+    ),
+    Mutant(
+        "permission to enter and to leave",
+        (
+            Edit(
+                "lift_manager/domain/sight.py",
+                "permitted = not needs or any(sight.values.flags.get(flag, False) for flag in needs)",
+                "permitted = True",
+            ),
+        ),
+    ),
+    Mutant(
+        "key switch, ready and watchdog flags",
+        (
+            Edit(
+                "lift_manager/domain/sight.py",
+                "for flag, lets, otherwise in _MUST_READ:",
+                "for flag, lets, otherwise in ():",
+            ),
+        ),
+    ),
+    Mutant(
+        "proof beyond our own read-back",
+        (
+            Edit(
+                "drivers/modbus/presses.py",
+                "found = proof(press.expected, values, read_back=press.read_back)",
+                "found = Proof.READBACK",
+            ),
+        ),
+    ),
+    Mutant(
+        "evidence that the car stands",
+        (
+            Edit(
+                "lift_manager/domain/sight.py",
+                "    if values.motion not in (None, Motion.STOPPED):\n        return False\n    match",
+                "    if values.floor is not None:\n        return True\n    match",
+            ),
+        ),
+    ),
+    Mutant(
+        "every door of a floor",
+        (
+            Edit(
+                "lift_manager/domain/sight.py",
+                "is_open = bool(doors_here) and all(",
+                "is_open = bool(doors_here) and any(",
+            ),
+        ),
+    ),
+    Mutant(
+        "call of before a restart",
+        (
+            Edit(
+                "lift_manager/domain/call.py",
+                "    if pressed:\n        return Call(floor, CallPhase.CONFIRMED, now)\n",
+                "    if pressed:\n        return Call(floor, CallPhase.FAILED, now)\n",
+            ),
+        ),
+    ),
+    Mutant(
+        "reading from after the hold",
+        (Edit("lift_manager/core/held.py", "return read_at > self._since", "return True"),),
+    ),
+    Mutant(
+        "release of a door at once",
+        (
+            Edit(
+                "lift_manager/core/doors.py",
+                "            self._driver.let_go(_hold(side))",
+                '            __import__("asyncio").get_running_loop().call_later(5.0, self._driver.let_go, _hold(side))',
+            ),
+        ),
+    ),
+    Mutant(
+        "wait for the row of a press",
+        (
+            Edit(
+                "drivers/modbus/rows.py",
+                "        if row.done():\n            self._answered(wish, row)\n            return\n",
+                "        if True:\n            self._enter(wish)\n            return\n",
+            ),
+        ),
+    ),
+    Mutant(
+        "lockout for RMF",
+        (
+            Edit(
+                "lift_manager/core/people.py",
+                "        if not self.lockout:\n            return None\n        name",
+                "        if True:\n            return None\n        name",
+            ),
+            Edit(
+                "lift_manager/core/people.py",
+                'return f"it is locked out {self.lockout}" if self.lockout and not closing else None',
+                "return None",
+            ),
+        ),
+        campaign=RMF,
+    ),
+    Mutant(
+        "end of a hold behind an open door",
+        (
+            Edit(
+                "lift_manager/core/held.py",
+                "        if not held:\n            self._since = None\n            return False\n",
+                "        if held:\n            self._seen = now\n"
+                "        elif self._since is None or now - self._seen > 2.5:\n            self._since = None\n            return False\n",
+            ),
+        ),
+    ),
 )
 
 
@@ -235,20 +380,20 @@ def judge(mutant: Mutant, *, first: int, schedules: int) -> Verdict:
     with tempfile.TemporaryDirectory() as folder:
         copy = changed_copy(mutant, Path(folder))
         while start < end:
-            failures, said = _played(copy, start, end - start)
+            failures, said = _played(mutant, copy, start, end - start)
             if not failures:
                 break
             seed, text = failures[0]
-            with_the_rule, _ = _played(ROOT, seed, 1)
+            with_the_rule, _ = _played(mutant, ROOT, seed, 1)
             if not with_the_rule:
                 return Verdict(mutant, seed - first + 1, text)
             start = seed + 1
     return Verdict(mutant, None, said)
 
 
-def _played(tree: Path, first: int, schedules: int) -> tuple[list[tuple[int, str]], str]:
+def _played(mutant: Mutant, tree: Path, first: int, schedules: int) -> tuple[list[tuple[int, str]], str]:
     """Play schedules against a tree; return what failed by seed, and what was printed to standard error."""
-    command = [sys.executable, "-m", "tests.campaigns.truth", "--processes", "1", "--stop-at", "1"]
+    command = [sys.executable, "-m", mutant.campaign, "--processes", "1", "--stop-at", "1"]
     command += ["--seed", str(first), "--schedules", str(schedules)]
     environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONHASHSEED": "0"}
     ended = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)

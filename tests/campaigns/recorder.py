@@ -20,9 +20,8 @@ from lift_manager.domain.state import LiftState, Quality
 from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judging import judge_of
-from lift_manager.lab.world.rules import Forgot
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import Forgot, Struck
 from lift_manager.lab.world.world import World
 from lift_manager.web.events.encoding import shown
 from lift_manager.web.workshop import state_data

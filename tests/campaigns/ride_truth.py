@@ -13,18 +13,23 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import AsyncExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 from lift_manager.domain.ride import OVER, Guidance, Phase, Ride
 from register_maps.load import shipped
-from tests.support.ride_faults import FAULTS, STEPS, Story, judge_end
+from tests.support.ride_faults import FAULTS, FURTHER, STEPS, Story, judge_end
 from tests.support.ride_faults import play as play_fault
 from tests.support.trip_sites import NO_TRIP, Site, site_of
 from tests.support.virtual_time import run_virtual
 
+CLEAR_S = 0.0
+"""How long before a release of ours its robot must not be invited any more (`lift_manager.lab.world.judged.CLEAR_S` is what the README promises)."""
+EVERY_FAULT = {**FAULTS, **FURTHER}
 MAPS = tuple(sorted(set(shipped()) - set(NO_TRIP)))
 LIMIT_S = 6000.0
+FURTHER_SHARE = 0.5
+"""Share of rides with a fault of the wire, of the registers or of the machine."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,13 @@ def draw(seed: int) -> Plan:
     dice = random.Random(seed)  # a seed must replay, and nobody is to be kept from guessing
     count = dice.choice((1, 1, 2, 3))
     faults = tuple((dice.uniform(0.0, 12.0), dice.choice(tuple(FAULTS))) for _ in range(count))
-    return Plan(seed, dice.choice(MAPS), faults, dice.choice(("", *STEPS)), dice.choice((0.0, 0.0, 5.0, 100.0)))
+    plan = Plan(seed, dice.choice(MAPS), faults, dice.choice(("", *STEPS)), dice.choice((0.0, 0.0, 5.0, 100.0)))
+    further = random.Random(f"{seed} further")  # dice of its own leave the rides of old as they were
+    if further.random() < FURTHER_SHARE:
+        at = further.randrange(len(plan.faults) + 1)
+        one = (further.uniform(0.0, 12.0), further.choice(tuple(FURTHER)))
+        plan = replace(plan, faults=(*plan.faults[:at], one, *plan.faults[at:]))
+    return plan
 
 
 @dataclass
@@ -62,10 +73,10 @@ class Tally:
     failed: list[str] = field(default_factory=list)
 
 
-async def play(plan: Plan) -> tuple[Story, Ride]:
+async def play(plan: Plan, *, clear_s: float = CLEAR_S) -> tuple[Story, Ride]:
     """Play one ride to its end, and judge it."""
     async with AsyncExitStack() as stack:
-        story = Story(site_of(plan.map), stack)
+        story = Story(site_of(plan.map), stack, clear_s=clear_s)
         await story.begin()
         if plan.step:
             await STEPS[plan.step](story)
@@ -74,7 +85,7 @@ async def play(plan: Plan) -> tuple[Story, Ride]:
             await story.go_on(wait_s)
             told = story.rig.look(story.robot.ride)
             if told.phase not in OVER:
-                await FAULTS[fault](story)
+                await EVERY_FAULT[fault](story)
         await story.go_on(plan.mute_s)
         story.robot.speaks = True
         over = await story.end()

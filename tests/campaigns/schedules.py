@@ -7,7 +7,7 @@ from typing import Any
 
 from lift_manager.lab.world.disk import DiskFault, Pace
 from lift_manager.lab.world.fault_names import every_device_fault
-from register_maps.words import Mode, Table
+from register_maps.words import Mode, Side, Table
 from simulator import faults as device
 from simulator import wire_faults as wire
 from simulator.faults import Fault
@@ -27,6 +27,17 @@ ON_DISK = 0.3
 """Share of minutes in which state and journal are on a simulated disk; in the others commits take no time."""
 PACES = (Pace(0.002, 0.02), Pace(0.005, 0.3), Pace(0.02, 1.5), Pace(0.2, 4.0))
 """A good disk, a busy one, a worn card, and one that is hardly of use."""
+TURNED, HANDED, DOUBLE, RESTARTED = 0.12, 0.1, 0.1, 0.08
+"""Shares of minutes in which a key is turned, a robot gives the lift to another, each floor has two doors, and the manager is killed while the
+first car is on its way."""
+TELLS_KEYS = {
+    "no_robots": ("generic-coils",),
+    "inspection": ("generic-coils", "generic-registers"),
+    "independent": ("generic-coils", "generic-registers"),
+}
+"""Maps that tell how a key stands."""
+TWO_DOORS = ("generic-coils", "generic-registers")
+"""Maps that a site gives a second door."""
 HOLDERS = ("workshop", "fleet:r1", "fleet:r2")
 
 
@@ -124,7 +135,28 @@ class Patience:
         return f"{at_once} at once, readings count for {self.max_age_s} s, time-out {self.timeout_s} s"
 
 
-Event = RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | Restarts | DiskFails
+@dataclass(frozen=True)
+class KeyTurned:
+    """A person turns a key switch, and back again."""
+
+    at: float
+    key: str
+    """no_robots, inspection or independent."""
+    for_s: float
+
+
+@dataclass(frozen=True)
+class HandsOver:
+    """One robot gives the lift to another, if it holds it then."""
+
+    at: float
+    holder: str
+    to: str
+
+
+Event = (
+    RobotRides | Asks | DeviceFails | WireFails | PeopleCome | PersonActs | KeyTurned | HandsOver | Restarts | DiskFails
+)
 
 
 @dataclass(frozen=True)
@@ -141,11 +173,14 @@ class Schedule:
     patience: Patience = Patience()
     disk: Pace | None = None
     """None: commits take no time and do not fail."""
+    two_doors: bool = False
+    """Each floor has a rear door beside the front one."""
 
     def __str__(self) -> str:
         head = f"seed {self.seed}, {self.map}, speed {self.speed:g}, hold {self.max_session_hold_s:g} s, lease {self.lease_s:g} s"
         head += f", {self.patience}" if self.patience != Patience() else ""
         head += f", commits take {self.disk.least_s:g} to {self.disk.most_s:g} s" if self.disk is not None else ""
+        head += ", two doors" if self.two_doors else ""
         return "\n".join([head, *(f"  {event.at:6.2f} s  {event}" for event in self.events)])
 
 
@@ -173,7 +208,36 @@ def draw(seed: int, maps: Sequence[str]) -> Schedule:
         between_sessions_s=random.choice((0.0, 5.0)),
         events=tuple(sorted(events, key=lambda event: event.at)),
     )
-    return _on_disk(_in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule)
+    schedule = _in_pieces(random, schedule, maps) if random.random() < IN_PIECES else schedule
+    return _on_disk(_further(Random(f"{seed} further"), schedule, maps))
+
+
+def _further(random: Random, schedule: Schedule, maps: Sequence[str]) -> Schedule:
+    """Turn keys, hand the lift over, and build a second door, each in a few minutes; dice of its own leave all else as it was."""
+    events: list[Event] = []
+    if random.random() < TURNED:
+        key = random.choice(("no_robots", "no_robots", "inspection", "independent"))
+        events.append(KeyTurned(random.uniform(3, 40), key, random.uniform(4, 20)))
+        told_by = [one for one in TELLS_KEYS[key] if one in maps]
+        if told_by and random.random() < 0.7:
+            schedule = replace(schedule, map=random.choice(told_by), patience=Patience())
+    if random.random() < HANDED:
+        rides = [event for event in schedule.events if isinstance(event, RobotRides)]
+        events += [
+            HandsOver(ride.at + random.uniform(4, 25), ride.holder, random.choice(HOLDERS)) for ride in rides[:1]
+        ]
+    two = [one for one in TWO_DOORS if one in maps]
+    if two and random.random() < DOUBLE:
+        schedule = replace(schedule, map=random.choice(two), two_doors=True, patience=Patience())
+        kinds = (device.StuckDoor, device.ReopeningDoor)
+        side = random.choice(tuple(Side))
+        events.append(DeviceFails(random.uniform(4, 30), random.choice(kinds)(side), random.choice((4.0, 10.0, 30.0))))
+    if random.random() < RESTARTED:
+        first = next((event.at for event in schedule.events if isinstance(event, RobotRides)), 0.0)
+        events.append(Restarts(first + random.uniform(1.5, 9)))
+    if not events:
+        return schedule
+    return replace(schedule, events=tuple(sorted((*schedule.events, *events), key=lambda event: event.at)))
 
 
 def _on_disk(schedule: Schedule) -> Schedule:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
-from lift_manager.domain.events import SessionEnded, SessionOpened
+from lift_manager.domain.events import HandedOver, SessionEnded, SessionOpened
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder
 from lift_manager.lab.world.judged import Finding
@@ -30,6 +30,19 @@ def found(then: Callable[[Aboard], None]) -> list[Finding]:
 def standing_at(floor: str) -> Truth:
     none = frozenset[str]()
     return Truth(floor, None, standing=True, doors_shut=True, mode=Mode.NORMAL, robot_mode=False, calls=none, given=())
+
+
+@pytest.mark.parametrize(("to", "findings"), [(R2, 0), (Holder("fleet", "r3"), 1)])
+def test_a_robot_in_the_car_is_of_whom_the_lift_was_handed_over_to(to: Holder, findings: int) -> None:
+    assert len(found(lambda judge: judge.heard(3.0, HandedOver("lift", R1, to)))) == findings
+
+
+def test_nobody_gives_a_lift_away_in_which_the_robot_of_another_stands() -> None:
+    def then(judge: Aboard) -> None:
+        judge.heard(3.0, HandedOver("lift", R2, R1))
+        judge.left("lift")
+
+    assert len(found(then)) == 1
 
 
 def ends(judge: Aboard, reason: EndReason) -> None:

@@ -8,8 +8,11 @@ from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Ask, Refused
 from lift_manager.domain.ride import OVER, Guidance, Phase, Ride, RideLimits, RideWord
 from lift_manager.domain.state import Holder
+from lift_manager.lab.world.fault_names import fault_name
+from simulator import faults as device
+from simulator.faults import Fault
 from simulator.modes import Key
-from tests.support.ride_rig import LOOK_S, QUICK, MortalPlant, Rig, Robot, rig
+from tests.support.ride_rig import LOOK_S, QUICK, MortalPlant, Rig, Robot, Spoilt, rig
 from tests.support.trip_sites import Site, stops
 from tests.support.virtual_time import elapse
 
@@ -31,10 +34,13 @@ class Story:
     alarms: list[str] = field(default_factory=list)
     lies: list[str] = field(default_factory=list)
     judged: int = 0
+    clear_s: float = 0.0
+    """How long before a release of ours its robot must not be invited any more."""
 
     async def begin(self) -> None:
         self.plant = MortalPlant(self.site)
         self.rig = await self.stack.enter_async_context(rig(self.plant, memory=self.memory))
+        self.rig.clear_s = self.clear_s
         start, destination = stops(self.site)
         self.robot = Robot(self.rig.begin(start, destination, limits=self.limits).id)
 
@@ -44,6 +50,7 @@ class Story:
         await self.stack.aclose()
         await elapse(down_s)
         self.rig = await self.stack.enter_async_context(rig(self.plant, memory=self.memory))
+        self.rig.clear_s = self.clear_s
         self.rig.made.aboard = self.robot.inside
 
     async def until(self, true: Callable[[Ride], bool], within_s: float = 240.0) -> None:
@@ -131,20 +138,24 @@ STEPS: Mapping[str, Callable[[Story], Awaitable[None]]] = {
 
 
 async def _dies(story: Story) -> None:
+    story.plant.troubled = True
     story.plant.silent = True
 
 
 async def _dies_and_returns(story: Story) -> None:
+    story.plant.troubled = True
     story.plant.silent = True
     await story.go_on(12.0)
     story.plant.silent = False
 
 
 async def _fire(story: Story) -> None:
+    story.plant.troubled = True
     story.plant.people(replace(story.plant.face.inputs, fire=True))
 
 
 async def _out_of_service(story: Story) -> None:
+    story.plant.troubled = True
     story.plant.people(replace(story.plant.face.inputs, key=Key.OUT_OF_SERVICE))
 
 
@@ -157,14 +168,17 @@ async def _force_release(story: Story) -> None:
 
 
 async def _restart(story: Story) -> None:
+    story.plant.troubled = True
     await story.restart()
 
 
 async def _long_restart(story: Story) -> None:
+    story.plant.troubled = True
     await story.restart(down_s=45.0)
 
 
 async def _restart_and_heard(story: Story) -> None:
+    story.plant.troubled = True
     await story.restart()
     story.rig.say(story.robot.ride, RideWord.HERE)
 
@@ -197,6 +211,50 @@ FAULTS: Mapping[str, Callable[[Story], Awaitable[None]]] = {
     "operator cancels": _operator_cancels,
     "rmf asks": _other_asks,
 }
+
+
+LASTS_S = 8.0
+"""How long a fault of the wire or the registers lasts. Chosen: longer than a robot takes through the door."""
+
+
+def _wire(spoilt: Spoilt) -> Callable[[Story], Awaitable[None]]:
+    async def spoil(story: Story) -> None:
+        story.plant.troubled, story.plant.spoils = True, spoilt
+        await story.go_on(LASTS_S)
+        story.plant.spoils = None
+
+    return spoil
+
+
+def _device(fault: Fault) -> Callable[[Story], Awaitable[None]]:
+    async def fail(story: Story) -> None:
+        story.plant.troubled = True
+        story.plant.begin(fault)
+        await story.go_on(LASTS_S)
+        story.plant.end(fault)
+
+    return fail
+
+
+FURTHER: Mapping[str, Callable[[Story], Awaitable[None]]] = {
+    **{str(spoilt): _wire(spoilt) for spoilt in Spoilt},
+    **{
+        fault_name(fault): _device(fault)
+        for fault in (
+            device.LostPress(),
+            device.IgnoredWrites(),
+            device.IgnoredWrites(stored=True),
+            device.FloorAhead(),
+            device.FrozenHeartbeat(),
+            device.StuckDoor(),
+            device.ReopeningDoor(),
+            device.CallsCancelled(),
+            device.RobotModeWithdrawn(),
+            device.Overload(),
+        )
+    },
+}
+"""Faults of the wire, of the registers and of the machine, of those that no map shows wrongly."""
 
 
 async def play(site: Site, step: str, fault: str) -> tuple[Story, Ride]:

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from enum import StrEnum, unique
 
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import Memory, ShortMemory
@@ -17,7 +18,9 @@ from lift_manager.domain.asking import Refused
 from lift_manager.domain.events import Alarm, Occurrence, RideChanged
 from lift_manager.domain.ride import OVER, Guidance, Phase, Ride, RideLimits, RideRequest, RideWord
 from lift_manager.domain.state import Holder
+from register_maps import frames
 from simulator.controller import Inputs
+from simulator.faults import Fault
 from simulator.modes import Key
 from tests.support.trip import Trip, trip
 from tests.support.trip_simulator import SimulatedPlant
@@ -38,13 +41,44 @@ def clock() -> datetime:
     return NOON + timedelta(seconds=asyncio.get_running_loop().time())
 
 
+@unique
+class Spoilt(StrEnum):
+    """What becomes of a request on a bad wire."""
+
+    REQUEST_LOST = "request lost"
+    ANSWER_LOST = "answer lost"
+    OTHER_TRANSACTION = "answer of another transaction"
+    REFUSED = "exception 6"
+
+
 class MortalPlant(SimulatedPlant):
-    """A simulated lift whose controller can die and come back."""
+    """A simulated lift whose controller can die and come back, behind a wire that can be bad."""
 
     silent = False
+    spoils: Spoilt | None = None
+    """What becomes of one request in three."""
+    troubled = False
+    """Something has happened for which nobody can leave a robot the time to clear the door."""
 
     def answer(self, device: str, frame: bytes, now: float) -> bytes | None:
-        return None if self.silent else super().answer(device, frame, now)
+        self._asks = getattr(self, "_asks", 0) + 1
+        spoilt = self.spoils if self._asks % 3 == 0 else None
+        if self.silent or spoilt is Spoilt.REQUEST_LOST:
+            return None
+        if spoilt is Spoilt.REFUSED:
+            return frames.exception_answer(frame, 6)
+        said = super().answer(device, frame, now)
+        if said is None or spoilt is Spoilt.ANSWER_LOST:
+            return None
+        if spoilt is Spoilt.OTHER_TRANSACTION:
+            return bytes((said[0], said[1] ^ 1)) + said[2:]
+        return said
+
+    def begin(self, fault: Fault) -> None:
+        self.face.begin(fault, asyncio.get_running_loop().time())
+
+    def end(self, fault: Fault) -> None:
+        self.face.end(fault, asyncio.get_running_loop().time())
 
     def people(self, inputs: Inputs) -> None:
         self.face.people(asyncio.get_running_loop().time(), inputs)
@@ -67,6 +101,12 @@ class Rig:
     lies: list[str] = field(default_factory=list)
     judged: int = 0
     invited: int = 0
+    clear_s: float = 0.0
+    """How long before a release of ours its robot is no longer invited."""
+    invited_at: float = -math.inf
+    """When its robot last saw that it may drive."""
+    open_at: int | None = None
+    """Where the car stood open at the last look."""
 
     @property
     def now(self) -> float:
@@ -159,6 +199,13 @@ class Rig:
         if wanted is not None and floors.index(wanted) not in {opens_at, *recent}:
             self.lies.append(f"{said} long after the door was open")
 
+    def watch_door(self) -> None:
+        """See whether the door falls on a robot that saw a moment ago that it may drive."""
+        before, self.open_at = self.open_at, self.plant.truth(self.now).open_at
+        ago_s = self.now - self.invited_at
+        if before is not None and self.open_at is None and ago_s < self.clear_s and not self.plant.troubled:
+            self.lies.append(f"at {self.now:.2f} s the door fell, {ago_s:.1f} s after its robot was invited")
+
     def true(self) -> None:
         """Fail with the first lies."""
         assert not self.lies, "\n".join(self.lies[:5])
@@ -207,9 +254,12 @@ class Robot:
     def act(self, made: Rig) -> Ride:
         """Look, and drive on; once it is through the door, say so. What cannot be said yet is said again."""
         told = made.look(self.ride)
+        made.watch_door()
         if told.phase in OVER:
             return told
         wants = Guidance.LEAVE if self.inside else Guidance.ENTER
+        if told.guidance is wants:
+            made.invited_at = made.now
         if told.guidance is wants and self.driving_since is None:
             self.driving_since = made.now
         elif self.driving_since is not None and made.now - self.driving_since >= DRIVES_S:

@@ -92,7 +92,7 @@ class Plant:
         """Step the lift to this moment, note what has changed, and return what it really does."""
         now = _now()
         self.face.advance(now)
-        before, truth = self.history.last, truth_of(self.face, self.floors)
+        before, truth = self.history.last, truth_of(self.face, self.floors, self.face.asked)
         self._note(now)
         if truth != before:
             self.history.add(now, truth)

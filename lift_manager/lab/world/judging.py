@@ -3,43 +3,55 @@
 from __future__ import annotations
 
 from drivers.modbus.plan import plan_poll
-from lift_manager.commissioning.detection import detections
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.lab.world.judged import Judged, Read
 from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.reviewed import excuses, shown_by
 from register_maps.codec import Codec, compile_map
 
 ARRIVES_WITHIN_S = 120.0
 """How long a trip may take where the map has no call that says so. Chosen: the default of the map schema's `arrive_within_s`."""
+HANDSHAKE = frozenset({"robot_in_place", "robot_left"})
 
 
-def judge_of(loaded: LoadedSite) -> Oracle:
-    """Return a judge who knows what the map of each lift can and cannot show."""
-    return Oracle({name: _judged(loaded, name) for name in loaded.site.lifts})
+def judge_of(loaded: LoadedSite, *, clear_s: float = 0.0) -> Oracle:
+    """Return a judge who knows what the map of each lift can and cannot show.
+
+    With a `clear_s` an invitation must be withdrawn so long before a release of ours (`judged.CLEAR_S`).
+    """
+    return Oracle({name: _judged(loaded, name, clear_s) for name in loaded.site.lifts})
 
 
-def _judged(loaded: LoadedSite, name: str) -> Judged:
+def _judged(loaded: LoadedSite, name: str, clear_s: float) -> Judged:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     codec = compile_map(source, offset=spec.offset)
-    max_age_s = spec.max_age_s or source.link.max_age_s
-    calls = [command.spec.arrive_within_s for command in codec.commands.values() if command.is_call]
+    shows, _ = shown_by(source)
+    max_age_s = spec.max_age_s or shows.max_age_s
+    commands = source.commands
+    arrive_within_s = max(
+        (one.arrive_within_s for kind, one in commands.items() if kind.partition(".")[0] in ("go_to", "call", "go")),
+        default=ARRIVES_WITHIN_S,
+    )
+    controllers = (spec.controller, *(place.controller for place in spec.endpoints.values()))
     return Judged(
-        controllers=(spec.controller, *(place.controller for place in spec.endpoints.values())),
+        controllers=controllers,
         floors=tuple(spec.floors),
+        shows=shows,
         max_age_s=max_age_s,
+        timeout_s={controller: loaded.links[controller].timeout_s for controller in controllers},
         max_session_hold_s=spec.max_session_hold_s,
-        arrive_within_s=max(calls, default=ARRIVES_WITHIN_S),
-        detections={one.fault: one for one in detections(codec, max_age_s=max_age_s)},
-        told_by_doors=codec.map.at_floor_evidence.kind == "door_limit",
+        arrive_within_s=arrive_within_s,
+        excuses=excuses(shows, max_age_s=max_age_s, arrive_within_s=arrive_within_s),
         blocks=_blocks(loaded, name, codec),
         poll_s=loaded.poll_s(name),
         between_sessions_s=spec.between_sessions_s,
-        holds=frozenset(command for command in codec.commands if command.startswith("hold_door.")),
-        tells_robot_mode="robot_mode_on" in codec.signals,
-        tells_motion=not codec.signals.keys().isdisjoint({"motion", "level"}),
-        repeated=frozenset(n for n, command in codec.commands.items() if command.spec.repeat_pulse_s is not None),
-        fleeting=frozenset(command for command, its in codec.commands.items() if its.spec.ends_itself),
+        holds=frozenset(command for command in commands if command.startswith("hold_door.")),
+        pulses_s={n: one.width_s for n, one in commands.items() if one.action == "pulse" and one.width_s is not None},
+        handshake=not commands.keys().isdisjoint(HANDSHAKE),
+        repeated=frozenset(n for n, one in commands.items() if one.repeat_pulse_s is not None),
+        fleeting=frozenset(n for n, one in commands.items() if one.ends_itself),
+        clear_s=clear_s,
     )
 
 

@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
-from lift_manager.commissioning.detection import Lie
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import CommandEnded, Event
-from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.domain.events import CommandEnded, Event, HandedOver
+from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.fault_names import fault_name
-from lift_manager.lab.world.judged import Finding, Judged, Read
+from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, Wrong
+from lift_manager.lab.world.shown import Untrue, untrue
 from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.wanted import is_wanted
+from lift_manager.lab.world.witness import RESTART, Struck
 from lift_manager.web.workshop import DOOR_OPEN, state_data
 from register_maps.frames import parse_request
-from register_maps.words import ROBOT_FORBIDDEN_MODES
+from register_maps.words import Mode
 from simulator.faults import ForeignWriter
 from simulator.wire_faults import Exchange
 
@@ -35,15 +36,23 @@ ANSWERS_KEPT = 256
 """Right answers that are remembered: more than are asked for within the age of any reading, and those still on their way."""
 REGISTERS_WITHIN_S = 0.5
 """A controller registers a call with its next scan, and a car that sets out may have been seen before that."""
-RELEASES_WITHIN_S = 6.0
-"""How long an output may stay on that nobody wants, on a wire that works: retries of a release come up to 2 s apart, a pulse of
-the map has its own width, and a slow trip of the car comes to its end before robot mode falls."""
+RELEASES_WITHIN_S = 3.0
+"""How long an output may stay on that nobody wants, while the wire works: a release leaves at once, behind one answer at the most, and is
+looked at. Chosen: three polls of the slowest map."""
+MODE_ENDS_WITHIN_S = 6.0
+"""The same for robot mode, which outlasts the trip and falls once the car is known to stand."""
+RETRIES_WITHIN_S = 2.0
+"""A release that failed is tried again within so long: each failed write gives that much more time."""
+RELEASE_EXCHANGES = 8
+"""Answers for which a release waits at the most: a poll that has begun, a read before the write, the write, and the look at it."""
+SLOW_FOR_S = 10.0
+"""How long a slow answer gives more time."""
 MODE_KNOWN_WITHIN_S = 1.0
 """How soon a mode without robots is known on a wire that works: two polls, the second for a map read in several blocks."""
 SILENT_S = 1.0
 """A wire on which nothing was asked for so long does not work: a lift is polled five times as often."""
 FOREIGN_CLEARED_S = 70.0
-"""What somebody else has pressed is let go of at most once a minute (`drivers.modbus.foreign`), and the release takes its time."""
+"""What somebody else has pressed is released at most once a minute (`drivers.modbus.foreign`), and the release takes its time."""
 LINGERS_S = {"reboot": 60.0, "lost_press": 30.0, "ignored_writes": 30.0, "ignored_writes.stored": 30.0}
 """How long some faults go on to be felt: a lift looks for its lowest floor after a restart, and a press that was lost stays so for as
 long as it lasts, which is a ride where a robot's word is kept on."""
@@ -52,10 +61,13 @@ SETTLES_S = 2.0
 
 _CALLS = frozenset({CommandKind.GO_TO, CommandKind.CALL, CommandKind.GO})
 DISOBEYS = frozenset({"ignored_writes", "ignored_writes.stored", "stopped"})
-"""Faults under which nobody can let go of an output, as nobody can on a wire that fails."""
+"""Faults under which nobody can release an output, as nobody can on a wire that fails."""
+STANDS_STILL = frozenset({"frozen_registers", "stopped"})
+"""Faults under which what is read is what was so when they began, and nothing else."""
 
 MISREAD = frozenset({"says_wrong_floor", "contradicting_limits", "frozen_registers", "stopped", "homing", "reboot"})
 """Faults under which a car may look like one that goes, or has come, although it does not."""
+FOREIGN = frozenset({"foreign_writer"})
 FOR_OTHERS = "a car that set out for somebody else"
 """Where nothing but the car itself tells of a call, one that sets out the right way after a press is all that anybody can see."""
 
@@ -65,11 +77,42 @@ _Claim = tuple[float, float, Outcome]
 
 
 @dataclass(slots=True)
-class _Excuse:
-    lies: tuple[Lie, ...]
+class _Fault:
+    """A fault of the lift, and what it excuses."""
+
+    name: str
+    kinds: frozenset[Wrong]
     since: float
     until: float
-    fault: str
+    command: str = ""
+    """The only one that it touches; empty: any."""
+    ended_at: float = math.inf
+
+    def touches(self, command: str) -> bool:
+        """Whether this command may be wrong because of it. A call of somebody else moves the car for every call."""
+        return self.command in ("", command) or (_is_call(self.command) and _is_call(command))
+
+
+@dataclass(slots=True)
+class _Line:
+    """The wire to one controller."""
+
+    fails: bool = False
+    """The last exchange failed: nothing that was asked since was answered rightly and in time."""
+    failed_writes: int = 0
+    slow_s: float = 0.0
+    """The slowest right answer of late."""
+    slow_at: float = -math.inf
+
+
+@dataclass(slots=True)
+class _Unwanted:
+    """An output that is on, and that nobody wants."""
+
+    since: float
+    lost_s: float
+    """Of the time when nobody could release anything, what was over then."""
+    failed_writes: int
 
 
 @dataclass(slots=True)
@@ -79,23 +122,24 @@ class _Watched:
     about: Judged
     history: History = field(default_factory=History)
     mode_since: float = -math.inf
-    on_since: dict[str, float] = field(default_factory=dict)
-    """Commands that are present at the controller, with the time since when."""
-    unwanted_since: dict[str, tuple[float, Lie]] = field(default_factory=dict)
-    """Of these, those that nobody wants, with the time since when, and whether it is for the mode alone."""
-    excuses: list[_Excuse] = field(default_factory=list)
-    active: list[_Excuse] = field(default_factory=list)
+    bars_since: float = math.inf
+    on_since: dict[tuple[str, int], float] = field(default_factory=dict)
+    """Commands that are present at the controller, with the floor of a call, and since when."""
+    unwanted: dict[tuple[str, int], _Unwanted] = field(default_factory=dict)
+    faults: list[_Fault] = field(default_factory=list)
+    """Those that are present, or were of late."""
     newest: dict[Read, deque[tuple[float, float]]] = field(default_factory=dict)
     """Right answers to each block of the poll: when they arrive, and when they were asked for."""
     pressed_at: dict[str, float] = field(default_factory=dict)
     under_way_at: float = -math.inf
-    """When robot mode was last on, and not wanted, under way: it is not dropped then."""
-    claims: list[_Claim] = field(default_factory=list)
-    """Commands that are said to be confirmed and are not judged yet."""
-    stuck: set[str] = field(default_factory=set)
-    """Outputs that a fault left on, and that nobody can see."""
+    """When the car was last seen to move with robot mode on and unwanted."""
+    stuck: dict[str, float] = field(default_factory=dict)
+    """What may have been left on by a fault that nobody can see, and until when that is an excuse."""
     foreign: dict[str, float] = field(default_factory=dict)
-    """Outputs that somebody else writes, with the time until which what was written may stand."""
+    """What somebody else presses, and until when that is an excuse."""
+    claims: deque[_Claim] = field(default_factory=deque)
+    asks: dict[Holder, tuple[Ask, Ask]] = field(default_factory=dict)
+    """The last request of each holder that was accepted, and the last one before it for another floor."""
     floor: FloorName | None = None
     """Of the last request that was accepted, and since when it is that one."""
     floor_asked_at: float = -math.inf
@@ -104,6 +148,9 @@ class _Watched:
     troubled_until: float = -math.inf
     clean_since: float = -math.inf
     last_exchange: float = -math.inf
+    looked_at: float = -math.inf
+    lost_s: float = 0.0
+    """Time in which nobody could release anything: the wire failed, or the device did not obey."""
     state: LiftState | None = None
 
 
@@ -121,6 +168,7 @@ class Oracle:
         self.judges = lifts
         """What is known of each lift."""
         self._lifts = {name: _Watched(about) for name, about in lifts.items()}
+        self._lines = {controller: _Line() for about in lifts.values() for controller in about.controllers}
 
     # -- what is told
 
@@ -129,13 +177,17 @@ class Oracle:
         watched = self._lifts[lift]
         if truth is not watched.history.last:
             self._changed(at, watched, truth)
-        disobeyed = any(excuse.fault in DISOBEYS for excuse in watched.active)
-        if disobeyed or self._is_cut_off(watched, at):
+        disobeyed = any(fault.name in DISOBEYS and math.isinf(fault.ended_at) for fault in watched.faults)
+        cut_off = self._is_cut_off(watched, at)
+        if disobeyed or cut_off:
             watched.clean_since = at
+        if disobeyed or cut_off or any(self._lines[name].fails for name in watched.about.controllers):
+            watched.lost_s += max(0.0, at - watched.looked_at)
+        watched.looked_at = at
         if watched.on_since:
             self._outputs(at, lift, watched, truth)
         while watched.claims and at - watched.claims[0][0] > REGISTERS_WITHIN_S:
-            self._claimed(lift, watched, at, watched.claims.pop(0))
+            self._claimed(lift, watched, at, watched.claims.popleft())
 
     def published(self, at: float, lift: str, state: LiftState) -> None:
         """Compare what is said with what is so."""
@@ -145,37 +197,36 @@ class Oracle:
         if state.quality is not Quality.LIVE:
             return
         if state.age_s is None or not self._is_fresh(watched, at):
-            self.find(
-                at,
-                lift,
-                "stale",
-                f"the state looks current, and no answer of the last {watched.about.max_age_s:g} s bears it out",
-            )
+            text = f"the state looks current, and no answer of the last {watched.about.max_age_s:g} s bears it out"
+            self.find(at, lift, "stale", text)
         shown = state_data(state)
         floors = {state.floor} if state.robot_door is RobotDoor.OPEN else set()
         floors |= {str(shown["current_floor"])} if shown["door_state"] == DOOR_OPEN else set()
-        for floor in floors:
-            self.invitations += 1
-            self._invitation(at, lift, watched, state, floor)
+        self.invitations += len(floors)
+        truth = watched.history.last
+        if floors and truth is not None and truth.mode in FORBIDDEN - watched.about.shows.modes:
+            self.let_pass(lift, "said open in a forbidden mode", untold(truth.mode))
+        self._compare(at, lift, watched, state, floors)
 
     def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
         """See whether anything may be pressed now."""
         watched = self._lifts[lift]
         watched.pressed_at |= dict.fromkeys(commands, at)
         truth = watched.history.last
-        if truth is None or truth.mode not in ROBOT_FORBIDDEN_MODES:
+        if truth is None:
             return
-        for_s = at - watched.mode_since
-        clean_s = at - max(watched.mode_since, watched.clean_since)
-        if clean_s > MODE_KNOWN_WITHIN_S or for_s > watched.about.max_age_s + ANSWER_TAKES_S:
-            names = ", ".join(sorted(commands))
-            self.find(
-                at,
-                lift,
-                "pressed in a forbidden mode",
-                f"{names}, {for_s:.2f} s after the mode became {truth.mode}",
-                Lie.MODE,
-            )
+        names = ", ".join(sorted(commands))
+        if truth.mode in FORBIDDEN and (for_s := self._known_for(watched, watched.mode_since, at)) is not None:
+            text = f"{names}, {for_s:.2f} s after the mode became {truth.mode}"
+            if truth.mode not in watched.about.shows.modes:
+                self.let_pass(lift, "pressed in a forbidden mode", untold(truth.mode))
+            elif not self._stood_still(watched, lift, "pressed in a forbidden mode", watched.mode_since, at):
+                self.find(at, lift, "pressed in a forbidden mode", text, Wrong.MODE)
+        barred = truth.bars & watched.about.shows.bars
+        if barred and (for_s := self._known_for(watched, watched.bars_since, at)) is not None:
+            text = f"{names}, {for_s:.2f} s after {', '.join(sorted(barred))} told that robots are kept off"
+            if not self._stood_still(watched, lift, "pressed while kept off", watched.bars_since, at):
+                self.find(at, lift, "pressed while kept off", text)
 
     def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
         """Keep book of what reached the manager."""
@@ -184,6 +235,15 @@ class Oracle:
         arrives = exchange.answers[0][0] if exchange.answers else math.inf
         request = parse_request(exchange.request, timed_coils=True)
         read = (controller, request.unit, request.table, request.address, request.count)
+        self._weather(
+            self._lines[controller],
+            controller,
+            at,
+            arrives - exchange.sent_at,
+            exchange,
+            usable=usable,
+            writes=request.is_write,
+        )
         for watched in self._lifts.values():
             if controller not in watched.about.controllers:
                 continue
@@ -195,26 +255,38 @@ class Oracle:
                 kept.append((arrives, exchange.sent_at))
 
     def heard(self, at: float, event: Event) -> None:
-        """See whether what is said to be confirmed has happened."""
+        """See whether what is said to be confirmed has happened, and by what; know whose requests a session goes on with."""
+        if isinstance(event, HandedOver) and (asks := self._lifts[event.lift].asks.get(event.holder)) is not None:
+            self._lifts[event.lift].asks[event.to] = asks
         if isinstance(event, CommandEnded) and event.outcome.result is Result.CONFIRMED:
-            watched = self._lifts[event.lift]
-            pressed_at = watched.pressed_at.get(event.outcome.command.name, at - KEPT_S)
-            watched.claims.append((at, pressed_at, event.outcome))
+            watched, outcome = self._lifts[event.lift], event.outcome
+            proofs = watched.about.shows.proofs.get(outcome.command.kind)
+            if proofs is not None and outcome.proof not in proofs:
+                text = f"{outcome.command} is said to be confirmed by {outcome.proof}; on this map only by {', '.join(sorted(proofs))}"
+                self.find(at, event.lift, "confirmed by what proves nothing", text)
+            pressed_at = watched.pressed_at.get(outcome.command.name, at - KEPT_S)
+            watched.claims.append((at, pressed_at, outcome))
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """Know since when the lift is wanted where it is: no press for that floor is older."""
+        """Know what each holder wants, and since when: no press for that floor is older."""
+        if not isinstance(answer, Accepted):
+            return
         watched = self._lifts[ask.lift]
-        if isinstance(answer, Accepted) and ask.floor != watched.floor:
+        if ask.floor != watched.floor:
             watched.floor, watched.floor_asked_at = ask.floor, at
+        last, before = watched.asks.get(ask.holder, (ask, ask))
+        watched.asks[ask.holder] = ask, before if last.floor == ask.floor else last
 
     def struck(self, at: float, struck: Struck) -> None:
         """Know what cannot be detected, and how soon the rest must be."""
         for lift, watched in self._lifts.items():
+            if struck.fault == RESTART:
+                watched.unwanted.clear()  # nobody was there who could release anything
             if struck.where not in (lift, *watched.about.controllers):
                 continue
             watched.clean_since = at
             watched.troubles += 1 if struck.began else -1
-            watched.troubled_until = at + RELEASES_WITHIN_S
+            watched.troubled_until = at + MODE_ENDS_WITHIN_S
             if struck.where == lift:
                 self._is_faulty(watched, struck, at)
 
@@ -223,9 +295,21 @@ class Oracle:
         watched = self._lifts[lift]
         return not watched.troubles and at - watched.clean_since > for_s
 
-    def wanted_since(self, lift: str) -> float:
-        """Since when the lift is wanted where it is wanted last."""
-        return self._lifts[lift].floor_asked_at
+    def ask_of(self, lift: str, holder: Holder) -> Ask | None:
+        """Return the last request of a holder that was accepted."""
+        asks = self._lifts[lift].asks.get(holder)
+        return None if asks is None else asks[0]
+
+    def is_foreign(self, lift: str, command: str, at: float) -> bool:
+        """Whether somebody else writes this command, or did of late."""
+        return at <= self._lifts[lift].foreign.get(command, -math.inf)
+
+    def was_blinded(self, lift: str, since: float, names: frozenset[str], command: str = "") -> str | None:
+        """Return which of these faults was present at some time after `since`, and touches the command."""
+        for fault in self._lifts[lift].faults:
+            if fault.name in names and fault.ended_at >= since and fault.touches(command):
+                return fault.name
+        return None
 
     # -- how it is judged
 
@@ -236,31 +320,52 @@ class Oracle:
         watched.history.forget(at - KEPT_S)
         if before is None or before.mode is not truth.mode:
             watched.mode_since = at
-        for name in truth.commands - watched.on_since.keys():
-            watched.on_since[name] = at
-        for name in watched.on_since.keys() - truth.commands:
-            del watched.on_since[name]
-            watched.unwanted_since.pop(name, None)
-            watched.stuck.discard(name)
+        barred = truth.bars & watched.about.shows.bars
+        if not barred:
+            watched.bars_since = math.inf
+        elif math.isinf(watched.bars_since):
+            watched.bars_since = at
+        if before is not None and before.given == truth.given:
+            return
+        given = frozenset(truth.given)
+        for output in given - watched.on_since.keys():
+            watched.on_since[output] = at
+        for output in watched.on_since.keys() - given:
+            del watched.on_since[output]
+            watched.unwanted.pop(output, None)
+            watched.stuck.pop(output[0], None)
 
     def _is_faulty(self, watched: _Watched, struck: Struck, at: float) -> None:
         name = fault_name(struck.fault)
-        detection = watched.about.detections.get(name)
-        if isinstance(struck.fault, ForeignWriter):
-            watched.foreign[struck.fault.command] = math.inf if struck.began else at + FOREIGN_CLEARED_S
-        if detection is None:
+        excuse = watched.about.excuses.get(name)
+        command = struck.fault.command if isinstance(struck.fault, ForeignWriter) else ""
+        if command:
+            watched.foreign[command] = math.inf if struck.began else at + FOREIGN_CLEARED_S
+        if excuse is None:
             return
+        watched.faults = [one for one in watched.faults if at - one.until <= KEPT_S]
         if struck.began:
-            until = math.inf if detection.within_s is None or detection.goes_on else at + detection.within_s
-            watched.active.append(_Excuse(detection.lies, at, until, name))
+            until = math.inf if excuse.within_s is None else at + excuse.within_s
+            watched.faults.append(_Fault(name, excuse.kinds, at, until, command))
             return
-        for excuse in [one for one in watched.active if one.fault == name][:1]:
-            watched.active.remove(excuse)
-            if math.isinf(excuse.until) and Lie.OUTPUT in excuse.lies and not detection.goes_on:
-                # what was not let go meanwhile, and cannot be read back, stays on until it is written again
-                watched.stuck |= watched.on_since.keys()
-            excuse.until = min(excuse.until, at + LINGERS_S.get(name, SETTLES_S))
-            watched.excuses.append(excuse)
+        for fault in watched.faults:
+            if (fault.name, fault.command, fault.ended_at) == (name, command, math.inf):
+                fault.ended_at = at
+                if math.isinf(fault.until) and Wrong.OUTPUT in fault.kinds and not command:
+                    # what was not released meanwhile stays on until somebody looks
+                    watched.stuck |= dict.fromkeys((on for on, _ in watched.on_since), at + FOREIGN_CLEARED_S)
+                fault.until = min(fault.until, at + LINGERS_S.get(name, SETTLES_S))
+                return
+
+    def _weather(
+        self, line: _Line, controller: str, at: float, took_s: float, exchange: Exchange, *, usable: bool, writes: bool
+    ) -> None:
+        timeout_s = min(about.timeout_s.get(controller, math.inf) for about in self.judges.values())
+        line.fails = not usable or took_s > timeout_s
+        if writes and (line.fails or exchange.faults):
+            line.failed_writes += 1
+        if not line.fails and (took_s >= line.slow_s or at - line.slow_at > SLOW_FOR_S):
+            line.slow_s, line.slow_at = took_s, at
 
     @staticmethod
     def _is_cut_off(watched: _Watched, at: float) -> bool:
@@ -268,15 +373,38 @@ class Oracle:
         troubled = watched.troubles > 0 or at < watched.troubled_until
         return troubled and at - watched.last_exchange > max(SILENT_S, 3 * watched.about.poll_s)
 
-    def _invitation(self, at: float, lift: str, watched: _Watched, state: LiftState, floor: FloorName | None) -> None:
+    def _compare(self, at: float, lift: str, watched: _Watched, state: LiftState, floors: set[str | None]) -> None:
+        """Compare a live state with what was so since its data was asked for; then with what registers that stand still may show."""
         since = at - (state.age_s or 0.0) - ROUNDING_S
         truths = list(watched.history.during(since, at))
-        if floor is None or not any(truth.open_at == floor for truth in truths):
-            was = truths[-1]
-            text = f"said open at {floor}, {state.age_s:.2f} s old; the car was {in_words(was)}"
-            self.find(at, lift, "said open and was not", text, Lie.OPEN)
-        if all(truth.mode in ROBOT_FORBIDDEN_MODES for truth in truths):
-            self.find(at, lift, "said open in a forbidden mode", f"the mode was {truths[0].mode}", Lie.MODE)
+        found = list(_untrue(state, watched.about, truths, floors)) if truths else []
+        if not found:
+            return
+        for fault in watched.faults:
+            if fault.name in STANDS_STILL and since <= fault.ended_at and at <= fault.until:
+                wider = list(watched.history.during(min(since, fault.since), at))
+                still = {rule for rule, _, _ in _untrue(state, watched.about, wider, floors)}
+                for rule, _, _ in found:
+                    if rule not in still:
+                        self.let_pass(lift, rule, fault.name)
+                found = [one for one in found if one[0] in still]
+        for rule, text, wrong in found:
+            self.find(at, lift, rule, f"{text}; {state.age_s:.2f} s old", wrong)
+
+    @staticmethod
+    def _known_for(watched: _Watched, since: float, at: float) -> float | None:
+        """Return for how long something has been so that must be known by now; None where it need not be yet."""
+        for_s, clean_s = at - since, at - max(since, watched.clean_since)
+        known = clean_s > MODE_KNOWN_WITHIN_S or for_s > watched.about.max_age_s + ANSWER_TAKES_S
+        return for_s if known else None
+
+    def _stood_still(self, watched: _Watched, lift: str, rule: str, since: float, at: float) -> bool:
+        """Let pass what began after the registers had come to stand still: they cannot show it."""
+        for fault in watched.faults:
+            if fault.name in STANDS_STILL and fault.since <= since + ANSWER_TAKES_S and at <= fault.until:
+                self.let_pass(lift, rule, fault.name)
+                return True
+        return False
 
     def _is_fresh(self, watched: _Watched, at: float) -> bool:
         """Whether every block of the poll was rightly answered within the age of a reading."""
@@ -290,55 +418,65 @@ class Oracle:
         )
 
     def _outputs(self, at: float, lift: str, watched: _Watched, truth: Truth) -> None:
-        for name in tuple(watched.on_since):
+        failed_writes = sum(self._lines[name].failed_writes for name in watched.about.controllers)
+        for output in tuple(watched.on_since):
+            name, floor = output
             if name in watched.about.fleeting:
                 continue
-            if self._is_wanted(watched, name, truth, at):
-                watched.unwanted_since.pop(name, None)
+            if self._is_wanted(watched, name, floor, truth, at):
+                watched.unwanted.pop(output, None)
                 continue
-            held = watched.state is not None and watched.state.holder is not None
-            why = Lie.MODE if held and truth.mode in ROBOT_FORBIDDEN_MODES else Lie.OUTPUT
-            since, before = watched.unwanted_since.setdefault(name, (at, why))
-            if before is Lie.MODE and why is Lie.OUTPUT:
-                # the manager may not know of the mode; that the session is over it knows from now on
-                since, _ = watched.unwanted_since[name] = at, why
+            unwanted = watched.unwanted.setdefault(output, _Unwanted(at, watched.lost_s, failed_writes))
+            since = unwanted.since
             if name == "robot_mode" and not truth.standing:
                 watched.under_way_at = at
-            if at - max(since, watched.clean_since, watched.under_way_at) > self._limit_s(watched, name, truth):
-                text = f"{name} is on, and nobody has wanted it for {at - since:.1f} s"
+            if name == "robot_mode":
+                since = max(since, watched.under_way_at)
+            hindered_s = watched.lost_s - unwanted.lost_s
+            hindered_s += RETRIES_WITHIN_S * (failed_writes - unwanted.failed_writes)
+            if at - since - hindered_s > self._limit_s(watched, name, truth):
+                text = f"{name} is on, and nobody has wanted it for {at - unwanted.since:.1f} s, {hindered_s:.1f} s of them hindered"
                 if not self._is_let_pass(watched, lift, name, at):
-                    self.find(at, lift, "output on too long", text, why)
-                watched.unwanted_since[name] = at, why
+                    self.weigh(Finding(at, lift, "output on too long", text, Wrong.OUTPUT), about=name)
+                watched.unwanted[output] = _Unwanted(at, watched.lost_s, failed_writes)
 
-    @staticmethod
-    def _limit_s(watched: _Watched, name: str, truth: Truth) -> float:
+    def _limit_s(self, watched: _Watched, name: str, truth: Truth) -> float:
         """Return how long this may stay on although nobody wants it.
 
         Robot mode is not dropped under way, and that a robot left is told for as long as it takes.
         """
-        if (name == "robot_mode" and not truth.standing) or name == "robot_left":
-            return RELEASES_WITHIN_S + watched.about.arrive_within_s
-        return RELEASES_WITHIN_S
+        slow_s = max(self._lines[controller].slow_s for controller in watched.about.controllers)
+        if name == "robot_left" or (name == "robot_mode" and not truth.standing):
+            return MODE_ENDS_WITHIN_S + watched.about.arrive_within_s
+        least_s = MODE_ENDS_WITHIN_S if name == "robot_mode" else RELEASES_WITHIN_S
+        return least_s + watched.about.pulses_s.get(name, 0.0) + RELEASE_EXCHANGES * slow_s
 
     def _is_let_pass(self, watched: _Watched, lift: str, name: str, at: float) -> bool:
-        fault = "foreign_writer" if at <= watched.foreign.get(name, -math.inf) else "left on unseen"
-        if fault == "left on unseen" and name not in watched.stuck:
+        if self.is_foreign(lift, name, at):
+            self.let_pass(lift, "output on too long", "foreign_writer")
+        elif at <= watched.stuck.get(name, -math.inf):
+            self.let_pass(lift, "output on too long", "left on unseen")
+        else:
             return False
-        self._let_pass(lift, "output on too long", fault)
         return True
 
-    def _let_pass(self, lift: str, rule: str, why: str) -> None:
+    def let_pass(self, lift: str, rule: str, why: str) -> None:
+        """Count what a fault excuses: no excuse is silent."""
         key = (lift, rule, why)
         self.excused[key] = self.excused.get(key, 0) + 1
 
-    def _is_wanted(self, watched: _Watched, name: str, truth: Truth, at: float) -> bool:
-        state = watched.state
+    def _is_wanted(self, watched: _Watched, name: str, floor: int, truth: Truth, at: float) -> bool:
+        state, about = watched.state, watched.about
         if state is None or state.holder is None:
             return False
-        if truth.mode in ROBOT_FORBIDDEN_MODES and state.quality is Quality.LIVE:
+        if state.quality is Quality.LIVE and (truth.mode in about.shows.modes or truth.bars & about.shows.bars):
             return False
-        on_s = at - watched.on_since[name]
-        return not name.startswith("hold_door") or on_s <= watched.about.max_session_hold_s
+        on_s = at - watched.on_since[name, floor]
+        asks = watched.asks.get(state.holder)
+        if asks is None:
+            # it was asked for over a face whose requests nobody tells the judge
+            return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
+        return is_wanted(about, name, floor, truth, *asks, on_s=on_s)
 
     def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
         claimed_at, pressed_at, outcome = claim
@@ -347,11 +485,13 @@ class Oracle:
         text = f"{outcome.command} is said to be confirmed by {outcome.proof}, and had no effect"
         by_motion = outcome.proof is Proof.EFFECT and outcome.command.kind in _CALLS
         if by_motion and self._set_out(watched, outcome.command, pressed_at, claimed_at):
-            self._let_pass(lift, "confirmed without effect", FOR_OTHERS)
+            self.let_pass(lift, "confirmed without effect", FOR_OTHERS)
             return
         since = min(pressed_at, watched.floor_asked_at)
         only = MISREAD if by_motion else None
-        self.find(claimed_at, lift, "confirmed without effect", text, Lie.EFFECT, since=since, only=only)
+        name = outcome.command.name
+        finding = Finding(claimed_at, lift, "confirmed without effect", text, Wrong.EFFECT)
+        self.weigh(finding, since=since, only=only, about=name)
 
     @staticmethod
     def _set_out(watched: _Watched, command: Command, pressed_at: float, claimed_at: float) -> bool:
@@ -360,7 +500,7 @@ class Oracle:
         One whose motion nobody tells looks like one that stands until it comes to another floor.
         """
         since = pressed_at - watched.about.max_age_s
-        if not watched.about.tells_motion:
+        if not watched.about.shows.motion:
             since = watched.history.floor_since(since)
         truths = list(watched.history.during(since, claimed_at))
         return command.floor is not None and sets_out(reversed(truths), command.floor, watched.about.floors)
@@ -372,26 +512,44 @@ class Oracle:
             return came or any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
         return any(command.name in truth.commands for truth in truths)
 
-    def find(
-        self,
-        at: float,
-        lift: str,
-        rule: str,
-        text: str,
-        lie: Lie | None = None,
-        *,
-        since: float | None = None,
-        only: frozenset[str] | None = None,
-    ) -> None:
-        """Note a finding, unless a fault excuses this kind of lie: one that is present, or was at some time after `since`.
+    def find(self, at: float, lift: str, rule: str, text: str, wrong: Wrong | None = None) -> None:
+        """Note a finding, unless a fault that is present excuses what is `wrong`."""
+        self.weigh(Finding(at, lift, rule, text, wrong))
 
-        `only` names the faults that may; None: any.
+    def weigh(
+        self, finding: Finding, *, since: float | None = None, only: frozenset[str] | None = None, about: str = ""
+    ) -> None:
+        """Note a finding, unless a fault excuses what is wrong: one that is present, or was at some time after `since`.
+
+        `only` names the faults that may; None: any. It is `about` a command, and a fault of another one is no excuse.
         """
+        at, wrong = finding.at, finding.wrong
         began = at if since is None else since
-        watched = self._lifts[lift]
-        for excuse in (*watched.active, *watched.excuses):
-            may = only is None or excuse.fault in only
-            if may and lie in excuse.lies and excuse.since - ROUNDING_S <= at and began <= excuse.until:
-                self._let_pass(lift, rule, excuse.fault)
+        for fault in self._lifts[finding.lift].faults if wrong is not None else ():
+            may = (only is None or fault.name in only) and fault.touches(about)
+            if may and wrong in fault.kinds and fault.since - ROUNDING_S <= at and began <= fault.until:
+                self.let_pass(finding.lift, finding.rule, fault.name)
                 return
-        self.findings.append(Finding(at, lift, rule, text, lie))
+        self.findings.append(finding)
+
+
+def _untrue(state: LiftState, about: Judged, truths: Sequence[Truth], floors: set[str | None]) -> Iterator[Untrue]:
+    """Yield what of a live state was so in none of these moments, its invitations to `floors` first."""
+    shows, was = about.shows, truths[-1]
+    for floor in floors:
+        if floor is None or not any(truth.open_at == floor for truth in truths):
+            yield "said open and was not", f"said open at {floor}; the car was {in_words(was)}", Wrong.OPEN
+        elif shows.permits and not any(truth.awaits and truth.open_at == floor for truth in truths):
+            yield "said open without permission", f"said open at {floor}; the lift let nobody in or out", Wrong.OPEN
+        if all(truth.mode in shows.modes for truth in truths):
+            yield "said open in a forbidden mode", f"the mode was {was.mode}", Wrong.MODE
+    yield from untrue(state, shows, truths)
+
+
+def untold(mode: Mode) -> str:
+    """Name the fault that a mode is which nothing tells."""
+    return f"in_mode.{mode}"
+
+
+def _is_call(command: str) -> bool:
+    return command.partition(".")[0] in ("go_to", "call", "go")

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drivers.modbus.steps import StepKind
-from lift_manager.commissioning.detection import Lie
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event
 from lift_manager.domain.journal import Row, RowKind
@@ -44,13 +43,13 @@ class PressRows:
             key = (lift, name)
             if key not in self._fresh and (name in CALLS_OF_SESSIONS or key not in self._pressed):
                 text = f"{name} is pressed, and no row of it is on the disk"
-                self._oracle.find(at, lift, "pressed before its row", text, Lie.OUTPUT)
+                self._oracle.find(at, lift, "pressed before its row", text)
             self._fresh.discard(key)
             self._pressed.add(key)
         kept = self._disk.states.get(lift)
         if commands & CALLS_OF_SESSIONS and (kept is None or kept.session is None):
             text = f"{', '.join(sorted(commands))}, and a restart would not know for whom"
-            self._oracle.find(at, lift, "pressed before its session", text, Lie.OUTPUT)
+            self._oracle.find(at, lift, "pressed before its session", text)
 
     def looked(self, at: float, lift: str, truth: Truth) -> None:
         """Nothing about the lift itself is judged here."""

@@ -9,10 +9,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from drivers.model import FloorName
-from lift_manager.commissioning.detection import Lie
+from drivers.model import FloorName, Result
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import (
+    CommandEnded,
     Event,
     HandedOver,
     LockedOut,
@@ -23,36 +23,30 @@ from lift_manager.domain.events import (
     SessionRestored,
 )
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
-from lift_manager.lab.world.judged import Judged
-from lift_manager.lab.world.oracle import RELEASES_WITHIN_S, Oracle
+from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, Wrong
+from lift_manager.lab.world.oracle import FOREIGN, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
-from register_maps.vocabulary import CALLS
-from register_maps.words import ROBOT_FORBIDDEN_MODES, Mode
+from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck
+from register_maps.frames import parse_request
+from register_maps.words import Mode
 from simulator.wire_faults import Exchange
 
 KNOWN_WITHIN_S = 1.0
 """A word of a person, or a fire that was published, holds from then on; what was on its way may still arrive for so long."""
 AGAIN_AFTER_S = 1.9
 """The same call is not pressed sooner for the same request: the first pause after a failure is 2 s (DESIGN section 7)."""
-HELD_WITHIN_S = 2.6
-"""How long ago our hold may have been seen when the state says open: it is looked at every 2 s, and a look takes its time."""
+NOTICED_WITHIN_S = 2.6
+"""How long a state may go on to say open after our hold fell by itself: it is looked at every 2 s, and a look takes its time."""
+OWN_WITHIN_S = 0.3
+"""The same for a hold that we released: nobody has to look at anything."""
 MODE_LEFT_S = 2.0
 """How long ago the mode may have ended because of which robot mode was dropped."""
+ROUNDING_S = 1e-6
+BLINDS_TO_A_HOLD = frozenset({"frozen_registers", "stopped", "ignored_writes", "ignored_writes.stored"})
+"""Faults under which a hold that was read back may not be there."""
+LOST = "lost_press"
 
-RESTART = "restart"
-"""What a world strikes when the manager is killed and started again."""
-STOP = "stop"
-"""And before its orderly end, which lets go of robot mode too, wherever the car is: nobody is left to do it later."""
-
-
-@dataclass(frozen=True, slots=True)
-class Forgot:
-    """And with a restart, if the disk did not have the newest of some lifts: a fire or a lockout may be forgotten with it."""
-
-    lifts: tuple[str, ...]
-
-
+_CALLS = ("go_to", "call", "go")
 _WORDS = frozenset({"robot_left", "robot_in_place"})
 """What the lift may still be told after a session."""
 
@@ -72,18 +66,30 @@ class _Book:
     fire_published_at: float = -math.inf
     locked_since: float = math.inf
     mode_at: float = -math.inf
-    """When the lift was last in a mode without robots."""
+    """When the lift was last in a mode without robots, or kept them off."""
     live_at: float = -math.inf
     restarted_at: float = -math.inf
-    asked_since: bool = True
-    """Whether anybody has asked for the lift since the last restart, and was accepted."""
+    asked_since: dict[Holder, set[FloorName]] | None = None
+    """Who has asked for the lift since the last restart, was accepted, and where to; None without a restart."""
     stopping: bool = False
     floor: FloorName | None = None
     """Of the last request that was accepted."""
     calls: dict[tuple[str, int], float] = field(default_factory=dict)
     """When each call was last pressed, for the request that stands."""
-    held_at: float = -math.inf
-    """When one of our door holds was last on."""
+    standing_calls: dict[tuple[str, int], float] = field(default_factory=dict)
+    """Calls that were pressed for the session, over restarts, until the car is there for them or they are known to have failed."""
+    held_since: float = math.inf
+    """Since when every door hold of the map has been on and obeyed; infinity while it is not."""
+    pressed_since: float = math.inf
+    """Since when they have stood in the registers, obeyed or not."""
+    fell_at: float = -math.inf
+    """When they last ceased to be on and obeyed."""
+    fell_by_us: bool = False
+    """By a write of ours."""
+    invited_at: float = -math.inf
+    """When a state last said open for the robot of a session."""
+    invited: tuple[Holder, FloorName | None] | None = None
+    """To whom, and where."""
     robot_mode_at: float = -math.inf
     stood_at: float = -math.inf
     """When the car was last seen to stand; that it has set out is known with the next reading."""
@@ -102,10 +108,9 @@ class Rules:
         """See whether robot mode was dropped under way, and who was given a lift that another one holds."""
         book = self._books[lift]
         before, book.truth = book.truth, truth
-        if truth.mode in ROBOT_FORBIDDEN_MODES:
+        if truth.mode in FORBIDDEN or truth.bars & book.about.shows.bars:
             book.mode_at = at
-        if book.about.holds & truth.commands:
-            book.held_at = at
+        _follow(at, book, truth)
         if truth.robot_mode:
             book.robot_mode_at = at
         dropped = before is not None and before.robot_mode and "robot_mode" in before.commands - truth.commands
@@ -124,18 +129,19 @@ class Rules:
         book.pressed_something |= bool(commands - _WORDS)
         names = ", ".join(sorted(commands))
         if at > book.fire_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it", Lie.OUTPUT)
+            self._oracle.find(at, lift, "pressed after a fire", f"{names}; nobody has acknowledged it")
         if at > book.locked_since + KNOWN_WITHIN_S:
-            self._oracle.find(at, lift, "pressed in a lockout", names, Lie.OUTPUT)
+            self._oracle.find(at, lift, "pressed in a lockout", names)
         # a lift that is still in robot mode is none for people, and what keeps it so under way may be pressed again
         kept = {"robot_mode"} if at - book.robot_mode_at < MODE_LEFT_S else set()
         if at < book.rests_until and commands - _WORDS - kept:
             text = f"{names}, {book.rests_until - at:.1f} s before people have had their turn"
-            self._oracle.find(at, lift, "pressed in people's turn", text, Lie.OUTPUT)
-        if not book.asked_since and (by_itself := commands - {"robot_left"} - book.about.repeated):
-            # that a robot left is a person's word as well
-            text = f"{', '.join(sorted(by_itself))}, and nobody has asked for the lift since"
-            self._oracle.find(at, lift, "pressed by a restart", text, Lie.OUTPUT)
+            self._oracle.find(at, lift, "pressed in people's turn", text)
+        # that a robot left is a person's word as well
+        for name in sorted(commands - {"robot_left"} - book.about.repeated):
+            if not self._was_asked_for(book, name):
+                text = f"{name}, and nobody who holds the lift has asked for that since"
+                self._by_itself(at, lift, "pressed by a restart", text, name)
         self._again(at, lift, book, commands)
 
     def published(self, at: float, lift: str, state: LiftState) -> None:
@@ -152,14 +158,28 @@ class Rules:
             self._invited(at, lift, book, state)
         if state.robot_door is RobotDoor.OPEN and state.holder is not None:
             since = at - (state.age_s or 0.0)
-            if book.about.holds and book.held_at < since - HELD_WITHIN_S:
-                wanted = self._oracle.wanted_since(lift)
-                self._oracle.find(at, lift, "said open and not held", f"for {state.holder}", Lie.EFFECT, since=wanted)
-            if book.about.tells_robot_mode and book.robot_mode_at < since - KNOWN_WITHIN_S:
-                self._oracle.find(at, lift, "said open without robot mode", f"for {state.holder}", Lie.MODE)
+            book.invited_at, book.invited = at, (state.holder, state.floor)
+            if book.about.holds:
+                self._is_held(at, lift, book, state.holder, since)
+            if book.about.shows.robot_mode and book.robot_mode_at < since - KNOWN_WITHIN_S:
+                blinded = self._oracle.was_blinded(lift, since - KNOWN_WITHIN_S, STANDS_STILL)
+                if blinded is None:
+                    self._oracle.find(at, lift, "said open without robot mode", f"for {state.holder}")
+                else:
+                    self._oracle.let_pass(lift, "said open without robot mode", blinded)
 
     def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
-        """Nothing about the wire is judged here."""
+        """See whether a hold that has just fallen was released by us, and whether its robot had time to clear the door."""
+        fallen = [
+            lift
+            for lift, book in self._books.items()
+            if book.fell_at == at and controller in book.about.controllers
+            if not any(self._oracle.is_foreign(lift, hold, at) for hold in book.about.holds)
+        ]
+        if fallen and exchange.executed and parse_request(exchange.request, timed_coils=True).is_write:
+            for lift in fallen:
+                self._books[lift].fell_by_us = True
+                self._let_fall(at, lift, self._books[lift])
 
     def heard(self, at: float, event: Event) -> None:
         """Keep the book of sessions and of people's words."""
@@ -170,6 +190,7 @@ class Rules:
                 book = self._books[lift]
                 book.session, book.floor = None, None
                 book.calls.clear()
+                book.standing_calls.clear()
                 if book.pressed_something:
                     # the instant at which the event is heard may be a turn of the loop later than the end
                     book.rests_until = at + book.about.between_sessions_s - 0.01
@@ -180,6 +201,11 @@ class Rules:
                 self._books[lift].locked_since = at
             case LockoutOver(lift=lift):
                 self._books[lift].locked_since = math.inf
+            case CommandEnded(lift=lift, outcome=outcome) if outcome.result is not Result.CONFIRMED:
+                standing = self._books[lift].standing_calls
+                self._books[lift].standing_calls = {
+                    call: at for call, at in standing.items() if call[0] != outcome.command.name
+                }
             case _:
                 pass
 
@@ -191,12 +217,16 @@ class Rules:
         if ask.floor != book.floor:
             book.floor = ask.floor
             book.calls.clear()
+            index = book.about.floors.index(ask.floor)
+            book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] == index}
         truth = book.truth
-        here = None if truth is None else truth.open_at if book.about.told_by_doors else truth.at
+        told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
+        here = None if truth is None else truth.open_at if told_by_doors else truth.at
         lets_go = not ask.hold_door and truth is not None and here in (ask.floor, None)
         # between floors it is a call, if the manager has not seen the car where it is let go of; a robot inside lets go of nothing
         between = truth is not None and here is None
-        book.asked_since |= not lets_go or between or ask.robot is RobotWord.IN_PLACE
+        if book.asked_since is not None and (not lets_go or between or ask.robot is RobotWord.IN_PLACE):
+            book.asked_since.setdefault(ask.holder, set()).add(ask.floor)
         if lets_go or ask.robot is not None:
             return
         if ask.hold_door:  # without, a floor that the car has just left may be let go of as well
@@ -212,10 +242,68 @@ class Rules:
         if struck.fault == RESTART:
             for book in self._books.values():
                 # the session may go on, and is told then
-                book.session, book.floor, book.restarted_at, book.asked_since = None, None, at, False
+                book.session, book.floor, book.restarted_at, book.asked_since = None, None, at, {}
                 book.rests_until = -math.inf
                 book.calls.clear()
                 book.doubts.clear()
+
+    @staticmethod
+    def _was_asked_for(book: _Book, name: str) -> bool:
+        """Whether the holder, or whoever takes the lift now, has asked for this since the last restart; for a call, for its floor."""
+        if book.asked_since is None:
+            return True
+        asked = book.asked_since
+        floors = asked.get(book.session, set()) if book.session is not None else set().union(*asked.values())
+        index = dict(book.truth.given).get(name) if book.truth is not None else None
+        if name.partition(".")[0] not in _CALLS or index is None:
+            return bool(floors)
+        return any(book.about.floors.index(floor) == index for floor in floors)
+
+    def _by_itself(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
+        """Note a press that nobody asked for, unless somebody else took away what it presses: then a refresh presses it again."""
+        self._oracle.weigh(Finding(at, lift, rule, text, Wrong.OUTPUT), only=FOREIGN, about=name)
+
+    def _is_held(self, at: float, lift: str, book: _Book, holder: Holder, since: float) -> None:
+        """See whether the door drive is held for the robot that is invited, and was when the door was read, at `since`."""
+        truth = book.truth
+        if truth is not None and truth.mode in FORBIDDEN - book.about.shows.modes:
+            # it serves no door buttons
+            self._oracle.let_pass(lift, "said open and not held", untold(truth.mode))
+        elif truth is not None and book.about.holds & truth.lost:
+            self._oracle.let_pass(lift, "said open and not held", LOST)
+        elif math.isinf(book.held_since):
+            within_s = OWN_WITHIN_S if book.fell_by_us else NOTICED_WITHIN_S
+            if at - book.fell_at <= within_s:
+                return
+            blinded = self._oracle.was_blinded(lift, book.fell_at - NOTICED_WITHIN_S, BLINDS_TO_A_HOLD)
+            if blinded is None:
+                text = f"for {holder}; no hold has been on for {at - book.fell_at:.1f} s"
+                self._oracle.find(at, lift, "said open and not held", text)
+            else:
+                self._oracle.let_pass(lift, "said open and not held", blinded)
+        elif since < book.pressed_since - ROUNDING_S and at - book.fell_at > NOTICED_WITHIN_S:
+            text = f"for {holder}; it was read {book.pressed_since - since:.2f} s before the hold was on"
+            self._oracle.find(at, lift, "said open on a reading from before the hold", text)
+
+    def _let_fall(self, at: float, lift: str, book: _Book) -> None:
+        """See whether our release shuts the door on a robot that was invited a moment ago, and did not ask for it."""
+        truth = book.truth
+        if truth is None or book.invited is None or at - book.invited_at >= book.about.clear_s:
+            return
+        holder, floor = book.invited
+        ask = self._oracle.ask_of(lift, holder)
+        gave_up = ask is None or ask.floor != floor or not ask.hold_door
+        sudden = (
+            at - book.mode_at < MODE_LEFT_S
+            or not math.isinf(book.fire_since)
+            or bool(truth.bars)
+            or (book.about.shows.robot_mode and not truth.robot_mode)
+            or book.stopping
+            or at - book.live_at > KNOWN_WITHIN_S
+        )
+        if truth.open_at == floor and not (gave_up or sudden):
+            text = f"{holder} was invited at {floor} {at - book.invited_at:.1f} s before our release"
+            self._oracle.find(at, lift, "the door fell while a robot was invited", text)
 
     def _invited(self, at: float, lift: str, book: _Book, state: LiftState) -> None:
         """Nobody is invited by a lift that a person must check, or keeps robots off."""
@@ -240,6 +328,9 @@ class Rules:
             self._oracle.find(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
             book.session = event.to
+            if book.asked_since is not None and (ask := self._oracle.ask_of(event.lift, event.holder)) is not None:
+                # its holder was heard by this very word, and the session goes on with what it wants
+                book.asked_since.setdefault(event.to, set()).add(ask.floor)
         else:
             book.session, book.pressed_something = event.holder, isinstance(event, SessionRestored)
 
@@ -254,16 +345,43 @@ class Rules:
         blind = at - book.live_at > KNOWN_WITHIN_S
         by_mode = at - book.mode_at < MODE_LEFT_S or not math.isinf(book.fire_since)
         restarted = at - book.restarted_at < book.about.arrive_within_s
-        if not (blind or by_mode or restarted or book.stopping) and self._oracle.is_clean(lift, at, RELEASES_WITHIN_S):
+        if not (blind or by_mode or restarted or book.stopping) and self._oracle.is_clean(lift, at, MODE_ENDS_WITHIN_S):
             self._oracle.find(at, lift, "robot mode dropped under way", "the car was moving")
 
     def _again(self, at: float, lift: str, book: _Book, commands: frozenset[str]) -> None:
         given = dict(book.truth.given) if book.truth is not None else {}
-        for name in commands & set(CALLS) - book.about.repeated:
+        for name in commands - book.about.repeated:
+            if name.partition(".")[0] not in _CALLS:
+                continue
             key = (name, given.get(name, -1))
             since_s = at - book.calls.get(key, -math.inf)
             if since_s < AGAIN_AFTER_S:
-                self._oracle.find(
-                    at, lift, "pressed again", f"{name}, {since_s:.2f} s after its last press", Lie.OUTPUT
-                )
-            book.calls[key] = at
+                self._by_itself(at, lift, "pressed again", f"{name}, {since_s:.2f} s after its last press", name)
+            if self._stands(book, key):
+                text = f"{name}, and the lift still has the call of before"
+                self._by_itself(at, lift, "pressed again after a restart", text, name)
+            book.calls[key] = book.standing_calls[key] = at
+
+    @staticmethod
+    def _stands(book: _Book, key: tuple[str, int]) -> bool:
+        """Whether a call was pressed before the last restart, and the lift still has it."""
+        pressed_at, floors = book.standing_calls.get(key, math.inf), book.about.floors
+        if book.truth is None or pressed_at > book.restarted_at or key[1] not in range(len(floors)):
+            return False
+        return floors[key[1]] in book.truth.calls
+
+
+def _follow(at: float, book: _Book, truth: Truth) -> None:
+    """Keep the book of door holds, and of calls that stand until the car is there."""
+    if not (book.about.holds and book.about.holds <= truth.obeyed):
+        if not math.isinf(book.held_since):
+            book.held_since, book.fell_at, book.fell_by_us = math.inf, at, False
+    elif math.isinf(book.held_since):
+        book.held_since = at
+    if not book.about.holds <= truth.commands:
+        book.pressed_since = math.inf
+    elif math.isinf(book.pressed_since):
+        book.pressed_since = at
+    if book.standing_calls and truth.open_at is not None:
+        there = book.about.floors.index(truth.open_at)
+        book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] != there}

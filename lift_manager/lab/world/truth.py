@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.model import FloorName
-from register_maps.words import Door, Mode
+from register_maps.words import Door, Mode, Side
+from simulator.modes import SERVICE
 from simulator.registers import RegisterFace
+from simulator.state import Picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +33,29 @@ class Truth:
     """The floor in whose door zone the car was last: it may have come and gone between two looks."""
     heading: int = 0
     """1 upwards, -1 downwards, 0 for a car that stands."""
+    doors: tuple[tuple[Side, Door], ...] = ()
+    """Every door; empty where nobody looked at them one by one."""
+    fallen: frozenset[str] = frozenset()
+    """Commands that stand in the registers and that the controller does not obey: its watchdog ran out, the press was lost, the mode does
+    not serve them."""
+    lost: frozenset[str] = frozenset()
+    """Of these, presses that were lost."""
+    awaits: bool = False
+    """It stands open for the robot of its handshake, and says that it may enter or leave."""
+    bars: frozenset[str] = frozenset()
+    """Flags by which it keeps robots off: `robots_allowed`, `watchdog_tripped`."""
     commands: frozenset[str] = field(init=False, repr=False, compare=False)
     """Names of the commands that are present."""
+    obeyed: frozenset[str] = field(init=False, repr=False, compare=False)
+    """Those of them that the controller obeys: a door hold that is not here holds no door."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "commands", frozenset(name for name, _ in self.given))
+        object.__setattr__(self, "obeyed", self.commands - self.fallen)
 
 
-def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:
-    """Look at a lift as it is at its own time."""
+def truth_of(face: RegisterFace, floors: Sequence[FloorName], given: Mapping[str, int]) -> Truth:
+    """Look at a lift as it is at its own time; `given` is what stands in its registers."""
     picture = face.picture
     at = picture.floor if picture.in_door_zone else None
     here = face.parameters.doors_at[at] if at is not None else frozenset()
@@ -52,10 +68,40 @@ def truth_of(face: RegisterFace, floors: Sequence[FloorName]) -> Truth:
         mode=picture.mode,
         robot_mode=picture.robot_mode_on,
         calls=frozenset(floors[index] for index in picture.car_calls),
-        given=tuple(sorted(face.asked.items())),
+        given=tuple(sorted(given.items())),
         passed=floors[picture.floor],
         heading=(picture.speed_m_s > 0) - (picture.speed_m_s < 0),
+        doors=tuple(sorted(picture.doors.items())),
+        fallen=_fallen(face, given, picture.mode),
+        lost=frozenset(face.lost),
+        awaits=picture.may_enter or picture.may_leave,
+        bars=_bars(picture),
     )
+
+
+def _fallen(face: RegisterFace, given: Mapping[str, int], mode: Mode) -> frozenset[str]:
+    """Return what is in the registers and not obeyed; the drive of a door may see a press one scan late."""
+    if not given:
+        return _NOTHING
+    believed, lost = face.believed, face.lost
+    serves_doors = SERVICE[mode].door_buttons
+    return frozenset(
+        name
+        for name in given
+        if name in lost
+        or (name not in believed and name in face.asked)
+        or (name.startswith("hold_door") and not serves_doors)
+    )
+
+
+_NOTHING = frozenset[str]()
+
+
+def _bars(picture: Picture) -> frozenset[str]:
+    if picture.robots_allowed and not picture.watchdog_tripped:
+        return _NOTHING
+    kept_off = {"robots_allowed"} if not picture.robots_allowed else set()
+    return frozenset(kept_off | ({"watchdog_tripped"} if picture.watchdog_tripped else set()))
 
 
 def in_words(truth: Truth) -> str:

@@ -11,6 +11,18 @@ from lift_manager.domain.state import LiftState
 from lift_manager.lab.world.truth import Truth
 from simulator.wire_faults import Exchange
 
+RESTART = "restart"
+"""What a world strikes when the manager is killed and started again."""
+STOP = "stop"
+"""And before its orderly end, which releases robot mode too, wherever the car is: nobody is left to do it later."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forgot:
+    """What else a world strikes at a restart if the disk did not have the newest of some lifts: a fire or a lockout may be forgotten."""
+
+    lifts: tuple[str, ...]
+
 
 @dataclass(frozen=True, slots=True)
 class Struck:

@@ -26,12 +26,12 @@ from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Occurrence, StateChanged
 from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
+from lift_manager.lab.world.decoding import Outputs, Raw
 from lift_manager.lab.world.device import Device, MemoryController
 from lift_manager.lab.world.disk import DiskFault, DiskJournal, DiskMemory, SimulatedDisk
-from lift_manager.lab.world.rules import RESTART, STOP, Forgot
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
-from lift_manager.lab.world.witness import Struck, Witness
+from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck, Witness
 from register_maps.codec import Codec, compile_map
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
@@ -72,23 +72,31 @@ class SimulatedLift:
     codec: Codec
     floors: tuple[FloorName, ...]
     face: RegisterFace
+    outputs: Outputs
     controllers: tuple[str, ...]
     """Where it can be reached: its own controller first, then those of its endpoints."""
     inputs: Inputs
     """What people and keys do."""
     people: Passengers | None = None
-    _seen: tuple[Picture, Mapping[str, int], Truth] | None = None
+    _seen: tuple[Picture, Raw, Truth] | None = None
 
     @property
     def truth(self) -> Truth:
-        """What it really does, at its own time; a lift in which nothing has changed has the same truth still."""
-        picture, asked = self.face.picture, self.face.asked
-        if self._seen is not None and self._seen[0] is picture and self._seen[1] is asked:
+        """What it really does, at its own time; a lift in which nothing has changed has the same truth still.
+
+        Raises WorldError where the simulator obeys what the judge does not read in its registers.
+        """
+        face, raw = self.face, self.outputs.raw(self.face.cells)
+        picture = face.picture
+        if self._seen is not None and self._seen[0] is picture and self._seen[1] == raw:
             return self._seen[2]
-        truth = truth_of(self.face, self.floors)
+        given = self.outputs.asked(raw)
+        if any(given.get(name) != value for name, value in face.asked.items()):
+            raise WorldError(f"{self.name} obeys {dict(face.asked)}, and its registers ask for {dict(given)}")
+        truth = truth_of(face, self.floors, given)
         if self._seen is not None and self._seen[2] == truth:
             truth = self._seen[2]
-        self._seen = picture, asked, truth
+        self._seen = picture, raw, truth
         return truth
 
 
@@ -123,8 +131,8 @@ class World:
         self._units: dict[str, dict[int, Device]] = {name: {} for name in loaded.controllers}
         for name in loaded.site.lifts:
             self.lifts[name] = self._lift(name, (settings or {}).get(name))
-        self._commands: dict[str, frozenset[str]] = dict.fromkeys(self.lifts, frozenset())
-        """What each lift was asked for at the last look."""
+        self._given: dict[str, tuple[tuple[str, int], ...]] = dict.fromkeys(self.lifts, ())
+        """What each lift was asked for at the last look, with the floor of a call: another floor is another press."""
         self._controllers: dict[str, MemoryController] = {}
         for number, name in enumerate(loaded.controllers):
             self.weather[name] = WireFaults(seed=seed * 1000 + number)
@@ -200,6 +208,10 @@ class World:
     def populate(self, lift: str, people: Passengers) -> None:
         """Let passengers use a lift from now on."""
         self.lifts[lift].people = people
+
+    def controller(self, name: str) -> MemoryController:
+        """The devices behind one address: what is written to them here is taken for a write of the manager."""
+        return self._controllers[name]
 
     # -- how it runs
 
@@ -309,15 +321,15 @@ class World:
             lift = self.lifts[name]
             lift.face.advance(now)
             truth = lift.truth
-            self._commands[name] = truth.commands
+            self._given[name] = truth.given
             for witness in self._witnesses:
                 witness.looked(now, name, truth)
 
     def _served(self, lifts: Sequence[str], wrote: bool) -> None:  # noqa: FBT001 - it is the one question
-        before = {name: self._commands[name] for name in lifts}
+        before = {name: self._given[name] for name in lifts} if wrote else {}
         self._look(lifts)
-        for name in lifts if wrote else ():
-            if new := self._commands[name] - before[name]:
+        for name, given in before.items():
+            if new := frozenset(command for command, _ in {*self._given[name]} - {*given}):
                 for witness in self._witnesses:
                     witness.pressed(_now(), name, new)
 
@@ -358,7 +370,8 @@ class World:
                 raise WorldError(text)
             units[place.unit_id] = face.endpoint(endpoint) if endpoint else face
         controllers = tuple(dict.fromkeys((places[""].controller, *(place.controller for place in places.values()))))
-        return SimulatedLift(name, codec, tuple(spec.floors), face, controllers, inputs=face.inputs)
+        outputs = Outputs(source, tuple(floors.values()), spec.offset)
+        return SimulatedLift(name, codec, tuple(spec.floors), face, outputs, controllers, inputs=face.inputs)
 
 
 def office_hours() -> datetime:

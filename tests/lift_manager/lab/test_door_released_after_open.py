@@ -16,7 +16,7 @@ from lift_manager.domain.ride import Guidance, RideLimits, RideRequest
 from lift_manager.domain.session_requests import Do, OpenSession, SessionRequest
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.rules import STOP
+from lift_manager.lab.world.witness import STOP
 from lift_manager.lab.world.world import World
 from register_maps.load import load
 from tests.lift_manager.lab.test_world import Recorder, is_open_at, until

@@ -16,9 +16,10 @@ from lift_manager.domain.events import (
 )
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.lab.world.judged import FloorBy, Shows
 from lift_manager.lab.world.oracle import Oracle
-from lift_manager.lab.world.rules import RESTART, Rules
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.rules import Rules
+from lift_manager.lab.world.witness import RESTART, Struck
 from register_maps.words import Mode
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, STANDS_OPEN, judge, polled, state
 
@@ -196,7 +197,7 @@ def test_robot_mode_that_is_dropped_because_of_a_fire_or_where_the_car_stands_is
 
 
 def test_an_invitation_without_our_hold_or_without_robot_mode_is_found() -> None:
-    oracle, rules = book(holds=frozenset({"hold_door.front"}), tells_robot_mode=True)
+    oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=Shows(robot_mode=True))
     rules.looked(1.0, "lift", HELD)
     rules.published(1.5, "lift", state())
     assert found(oracle) == []
@@ -206,7 +207,7 @@ def test_an_invitation_without_our_hold_or_without_robot_mode_is_found() -> None
 
 
 def test_a_lift_that_nobody_holds_may_stand_open_by_itself() -> None:
-    oracle, rules = book(holds=frozenset({"hold_door.front"}), tells_robot_mode=True)
+    oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=Shows(robot_mode=True))
     rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
     rules.published(9.0, "lift", state(holder=None))
     assert found(oracle) == []
@@ -249,7 +250,7 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
 def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_the_car_is_there(
     told_by_doors: bool,
 ) -> None:
-    oracle, rules = book(told_by_doors=told_by_doors)
+    oracle, rules = book(shows=Shows(floor_by=FloorBy.DOOR if told_by_doors else FloorBy.SWITCH))
     rules.looked(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
     rules.struck(3.0, Struck("manager", RESTART, began=True))
     rules.asked(5.0, replace(ask("L2"), hold_door=False), Accepted())

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
-from lift_manager.domain.state import Holder
+from lift_manager.domain.events import Event, LockedOut, LockoutOver
+from lift_manager.domain.state import Holder, RobotDoor
 from lift_manager.domain.state import LiftState as Shown
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
@@ -37,6 +37,7 @@ RULES: Mapping[str, str] = {
     "stolen": "a session goes only by its END, or because something ended it",
     "lost": "a session that keeps asking for a free lift is granted",
     "robot mode": "robot mode does not fall while the car moves",
+    "locked out": "no command is pressed, and never OPEN, a second after a person has locked the lift out",
     "never done": "every robot gets where it wants to go, and the lift is free at the end",
 }
 
@@ -57,6 +58,8 @@ PASSES_ON_S = 2.0
 FLEET_ENDS_S = 3.0
 """And within what the session is then over: a state and some messages later."""
 FIRE_TAKES_S = 1.0
+WORDS_OF_A_ROBOT = frozenset({"robot_in_place", "robot_left"})
+"""What the lift may still be told of a robot that was in it."""
 CALLS = frozenset({"go_to", "call", "go", "landing_call"})
 FALLS_FOR = frozenset({Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE})
 
@@ -144,6 +147,7 @@ class Judge:
         self._free_since = math.inf
         self._adapter_since = -math.inf
         self._fire = False
+        self._locked_since = math.inf
 
     # -- what the world tells
 
@@ -158,6 +162,8 @@ class Judge:
             self._find(at, "robot mode", f"it fell while the car moved ({truth})")
 
     def pressed(self, at: float, lift: str, commands: frozenset[str]) -> None:
+        if lift == self.lift and at > self._locked_since + PRESS_S and commands - WORDS_OF_A_ROBOT:
+            self._find(at, "locked out", f"{', '.join(sorted(commands))} is pressed")
         if lift != self.lift or not commands & CALLS or (truth := self.truth.last) is None:
             return
         for command, index in truth.given:
@@ -167,6 +173,8 @@ class Judge:
 
     def published(self, at: float, lift: str, state: Shown) -> None:
         if lift == self.lift:
+            if at > self._locked_since + PRESS_S and state.robot_door is RobotDoor.OPEN:
+                self._find(at, "locked out", f"the door is said to be open at {state.floor}")
             self.holder.add(at, state.holder)
             told = state.restrictions
             kept_off = bool(told.fire_latched or told.lockout or kept_for(state) is not None)
@@ -177,7 +185,14 @@ class Judge:
         self.writes += parse_request(exchange.request, timed_coils=True).is_write
 
     def heard(self, at: float, event: Event) -> None:
-        """States are told by `published`."""
+        """Know of lockouts; states are told by `published`."""
+        match event:
+            case LockedOut(lift=self.lift):
+                self._locked_since = at
+            case LockoutOver(lift=self.lift):
+                self._locked_since = math.inf
+            case _:
+                pass
 
     def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
         """Another face asks."""

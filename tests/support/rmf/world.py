@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from random import Random
 from typing import Protocol
 
-from lift_manager.commissioning.detection import detections
 from lift_manager.config.load import LoadedSite
 from lift_manager.lab.virtual_time import elapse
+from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.inside import Inside
@@ -19,13 +19,13 @@ from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Hears, Manager
 from lift_manager.rmf.views import Alarms, Site
 from register_maps.codec import compile_map
+from register_maps.words import Mode
 from simulator.state import Parameters
 from tests.support.rmf.fleet import TRAITS, FleetRobot
 from tests.support.rmf.judge import Judge
 from tests.support.rmf.site import RmfSite
 from tests.support.rmf.way import Way
 
-FIRE = "in_mode.fire"
 DWELL_S = 1.0
 """Of the doors, in real seconds however fast the machine runs: a hold has to come before it is over."""
 LEAST_S = 0.001
@@ -101,7 +101,7 @@ class RmfWorld:
             max_age_s=spec.max_age_s or codec.map.link.max_age_s,
             holds=frozenset(name for name in codec.commands if name.startswith("hold_door.")),
             silent_driving=TRAITS[setting.distribution].timer,
-            tells_fire=any(one.fault == FIRE and one.within_s is not None for one in detections(codec, max_age_s=1.0)),
+            tells_fire=Mode.FIRE in shown_by(codec.map)[0].modes,
         )
         self.name = spec.rmf.name or self.lift
         """The lift's name in RMF."""

@@ -22,7 +22,8 @@ def test_an_example_is_as_it_says(path: Path) -> None:
     verdict = verdict_of(play(load_scenario(path)))
     assert verdict.ok, "\n".join(lines(verdict))
     assert verdict.invitations > 0
-    assert verdict.undetectable == ()
+    # what a foreign writer presses in an example is on for as long as it presses
+    assert all("foreign_writer" in line for line in verdict.undetectable)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

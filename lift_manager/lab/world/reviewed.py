@@ -1,0 +1,241 @@
+"""What each shipped map can show of its lift, reviewed by hand against its source; and what no register can show, by fault.
+
+The judge relies on this table and not on `lift_manager.commissioning.detection`, the codec or the word lists of the product: an error
+there must not excuse itself. A map that is not listed, or was changed by its site, is described from its text (`described`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from drivers.model import Proof
+from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Excuse, FloorBy, Shows, Wrong
+from register_maps.schema import RegisterMap
+from register_maps.words import Mode
+
+ALL_MODES = frozenset({Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE})
+FIRE_ALONE = frozenset({Mode.FIRE})
+NONE = frozenset[Mode]()
+
+_EFFECT, _READBACK, _LAMP = frozenset({Proof.EFFECT}), frozenset({Proof.READBACK}), frozenset({Proof.LAMP})
+_RELAYS: Mapping[str, frozenset[Proof]] = {"go_to": _EFFECT, "hold_door": _READBACK}
+"""A call of a few relays is confirmed by nothing but the car; a hold by the relay that is on."""
+_GENERIC: Mapping[str, frozenset[Proof]] = {
+    "go_to": _LAMP | _EFFECT,
+    "hold_door": _READBACK,
+    "close_door": _EFFECT,
+    "robot_mode": _EFFECT,
+}
+_WORDS: Mapping[str, frozenset[Proof]] = {
+    "call": _EFFECT,
+    "go": _EFFECT,
+    "robot_in_place": _READBACK,
+    "robot_left": _READBACK,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One map as it was reviewed, with the names that it had."""
+
+    names: str
+    """Signals, a bar, and commands; a map with others was not reviewed."""
+    shows: Shows
+
+
+def _relays(*, fire: bool, max_age_s: float = 1.0, bars: frozenset[str] = frozenset()) -> Shows:
+    """Two limits of the door, a contact per floor, and nothing that tells motion."""
+    return Shows(
+        max_age_s=max_age_s,
+        modes=FIRE_ALONE if fire else NONE,
+        motion=False,
+        direction=False,
+        floor_by=FloorBy.SWITCH,
+        bars=bars,
+        proofs=_RELAYS,
+    )
+
+
+REVIEWED: Mapping[str, Row] = {
+    "adam-io": Row("car_floor door.front fire | go_to hold_door.front", _relays(fire=True, max_age_s=2.0)),
+    "adam-pushbutton": Row(
+        "car_floor door.front | close_door.front go_to hold_door.front",
+        Shows(
+            max_age_s=2.0,
+            modes=NONE,
+            motion=False,
+            direction=False,
+            floor_by=FloorBy.SWITCH,
+            door_by=DoorBy.OPEN_CONTACT,
+            proofs={**_RELAYS, "close_door": _EFFECT},
+        ),
+    ),
+    "generic-coils": Row(
+        "call_accepted car_floor door.front emergency_power fire independent inspection level motion obstruction.front"
+        " out_of_service overload robot_mode_on robots_allowed | close_door.front go_to hold_door.front robot_mode",
+        Shows(
+            modes=ALL_MODES,
+            floor_by=FloorBy.SWITCH,
+            robot_mode=True,
+            bars=frozenset({"robots_allowed"}),
+            proofs=_GENERIC,
+        ),
+    ),
+    "generic-registers": Row(
+        "alive call_accepted car_floor destination door.front fire level mode motion obstruction.front overload robot_mode_on"
+        " | close_door.front go_to hold_door.front robot_mode",
+        Shows(modes=ALL_MODES, beats_within_s=3.0, robot_mode=True, proofs=_GENERIC),
+    ),
+    "moxa-e1211": Row(
+        "car_floor door.front watchdog_tripped | go_to hold_door.front",
+        _relays(fire=False, bars=frozenset({"watchdog_tripped"})),
+    ),
+    "moxa-e1212": Row("car_floor door.front fire | go_to hold_door.front", _relays(fire=True)),
+    "moxa-e1214": Row("car_floor door.front fire | go_to hold_door.front", _relays(fire=True)),
+    "robotnik-il-eth": Row(
+        "car_floor door.front | go_to hold_door.front robot_mode",
+        Shows(
+            modes=NONE,
+            motion=False,
+            direction=False,
+            floor_by=FloorBy.SWITCH,
+            proofs={**_RELAYS, "robot_mode": _READBACK},
+        ),
+    ),
+    "seer-generic": Row(
+        "car_floor door.front emergency_power motion | close_door.front go_to hold_door.front",
+        Shows(modes=frozenset({Mode.EMERGENCY}), proofs={**_RELAYS, "close_door": _EFFECT}),
+    ),
+    "seer-lps3-two-stop": Row(
+        "car_floor door.front | call robot_in_place",
+        Shows(
+            max_age_s=2.0,
+            modes=NONE,
+            motion=False,
+            direction=False,
+            floor_by=FloorBy.DOOR,
+            door_by=DoorBy.OPEN_LIMITS,
+            # nothing shows that the car comes: the output that is on is all there is
+            proofs={"call": _READBACK, "robot_in_place": _READBACK},
+        ),
+    ),
+    "seer-siemens-chengdu": Row(
+        "car_floor door.front may_enter may_leave | call go robot_in_place robot_left",
+        Shows(modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS),
+    ),
+    "seer-siemens-chengdu-block": Row(
+        "car_floor door.front may_enter may_leave | call go robot_in_place robot_left",
+        Shows(modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS),
+    ),
+    "two-stop-agv": Row(
+        "car_floor door.front fault robot_mode_on | close_door.front go_to hold_door.front",
+        Shows(
+            modes=NONE,  # its fault lamp is none of the modes that a simulated controller changes to
+            motion=False,
+            direction=False,
+            floor_by=FloorBy.SWITCH,
+            robot_mode=True,
+            proofs={**_RELAYS, "close_door": _EFFECT},
+        ),
+    ),
+    "wago-750": Row(
+        "car_floor door.front fire watchdog_time watchdog_tripped | go_to hold_door.front",
+        _relays(fire=True, bars=frozenset({"watchdog_tripped"})),
+    ),
+    "waveshare-relay": Row("car_floor door.front | go_to hold_door.front", _relays(fire=False)),
+}
+"""The shipped maps on which a robot can ride, completed as the campaigns complete them."""
+
+TWO_DOORS = {"door.front": "door.rear", "hold_door.front": "hold_door.rear", "close_door.front": "close_door.rear"}
+"""A site with a second door gives it the same signals and commands."""
+
+
+def shown_by(source: RegisterMap) -> tuple[Shows, bool]:
+    """Return what a map can show, and whether that was reviewed."""
+    row = REVIEWED.get(source.name)
+    if row is not None and _names(source) == row.names:
+        return row.shows, True
+    return described(source), False
+
+
+def _names(source: RegisterMap) -> str:
+    second = set(TWO_DOORS.values())
+    signals, commands = (" ".join(sorted(set(named) - second)) for named in (source.signals, source.commands))
+    return f"{signals} | {commands}"
+
+
+def described(source: RegisterMap) -> Shows:
+    """Describe a map from its text."""
+    signals, floor = source.signals, source.signals.get("car_floor")
+    doors = [spec for name, spec in signals.items() if name.startswith("door.")]
+    by_limits = any(spec.open_limits is not None for spec in doors)
+    shared = floor is not None and any(set(spec.addresses) == set(floor.addresses) for spec in doors)
+    per_floor = floor is not None and floor.one_of is not None
+    both = all(spec.open_limit is not None or len(set((spec.values or {}).values())) > 2 for spec in doors)
+    beat = signals.get("alive")
+    return Shows(
+        max_age_s=source.link.max_age_s,
+        modes=frozenset(_modes(source)),
+        beats_within_s=beat.must_change_within_s if beat is not None else None,
+        motion=not signals.keys().isdisjoint({"motion", "level"}),
+        direction="motion" in signals,
+        floor_by=FloorBy.DOOR if shared else FloorBy.SWITCH if per_floor else FloorBy.CODE,
+        door_by=DoorBy.OPEN_LIMITS if by_limits else DoorBy.BOTH_ENDS if both else DoorBy.OPEN_CONTACT,
+        robot_mode="robot_mode_on" in signals,
+        permits="robot_in_place" in source.commands and not signals.keys().isdisjoint({"may_enter", "may_leave"}),
+        bars=frozenset(signals.keys() & {"robots_allowed", "watchdog_tripped"}),
+    )
+
+
+_FLAGS = {
+    "fire": Mode.FIRE,
+    "emergency_power": Mode.EMERGENCY,
+    "inspection": Mode.INSPECTION,
+    "independent": Mode.INDEPENDENT,
+    "out_of_service": Mode.OUT_OF_SERVICE,
+}
+
+
+def _modes(source: RegisterMap) -> Iterator[Mode]:
+    yield from (mode for flag, mode in _FLAGS.items() if flag in source.signals)
+    word = source.signals.get("mode")
+    yield from (Mode(text) for text in (word.values or {}).values() if Mode(text) in FORBIDDEN) if word else ()
+
+
+# -- faults
+
+_LATE = frozenset({Wrong.EFFECT})
+_UNSEEN = frozenset({Wrong.EFFECT, Wrong.OUTPUT})
+"""Of registers that stand still. What may be said of the lift meanwhile the judge knows better: what was so when they came to."""
+
+
+def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float) -> dict[str, Excuse]:
+    """Return what each fault may make wrong, by the name of the fault. A fault that is not here excuses nothing."""
+    stands_still = None if shows.beats_within_s is None else shows.beats_within_s + max_age_s
+    found = {
+        # a call counts as taken while the car moves, and nobody sees before it should have come that it does not
+        "wrong_floor": Excuse(_LATE, arrive_within_s),
+        "homing": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
+        "calls_cancelled": Excuse(_LATE, arrive_within_s),
+        "reboot": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
+        "says_wrong_floor": Excuse(frozenset({Wrong.OPEN, Wrong.EFFECT, Wrong.FLOOR}), None),
+        "floor_ahead": Excuse(frozenset({Wrong.FLOOR}), None),
+        "contradicting_limits": Excuse(frozenset({Wrong.OPEN, Wrong.SHOWN}), max_age_s),
+        "frozen_registers": Excuse(_UNSEEN, stands_still),
+        "stopped": Excuse(_UNSEEN, stands_still),
+        "lost_press": Excuse(_LATE, None),
+        "ignored_writes": Excuse(_LATE | {Wrong.OUTPUT}, None),
+        "ignored_writes.stored": Excuse(_LATE | {Wrong.OUTPUT}, None),
+        "foreign_writer": Excuse(_LATE | {Wrong.OUTPUT}, None),
+    }
+    for mode in ALL_MODES:
+        if mode not in shows.modes:
+            # it takes no call, and a car that moves for people looks like the answer
+            found[f"in_mode.{mode}"] = Excuse(_LATE, None)
+    return found
+
+
+def _lost_floor(shows: Shows) -> frozenset[Wrong]:
+    """A controller that looks for its floor goes on to say the last number."""
+    return frozenset({Wrong.FLOOR}) if shows.floor_by is FloorBy.CODE else frozenset()
