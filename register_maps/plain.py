@@ -92,7 +92,7 @@ def _message(error: ErrorDetails, schema: JsonSchema, path: Path, written: str |
     sort = _SORTS.get(re.sub(r"_(type|parsing|parsing_size|from_float|attributes_type)$", "", kind))
     if sort is None:
         return error["msg"].replace("Input should", "must")
-    return _wrong_sort(sort, given, written) + (_for_example(schema, path) if sort == TABLE else "")
+    return _wrong_sort(sort, given, written) + (for_example(schema, path) if sort == TABLE else "")
 
 
 def _wrong_sort(sort: str, given: object, written: str | None) -> str:
@@ -108,7 +108,7 @@ def _wrong_sort(sort: str, given: object, written: str | None) -> str:
     return f"must be {sort}, not {'the text ' if isinstance(given, str) else ''}{written or repr(given)}"
 
 
-def _for_example(schema: JsonSchema, path: Path) -> str:
+def for_example(schema: JsonSchema, path: Path) -> str:
     """Show what may stand at a path: `; for example {at: "holding:12"}`."""
     node = next((node for node in _nodes(schema, path) if node.get("type") == "object"), {})
     example = _example(schema, node, depth=2)

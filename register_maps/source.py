@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from register_maps.errors import Finding, MapFileError
 from register_maps.nodes import ALIAS, TAG, Notes, compose
-from register_maps.plain import plain_words
+from register_maps.plain import for_example, plain_words
 
 __all__ = [
     "LEFT_OUT",
@@ -200,11 +200,13 @@ def _other_kind(data: object, model: type[BaseModel]) -> str:
 
     Nothing of such a file is quoted: whoever names a file here may not be allowed to read it, and its content may be secret.
     """
-    keys = _json_schema(model)["properties"].keys()
+    schema = _json_schema(model)
+    keys = schema["properties"].keys()
     if isinstance(data, dict) and (not data or keys & data.keys()):
         return ""
     if not isinstance(data, dict):
-        return f"must be a table of keys, not {'a list' if isinstance(data, list) else 'a text or a number'}"
+        kind = "a list" if isinstance(data, list) else "a text or a number"
+        return f"must be a table of keys, not {kind}{for_example(schema, ())}"
     return f"is probably another file: it has none of the keys {', '.join(sorted(keys))}"
 
 

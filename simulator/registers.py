@@ -6,7 +6,7 @@ instant: a press and its release are two events, however close they are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from operator import attrgetter
 
@@ -105,6 +105,11 @@ class RegisterFace:
     def asked(self) -> Mapping[str, int]:
         """Return what the controller is asked for over the network: the index of the floor for a call, 1 for others."""
         return self._inputs.asked
+
+    @property
+    def taken(self) -> Collection[str]:
+        """Return the holds that go on although the program has taken them out of their points."""
+        return self._cells.taken
 
     @property
     def cells(self) -> Image:

@@ -140,6 +140,8 @@ class Track:
     """The one that was reported last."""
     was_shut: bool = False
     """The reading before showed every door closed."""
+    was_under_way: bool = False
+    """And its motion signal said that the car moved."""
     between_shut: bool | None = None
     """Since the car reported no floor, every reading has; None while it reports one."""
     trip_shut: bool | None = None
@@ -190,6 +192,7 @@ def judge(
     after = Track(
         floor=track.floor if sight.floor is None else sight.floor,
         was_shut=step.is_shut,
+        was_under_way=sight.values.motion in MOVING,
         between_shut=step.between_shut,
         trip_shut=trip_shut,
         runs=runs,
@@ -272,10 +275,15 @@ class _Step:
         return self.is_shut or (pressed and track.shut_here), opened_at
 
     def _came_shut(self) -> bool:
-        """Whether the car came here with its doors closed; they may open as the new floor is reported."""
-        if self._track.between_shut is not None:
-            return self._track.between_shut
-        return self._track.was_shut and all(door in _NOT_OPEN for door in self._sight.values.doors.values())
+        """Whether the car came here with its doors closed; they may open as the new floor is reported.
+
+        Where the reading before showed it under way behind closed doors they may be open by now: readings may be a second apart.
+        """
+        track = self._track
+        if track.between_shut is not None:
+            return track.between_shut
+        not_open = all(door in _NOT_OPEN for door in self._sight.values.doors.values())
+        return track.was_shut and (not_open or track.was_under_way)
 
     def calls(self, trust: Trust, call: Call | None) -> tuple[_Trip | None, _Miss | None, Trust, tuple[str, ...]]:
         """Follow a call until the car rests; the same offset twice in a row is the mark of a shifted table."""
@@ -391,5 +399,5 @@ def _doubt(wiring: Wiring, track: Track, trust: Trust, sight: Sight, at: float) 
             " a car that is parked with its door open has to be sent to another floor once"
         )
     if at - track.opened_at < OPEN_FOR_S:
-        return f"its door to stay open for {OPEN_FOR_S:g} s: {names} is not proven by a trip yet"
+        return f"its door to read open for {OPEN_FOR_S:g} s: {names} is not proven by a trip yet"
     return ""

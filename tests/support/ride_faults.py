@@ -283,4 +283,5 @@ def judge_end(story: Story, over: Ride) -> None:
         assert over.reason, over
     if not over.maybe_aboard:
         assert not story.robot.inside, over
-    assert state.holder is None or state.holder.face != "ride", state
+    # a session that has ended keeps its lift until the open door was withdrawn for long enough
+    assert state.holder is None or state.holder.face != "ride" or state.ending, state

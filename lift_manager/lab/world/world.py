@@ -78,25 +78,27 @@ class SimulatedLift:
     inputs: Inputs
     """What people and keys do."""
     people: Passengers | None = None
-    _seen: tuple[Picture, Raw, Truth] | None = None
+    _seen: tuple[Picture, tuple[Raw, dict[str, int]], Truth] | None = None
 
     @property
     def truth(self) -> Truth:
         """What it really does, at its own time; a lift in which nothing has changed has the same truth still.
 
-        Raises WorldError where the simulator obeys what the judge does not read in its registers.
+        Raises WorldError where the simulator obeys what the judge does not read in its registers, but for holds that its program has
+        taken out of them, as their map says.
         """
         face, raw = self.face, self.outputs.raw(self.face.cells)
+        taken = dict.fromkeys(face.taken, 1)
         picture = face.picture
-        if self._seen is not None and self._seen[0] is picture and self._seen[1] == raw:
+        if self._seen is not None and self._seen[0] is picture and self._seen[1] == (raw, taken):
             return self._seen[2]
-        given = self.outputs.asked(raw)
+        given = taken | self.outputs.asked(raw)
         if any(given.get(name) != value for name, value in face.asked.items()):
             raise WorldError(f"{self.name} obeys {dict(face.asked)}, and its registers ask for {dict(given)}")
         truth = truth_of(face, self.floors, given)
         if self._seen is not None and self._seen[2] == truth:
             truth = self._seen[2]
-        self._seen = picture, raw, truth
+        self._seen = picture, (raw, taken), truth
         return truth
 
 

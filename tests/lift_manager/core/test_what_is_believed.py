@@ -99,7 +99,7 @@ def test_a_contradiction_outlives_the_manager_and_ends_with_a_persons_word() -> 
         made.accept("L1", hold=False)
         await elapse(1)
         assert made.state.holder is None
-        assert made.robot_door() is RobotDoor.OPEN
+        assert made.robot_door() is RobotDoor.MOVING  # it was released, and is about to close
         refused = made.task.acknowledge("M. Weber")
         assert isinstance(refused, Refused)
         assert refused.code is Refusal.NOTHING_TO_ACKNOWLEDGE

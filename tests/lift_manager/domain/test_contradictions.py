@@ -344,6 +344,13 @@ def given(call: Call | None, *, pressed: bool = True) -> Commanded:
 HERE = calls.pressed(calls.want(None, "L1", 0.0), 0.0)
 
 
+def test_a_car_that_was_under_way_behind_its_closed_door_may_have_opened_it_by_the_next_reading() -> None:
+    lift = Lift(MOTION).read(at("L1", C, S), at("L1", C, UP), at("L2", O, S))
+    assert lift.trust.door_proven
+    standing = Lift(MOTION).read(at("L1", C, S), at("L2", O, S))
+    assert not standing.trust.door_proven
+
+
 def test_a_door_that_stands_open_from_the_first_reading_is_not_believed_before_a_trip() -> None:
     lift = Lift(MOTION).read(at("L1", O, S), times=50)
     assert door(lift) is RobotDoor.MOVING

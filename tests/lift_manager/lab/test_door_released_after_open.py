@@ -50,7 +50,7 @@ class Watched:
         for ride in self.world.manager.rides():
             if ride.guidance in (Guidance.ENTER, Guidance.LEAVE):
                 self.invited_at = now
-        held = HOLD in self.world.lifts["lift"].truth.commands
+        held = HOLD in self.world.lifts["lift"].truth.obeyed
         if self.held and not held:
             self.released.append((now, self.open_at, self.invited_at))
         self.held = held

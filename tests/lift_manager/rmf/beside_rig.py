@@ -140,9 +140,9 @@ class Ears:
 
 
 @contextmanager
-def beside(port: int, pace: Pace = CALM) -> Iterator[tuple[Beside, Ears]]:
+def beside(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[Beside, Ears]]:
     """An adapter's way to whoever answers at this port, and what is heard over it."""
-    way, ears = Beside(Server(Address("127.0.0.1", port), KEY), pace), Ears()
+    way, ears = Beside(Server(Address("127.0.0.1", port), key), pace), Ears()
     way.start(ears, ears.inbox.put)
     try:
         yield way, ears

@@ -56,13 +56,13 @@ class TestALiftThatRuns:
         return port
 
     def test_the_lift_is_as_its_site_says(self, port: int) -> None:
-        with beside(port, Pace()) as (_, ears):
+        with beside(port, Pace(), key="") as (_, ears):
             lift = until(ears, lambda lift: lift.live).lifts[0]
         assert (lift.lift, lift.name, lift.floor, lift.holder) == (LIFT, LIFT, "L1", None)
         assert list(lift.floors.items()) == [(floor, floor) for floor in ("L1", "L2", "L3", "L4")]
 
     def test_a_ride_and_its_end_are_shown_by_the_event_of_their_answer(self, port: int) -> None:
-        with beside(port, Pace()) as (way, ears):
+        with beside(port, Pace(), key="") as (way, ears):
             until(ears, lambda lift: lift.live)
             ride(way, ears)
             way.ask(Ended(LIFT, SESSION, 0.0))
@@ -70,7 +70,7 @@ class TestALiftThatRuns:
             until(ears, lambda lift: lift.door == "closed")
 
     def test_what_it_does_not_do_it_refuses_with_a_code(self, port: int) -> None:
-        with beside(port, Pace()) as (way, ears):
+        with beside(port, Pace(), key="") as (way, ears):
             until(ears, lambda lift: lift.live)
             for asked, code in (
                 (Wanted("attic", SESSION, "L1", hold_door=True), "unknown_lift"),
@@ -108,7 +108,7 @@ class Building:
 def test_a_session_goes_on_over_a_kill_and_a_start_of_the_manager(tmp_path: Path) -> None:
     with Started() as start:
         building = Building(start, tmp_path)
-        with beside(building.port, Pace()) as (way, ears):
+        with beside(building.port, Pace(), key="") as (way, ears):
             while isinstance(ears.next(), Lost):
                 pass  # it is not there yet
             site = until(ears, lambda lift: lift.live)

@@ -1,10 +1,13 @@
 """A small part of `python -m tests.campaigns.rmf`, and the proof that its judge finds what it is there to find."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 from random import Random
 
 import pytest
 
+from lift_manager.domain.events import LockedOut
+from lift_manager.domain.service import Lockout
 from lift_manager.domain.state import Holder
 from lift_manager.lab.world.truth import Truth
 from lift_manager.rmf.messages import (
@@ -53,7 +56,6 @@ FOUND_BY: dict[str, tuple[str, tuple[Event, ...]]] = {
     "clears the session on arrival": ("stolen", (RIDE,)),
     "publishes per request": ("storm", (RIDE,)),
     "says open while another face holds the lift": ("open for another", (OtherFace(0.0, 0, 10.0),)),
-    "says open before our hold is on": ("open for another", (RIDE, NEXT)),
     "says open to the next one while the last one has it": ("open for another", (RIDE, NEXT)),
     "says open while the door moves": ("open", (RIDE,)),
     "says open in a fire": ("open in fire", (replace(RIDE, pickup=0, drives_s=6.0), Fire(4.0, 10.0))),
@@ -77,7 +79,7 @@ FOUND_BY: dict[str, tuple[str, tuple[Event, ...]]] = {
 """What finds each fault, in which story."""
 WHERE = {"clears a session before the manager knows of its END": "humble"}
 """In which distribution; kilted where it is not said."""
-BY_HAND = {"open and not held", "robot mode", "never done"}
+BY_HAND = {"open and not held", "robot mode", "locked out", "never done"}
 """Rules that no adapter above breaks first; their judge is tried with what it would see."""
 MODES = (MODE_HUMAN, MODE_AGV)
 
@@ -133,6 +135,14 @@ def test_robot_mode_that_falls_under_way_is_found(mode: bool, rules: list[str]) 
     one = judge()
     one.looked(0.9, "lift", truth(open_at=None))
     one.looked(1.0, "lift", truth(open_at=None, robot_mode=mode))
+    assert [found.rule for found in one.findings] == rules
+
+
+@pytest.mark.parametrize(("pressed_at", "rules"), [(1.9, []), (2.1, ["locked out"])])
+def test_a_press_in_a_lockout_is_found(pressed_at: float, rules: list[str]) -> None:
+    one = judge()
+    one.heard(1.0, LockedOut("lift", Lockout("the guard", "moving", datetime(2026, 11, 22, tzinfo=UTC))))
+    one.pressed(pressed_at, "lift", frozenset({"robot_mode"}))
     assert [found.rule for found in one.findings] == rules
 
 

@@ -253,13 +253,9 @@ def _open_for_another(state: LiftState, view: LiftView | None) -> LiftState:
     return replace(state, door_state=DOOR_OPEN) if foreign and _is_open(view) else state
 
 
-def _open_unheld(state: LiftState, view: LiftView | None) -> LiftState:
-    return replace(state, door_state=DOOR_OPEN) if state.session_id and _is_open(view) else state
-
-
 def _open_for_whom_it_was_not(state: LiftState, view: LiftView | None) -> LiftState:
     other = view is not None and view.holder not in (None, HeldBy("rmf", state.session_id))
-    return replace(state, door_state=DOOR_OPEN) if other and state.session_id and _is_open(view) else state
+    return replace(state, door_state=DOOR_OPEN) if other and state.session_id and _is_not_closed(view) else state
 
 
 def _open_before_it_is(state: LiftState, view: LiftView | None) -> LiftState:
@@ -273,6 +269,10 @@ def _forgets_offline(state: LiftState, view: LiftView | None) -> LiftState:
 
 def _is_open(view: LiftView | None) -> bool:
     return view is not None and view.live and view.standing and view.door == "open"
+
+
+def _is_not_closed(view: LiftView | None) -> bool:
+    return view is not None and view.live and view.standing and view.door != "closed"
 
 
 def _open_until_fire_is_over() -> _Speaks:
@@ -339,7 +339,6 @@ CARELESS: Mapping[str, Callable[[Manager, Out, Clock], Adapter]] = {
     "clears the session on arrival": _says(lambda: _cleared_on_arrival),
     "publishes per request": PublishesPerRequest,
     "says open while another face holds the lift": _says(lambda: _open_for_another),
-    "says open before our hold is on": _says(lambda: _open_unheld),
     "says open to the next one while the last one has it": _says(lambda: _open_for_whom_it_was_not),
     "says open while the door moves": _says(lambda: _open_before_it_is),
     "says open in a fire": _says(_open_until_fire_is_over),
