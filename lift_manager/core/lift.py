@@ -353,7 +353,7 @@ class LiftTask:
         people.note_trust(judgement.trust)
         self._trust = people.remembered.trust
         settled = sight.settled and not judgement.pending
-        return replace(sight, doubt=judgement.doubt, settled=settled), judgement.news
+        return replace(sight, doubt=judgement.doubt, must_close=judgement.must_close, settled=settled), judgement.news
 
     def _is_no_news(self, before: Sight, reading: LiftReading, gap_s: float) -> bool:
         """Whether a reading only shows that nothing has changed: most do, and cost next to nothing."""

@@ -181,6 +181,9 @@ class Serving:
             return self._await_grant(session, call, f"{', '.join(sorted(missing))} for {command}", now)
         if call.phase is CallPhase.WANTED and not self._handshake.ready:
             return self._await_word(session, sight, permit, now)
+        if is_hold and call.phase is CallPhase.WANTED and sight.floor == call.floor and sight.must_close:
+            self._let_go_of_doors()
+            return session
         if not session.ending and calls.may_press(call, sight, self._able, now, is_hold=is_hold):
             self._let_go_of_doors()
             self.call.press(call, permit, aboard=self._handshake.aboard is True, now=now)
@@ -273,7 +276,7 @@ class Serving:
         session = replace(session, holding_since=now if session.holding_since is None else session.holding_since)
         self._used(session)
         self._button.keep_on(permit)
-        self.doors.hold(floor, permit, begin=begin and session.may_begin)
+        self.doors.hold(floor, permit, begin=begin and session.may_begin and not sight.must_close)
         return session
 
     def _spent(self, session: Session, now: float) -> Session:

@@ -163,6 +163,8 @@ class Judgement:
     trust: Trust
     doubt: str = ""
     """Why a door that reads open is not believed, as something to wait for; empty where it is."""
+    must_close: bool = False
+    """Its door has to be read closed before it is believed."""
     news: tuple[str, ...] = ()
     """What a person should know, each once."""
     pending: bool = False
@@ -201,11 +203,15 @@ def judge(
         trip=trip,
         miss=miss,
     )
+    doubt = _doubt(wiring, after, trust, sight, at)
     return Judgement(
         after,
         trust,
-        _doubt(wiring, after, trust, sight, at),
-        (*doors_news, *trips_news, *calls_news),
+        doubt,
+        must_close=bool(doubt)
+        and not step.is_shut
+        and (bool(trust.distrust) or not (shut_here or opened_at is not None)),
+        news=(*doors_news, *trips_news, *calls_news),
         pending=any(run.from_rest and (step.travels or run.elsewhere) and not run.told for run in runs.values())
         or (opened_at is not None and not trust.door_proven and at - opened_at < OPEN_FOR_S),
     )
@@ -395,9 +401,9 @@ def _doubt(wiring: Wiring, track: Track, trust: Trust, sight: Sight, at: float) 
         return ""
     if track.opened_at is None:
         return (
-            f"proof that {names} is not inverted: either the door opens after our own press, or it reads closed throughout one trip;"
-            " a car that is parked with its door open has to be sent to another floor once"
+            f"proof that {names} is not inverted: either it closes, and opens after our own press, or it reads closed throughout one"
+            " trip; a car that is parked with its door open has to be sent to another floor once"
         )
     if at - track.opened_at < OPEN_FOR_S:
-        return f"its door to read open for {OPEN_FOR_S:g} s: {names} is not proven by a trip yet"
+        return f"its door to remain open for {OPEN_FOR_S:g} s: {names} is not proven by a trip yet"
     return ""

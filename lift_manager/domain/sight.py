@@ -48,6 +48,8 @@ class Sight:
     """Of these, the doors that may still be closing."""
     doubt: str = ""
     """Why a door that reads open is not believed; empty while it is."""
+    must_close: bool = False
+    """Its door has to be read closed before anything is believed of it: holding it open would keep it from that, and invites nobody."""
 
     @property
     def floor(self) -> FloorName | None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from datetime import UTC, datetime
 
+from drivers.model import Command, CommandKind
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.service import Acknowledged, Cause
@@ -14,6 +15,7 @@ from tests.support.virtual_time import elapse
 AT = datetime(2026, 3, 2, 21, 30, tzinfo=UTC)
 CONTACTS = replace(PLAIN, signals=frozenset({"car_floor", "door.front"}), evidence_for_s=0.2)
 """A contact at each floor, and neither motion nor permissions."""
+HOLD = Command(CommandKind.HOLD_DOOR, side=FRONT)
 PARKED_OPEN = replace(AT_L2, doors={FRONT: Door.OPEN})
 
 
@@ -50,6 +52,21 @@ def test_a_lift_that_is_parked_open_says_that_it_has_to_make_a_trip_and_is_open_
         made.accept("L1")
         await trip(made, "L2", "L1")
         await elapse(1)
+        assert (made.robot_door(), made.state.restrictions.waiting_for) == (RobotDoor.OPEN, "")
+
+    on_bench(check, CONTACTS, found=PARKED_OPEN, door_proven=False)
+
+
+def test_a_door_that_people_opened_is_held_only_once_it_has_closed_and_opens_for_us() -> None:
+    async def check(made: Bench) -> None:
+        made.accept("L2")
+        await elapse(20)
+        assert not made.driver.given(HOLD), "it would keep the car from people, and nobody would be invited"
+        await made.car("L2", Door.CLOSED)
+        assert made.driver.given(HOLD)
+        await made.car("L2", Door.OPEN)
+        assert made.robot_door() is RobotDoor.MOVING
+        await elapse(4)
         assert (made.robot_door(), made.state.restrictions.waiting_for) == (RobotDoor.OPEN, "")
 
     on_bench(check, CONTACTS, found=PARKED_OPEN, door_proven=False)
@@ -125,9 +142,10 @@ def test_a_word_of_a_person_is_heeded_though_nothing_else_changes() -> None:
 def test_a_car_behind_closed_doors_is_not_said_to_stand_where_nothing_tells_its_motion() -> None:
     async def check(made: Bench) -> None:
         assert (made.state.standing, made.state.motion) == (True, Motion.UNKNOWN)
-        await made.car("L2", Door.OPEN)
-        assert (made.state.standing, made.state.motion) == (True, Motion.STOPPED)
-        await made.car("L2", Door.CLOSED)
-        assert made.state.motion is Motion.UNKNOWN
+        said = []
+        for door in (Door.OPEN, Door.CLOSED):
+            await made.car("L2", door)
+            said.append(made.state.motion)
+        assert said == [Motion.STOPPED, Motion.UNKNOWN]
 
     on_bench(check, CONTACTS)
