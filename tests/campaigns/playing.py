@@ -50,8 +50,6 @@ from tests.support.trip_sites import COMPLETIONS, Completion, site_of
 
 LIFT = "lift"
 AS_THE_MAP_SAYS = Patience()
-CLEAR_S = 0.0
-"""How long before a release of ours an invitation must be withdrawn (`judged.CLEAR_S` for all that the README promises)."""
 HOLD = {
     "action": "hold",
     "max_hold_s": 30,
@@ -196,7 +194,7 @@ def play(
     `disk` is one of `disk_for`, `steady` as in WireFaults; `more` makes what else is done beside the events.
     """
     loaded, disk = site_for(schedule), disk or disk_for(schedule)
-    oracle = judge_of(loaded, clear_s=CLEAR_S)
+    oracle = judge_of(loaded)
     played = Played(schedule, oracle.findings)
 
     async def main() -> None:

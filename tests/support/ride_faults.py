@@ -1,5 +1,6 @@
 """Steps of a ride at which something happens, and what may happen."""
 
+import math
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
@@ -165,6 +166,7 @@ async def _lockout(story: Story) -> None:
 
 async def _force_release(story: Story) -> None:
     story.rig.manager.force_release("lift", "Ana", "needed", at_once=True)
+    story.rig.invited_at = -math.inf  # a person who wants it at once has seen that nobody is in the door
 
 
 async def _restart(story: Story) -> None:

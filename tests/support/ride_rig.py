@@ -266,6 +266,7 @@ class Robot:
             # half way there is no turning round: it goes through whatever it hears meanwhile
             self.inside, self.driving_since = not self.inside, None
             made.made.aboard = self.inside
+            made.invited_at = -math.inf  # it is through the door
         return self._speak(made, told)
 
     def _speak(self, made: Rig, told: Ride) -> Ride:

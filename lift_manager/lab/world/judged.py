@@ -17,9 +17,6 @@ FORBIDDEN = frozenset(
 )
 """Modes in which nothing is pressed and no robot is invited. The judge's own list: it does not follow a change of the product's."""
 
-CLEAR_S = 10.0
-"""How long a robot needs to clear the door: an invitation is withdrawn that long before a release of ours. Chosen, as in the README."""
-
 
 @unique
 class Wrong(StrEnum):

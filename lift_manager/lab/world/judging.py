@@ -15,15 +15,12 @@ ARRIVES_WITHIN_S = 120.0
 HANDSHAKE = frozenset({"robot_in_place", "robot_left"})
 
 
-def judge_of(loaded: LoadedSite, *, clear_s: float = 0.0) -> Oracle:
-    """Return a judge who knows what the map of each lift can and cannot show.
-
-    With a `clear_s` an invitation must be withdrawn so long before a release of ours (`judged.CLEAR_S`).
-    """
-    return Oracle({name: _judged(loaded, name, clear_s) for name in loaded.site.lifts})
+def judge_of(loaded: LoadedSite) -> Oracle:
+    """Return a judge who knows what the map of each lift can and cannot show."""
+    return Oracle({name: _judged(loaded, name) for name in loaded.site.lifts})
 
 
-def _judged(loaded: LoadedSite, name: str, clear_s: float) -> Judged:
+def _judged(loaded: LoadedSite, name: str) -> Judged:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     codec = compile_map(source, offset=spec.offset)
     shows, _ = shown_by(source)
@@ -51,7 +48,7 @@ def _judged(loaded: LoadedSite, name: str, clear_s: float) -> Judged:
         handshake=not commands.keys().isdisjoint(HANDSHAKE),
         repeated=frozenset(n for n, one in commands.items() if one.repeat_pulse_s is not None),
         fleeting=frozenset(n for n, one in commands.items() if one.ends_itself),
-        clear_s=clear_s,
+        clear_s=spec.clear_s,
     )
 
 

@@ -24,7 +24,7 @@ from lift_manager.domain.events import (
 )
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, Wrong
-from lift_manager.lab.world.oracle import FOREIGN, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
+from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck
 from register_maps.frames import parse_request
@@ -42,6 +42,8 @@ OWN_WITHIN_S = 0.3
 MODE_LEFT_S = 2.0
 """How long ago the mode may have ended because of which robot mode was dropped."""
 ROUNDING_S = 1e-6
+SAME_INSTANT_S = 0.05
+"""A press or release that is due is on the wire within so long."""
 BLINDS_TO_A_HOLD = frozenset({"frozen_registers", "stopped", "ignored_writes", "ignored_writes.stored"})
 """Faults under which a hold that was read back may not be there."""
 LOST = "lost_press"
@@ -288,7 +290,7 @@ class Rules:
     def _let_fall(self, at: float, lift: str, book: _Book) -> None:
         """See whether our release shuts the door on a robot that was invited a moment ago, and did not ask for it."""
         truth = book.truth
-        if truth is None or book.invited is None or at - book.invited_at >= book.about.clear_s:
+        if truth is None or book.invited is None or at - book.invited_at >= book.about.clear_s - SAME_INSTANT_S:
             return
         holder, floor = book.invited
         ask = self._oracle.ask_of(lift, holder)
@@ -301,9 +303,18 @@ class Rules:
             or book.stopping
             or at - book.live_at > KNOWN_WITHIN_S
         )
-        if truth.open_at == floor and not (gave_up or sudden):
-            text = f"{holder} was invited at {floor} {at - book.invited_at:.1f} s before our release"
-            self._oracle.find(at, lift, "the door fell while a robot was invited", text)
+        if truth.open_at != floor or gave_up or sudden:
+            return
+        rule, blinded = (
+            "the door fell while a robot was invited",
+            self._oracle.was_blinded(lift, book.invited_at, MISREAD),
+        )
+        if blinded is not None:
+            # a car that seems to have left takes its door along
+            self._oracle.let_pass(lift, rule, blinded)
+            return
+        text = f"{holder} was invited at {floor} {at - book.invited_at:.1f} s before our release"
+        self._oracle.find(at, lift, rule, text)
 
     def _invited(self, at: float, lift: str, book: _Book, state: LiftState) -> None:
         """Nobody is invited by a lift that a person must check, or keeps robots off."""

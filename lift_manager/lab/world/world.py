@@ -92,7 +92,7 @@ class SimulatedLift:
         picture = face.picture
         if self._seen is not None and self._seen[0] is picture and self._seen[1] == (raw, taken):
             return self._seen[2]
-        given = taken | self.outputs.asked(raw)
+        given = {**taken, **self.outputs.asked(raw)}
         if any(given.get(name) != value for name, value in face.asked.items()):
             raise WorldError(f"{self.name} obeys {dict(face.asked)}, and its registers ask for {dict(given)}")
         truth = truth_of(face, self.floors, given)
