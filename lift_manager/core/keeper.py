@@ -208,7 +208,13 @@ class SessionKeeper:
         now, session = _now(), self.session
         self.note(now)
         self.stopping = True
-        if session is not None and not session.ending and self.may_be_crossed:
+        if session is None:
+            return
+        if session.closing is not None and session.over_at is not None:
+            # a person has ended it: the process does not live as long as its robot was given
+            left_s = min(clear_s, session.over_at - now) if self.may_be_crossed else 0.0
+            self._close_soon(session, *session.closing, left_s, now)
+        elif self.may_be_crossed and not session.ending:
             self._close_soon(session, EndReason.STOPPING, STOPPING_TEXT, clear_s, now)
 
     def stop(self) -> None:

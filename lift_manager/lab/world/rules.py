@@ -219,7 +219,10 @@ class Rules:
         if ask.floor != book.floor:
             book.floor = ask.floor
             book.calls.clear()
-            index = book.about.floors.index(ask.floor)
+            floors = book.about.floors
+            index = (
+                floors.index(ask.floor) if ask.floor in floors else None
+            )  # a session may have been asked for no floor
             book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] == index}
         truth = book.truth
         told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
@@ -259,7 +262,8 @@ class Rules:
         index = dict(book.truth.given).get(name) if book.truth is not None else None
         if name.partition(".")[0] not in _CALLS or index is None:
             return bool(floors)
-        return any(book.about.floors.index(floor) == index for floor in floors)
+        all_floors = book.about.floors
+        return any(floor in all_floors and all_floors.index(floor) == index for floor in floors)
 
     def _by_itself(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
         """Note a press that nobody asked for, unless somebody else took away what it presses: then a refresh presses it again."""

@@ -189,7 +189,10 @@ def test_a_ride_that_is_given_up_with_its_door_open_does_not_release_it_at_once(
     in_world(check)
 
 
-def test_a_manager_that_ends_withdraws_open_at_once_and_releases_the_door_three_seconds_later() -> None:
+@pytest.mark.parametrize("locked_out", [False, True])
+def test_a_manager_that_ends_withdraws_open_at_once_and_releases_the_door_three_seconds_later(
+    *, locked_out: bool
+) -> None:
     seen = Recorder()
 
     async def main() -> None:
@@ -199,6 +202,8 @@ def test_a_manager_that_ends_withdraws_open_at_once_and_releases_the_door_three_
             world.ask(Ask("lift", Holder("workshop", "workshop"), "L2", hold_door=True))
             await until(world, is_open_at("L2"))
             await elapse(5)
+            if locked_out:  # its ten seconds are more than a process that ends has left
+                world.manager.lock_out("lift", "the guard", "new ropes")
         assert world.released
 
     run_virtual(main)

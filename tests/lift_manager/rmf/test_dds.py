@@ -107,9 +107,11 @@ def test_a_flood_that_nobody_takes_is_bounded_and_its_end_is_kept(settings: RosS
             calls.remove(call)
             call()
         assert len(calls) <= 1
-    assert len(heard.of("requested")) + dds.dropped <= 10_001
+    lost = 10_001 - len(heard.of("requested"))
     partner.close()
     dds.close()
+    assert lost >= 0
+    assert lost == 0 or dds.dropped  # a full reader counts as one loss, and may have lost none or many
 
 
 class UntilLast(Heard):
