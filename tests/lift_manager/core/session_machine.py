@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Coroutine
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from lift_manager.domain.session_requests import Do
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import VirtualTimeLoop, elapse
 from lift_manager.lab.world.judging import judge_of
+from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
@@ -143,7 +144,9 @@ class SessionMachine(RuleBasedStateMachine):
     @initialize()
     def start(self) -> None:
         loaded = loaded_site()
-        self.oracle = judge_of(loaded)
+        # people want doors released at once here, and sessions end in every way: how long before that OPEN is withdrawn is not asked
+        judges = judge_of(loaded).judges.items()
+        self.oracle = Oracle({name: replace(about, clear_s=0.0) for name, about in judges})
         self.book_of_rules = Rules(self.oracle)
         witnesses = (self.oracle, self.book_of_rules, self.book)
         self.stayers = Stayers(LIFT, witnesses)
