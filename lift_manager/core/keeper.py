@@ -129,7 +129,7 @@ class SessionKeeper:
     @property
     def may_be_crossed(self) -> bool:
         """Whether a robot may be on its way through the door that is held for the session, or about to be."""
-        return self.session is not None and self.arrived and self.serving.door_held(self.session, self._last_sight())
+        return self.arrived and self.door_held
 
     @property
     def letting_go(self) -> bool:
