@@ -240,7 +240,7 @@ def _late_in_queue(record: RideRecord, seen: RideSight) -> Step:
 
 def _late_call(record: RideRecord, seen: RideSight) -> Step:
     limit_s, start = record.wish.limits.called_s, record.wish.start
-    why = f"the car did not stand open at {start} within {limit_s:g} s: {record.reason}"
+    why = f"the car did not stand open at {start} within {limit_s:g} s: {_why_late(record, seen, start)}"
     if record.maybe_aboard:
         return cleared(record, Clearing(Phase.GAVE_UP, why), seen)
     return Step(gave_up(record, seen, why), (Close(left=False),))
@@ -253,7 +253,13 @@ def _late_boarding(record: RideRecord, seen: RideSight) -> Step:
 
 def _late_ride(record: RideRecord, seen: RideSight) -> Step:
     limit_s, floor = record.wish.limits.riding_s, record.wish.destination
-    return _told_people(record, f"the car did not stand open at {floor} within {limit_s:g} s: {record.reason}", seen)
+    why = _why_late(record, seen, floor)
+    return _told_people(record, f"the car did not stand open at {floor} within {limit_s:g} s: {why}", seen)
+
+
+def _why_late(record: RideRecord, seen: RideSight, floor: FloorName) -> str:
+    """Say what was waited for; a ride whose time ran out while the manager was not running has no reason of its own."""
+    return record.reason or sight.why_not_open(record, seen, floor) or f"the door at {floor} was about to open"
 
 
 def _late_alighting(record: RideRecord, seen: RideSight) -> Step:

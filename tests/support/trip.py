@@ -4,6 +4,7 @@ Every state that is published on the way is compared with what the lift really d
 """
 
 import asyncio
+from asyncio import Future
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -18,10 +19,11 @@ from drivers.modbus.memory import MemoryWire, Reply
 from drivers.model import Outcome, Result
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Memory
+from lift_manager.core.memory import Memory, ShortMemory, Trouble
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import Alarm, CommandEnded, Event, StateChanged
+from lift_manager.domain.service import Remembered
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from tests.support.proven import proven
 from tests.support.trip_sites import Site
@@ -78,6 +80,34 @@ class Exchange:
     @property
     def is_write(self) -> bool:
         return self.request[7] > 4
+
+
+class MortalMemory:
+    """The memory of one manager. Once that is killed it writes nothing more, whatever timer of it goes off later."""
+
+    def __init__(self, memory: Memory) -> None:
+        self._memory = memory
+        self.killed = False
+
+    @property
+    def trouble(self) -> str:
+        return self._memory.trouble
+
+    def written(self, lift: str) -> Future[None] | None:
+        return self._memory.written(lift)
+
+    def recall(self, lift: str) -> Remembered:
+        return self._memory.recall(lift)
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        if not self.killed:
+            self._memory.keep(lift, remembered)
+
+    async def run(self, trouble: Trouble) -> None:
+        await self._memory.run(trouble)
+
+    async def settled(self) -> None:
+        await self._memory.settled()
 
 
 @dataclass
@@ -282,7 +312,8 @@ async def trip(
         between_sessions_s=0,
     )
     kept = proven(("lift",), driver.capabilities, memory) if door_proven else memory
-    task = LiftTask(driver, options, bus, memory=kept)
+    own_memory = MortalMemory(kept or ShortMemory())
+    task = LiftTask(driver, options, bus, memory=own_memory)
     made = Trip(site, plant, task, driver, exchanges, in_words, bus)
     running = [asyncio.ensure_future(work) for work in (*(link.run() for link in links), task.drive(), task.run())]
     await elapse(start_s)
@@ -291,6 +322,7 @@ async def trip(
         try:
             yield made
         finally:
+            own_memory.killed = True
             for one in running:
                 one.cancel()
             ended = await asyncio.gather(*running, return_exceptions=True)

@@ -344,6 +344,13 @@ def test_a_ride_that_waits_too_long_gives_up_with_what_it_waited_for() -> None:
     assert after.record.advice is None
 
 
+def test_a_ride_whose_time_ran_out_before_a_restart_says_what_it_waits_for_now() -> None:
+    called = step(replace(ride(Phase.CALLED), reason=""), sight(OFFLINE, session("L1"), now=300.0)).record
+    assert called.reason == "the car did not stand open at L1 within 300 s: A is offline since 11:59:52"
+    riding = step(replace(ride(Phase.RIDING), reason=""), sight(OFFLINE, session("L3"), now=900.0)).record
+    assert "the car did not stand open at L3 within 200 s: A is offline since 11:59:52" in riding.reason
+
+
 def test_a_car_that_does_not_come_in_time_is_given_back() -> None:
     after = step(ride(Phase.CALLED), sight(away(), session("L1"), now=300.0))
     assert (after.record.phase, after.actions) == (Phase.GAVE_UP, (Close(left=False),))
