@@ -1,42 +1,61 @@
-"""The seam between the manager and one lift, whatever the lift speaks."""
+"""The boundary between the manager and one lift, whatever the lift speaks: the manager calls `LiftDriver`, the driver calls `Above`."""
 
 from __future__ import annotations
 
-from asyncio import Future
-from collections.abc import Callable
+from collections.abc import Mapping
 from typing import Protocol
 
-from drivers.model import Capabilities, Command, LiftReading, Outcome, SignalValue, Written
+from drivers.model import (
+    Capabilities,
+    Command,
+    DriverFailed,
+    Hold,
+    LiftReading,
+    Outcome,
+    OutputChanged,
+    PressId,
+    SignalValue,
+    Written,
+)
 
-Permit = Callable[[], str | None]
-"""Called immediately before the bytes of a press leave, and before that as often as anybody wants to know; a text refuses it and says why."""
+Report = Outcome | OutputChanged | Written | DriverFailed
+"""What a driver reports by itself."""
 
 
-def always() -> str | None:
-    """Refuse nothing."""
-    return None
+class Above(Protocol):
+    """The side that commands a driver."""
 
+    def blocked_by(self, command: Command, press: PressId | None) -> str | None:
+        """Return what forbids this command now; None where nothing does. Changes nothing.
 
-class WriteLog(Protocol):
-    """Writes down what is told to one lift. Never raises, and only `before` has an answer to wait for."""
-
-    def before(self, command: Command, frames: tuple[str, ...], *, again: bool = False) -> Future[str | None]:
-        """Note that this is about to be pressed; tell when that is written down: None, or why it may not be pressed.
-
-        `again` says that it is a hold that was found off, and is pressed again for the same request.
-        `frames` are the writes it will be, as far as they are known before words that others write too are read.
+        Asked immediately before the bytes leave, with no await in between, for the command itself and for every other one
+        that the same write asserts; and at other times for an estimate. `press` is the press that has not been written yet;
+        None for a hold, and for what is on already.
         """
         ...
 
-    def wrote(self, written: Written) -> None:
-        """Note what reached the wire, or may have. Of what is written again and again only changes are noted."""
+    def report(self, item: Report) -> None:
+        """Take note of something. The driver is in the middle of its work: queue what needs an answer."""
         ...
+
+
+class Unattended:
+    """Nobody is above: every press is refused, and reports go nowhere."""
+
+    def blocked_by(self, command: Command, press: PressId | None) -> str | None:
+        """Forbid everything."""
+        return "nobody commands this lift"
+
+    def report(self, item: Report) -> None:
+        """Drop it."""
 
 
 class LiftDriver(Protocol):
     """One lift as an object: what it says and what it can be told.
 
-    `press`, `hold` and `let_go` only note the wish and return at once; `run` carries them out.
+    `declare`, `press` and `cancel` only take note and return at once; `run` carries them out. The driver knows its map's rules
+    (what excludes what, pauses, endings, verification, other writers) and nothing of sessions, journals or disks: whoever must
+    write something down first calls it afterwards.
     """
 
     @property
@@ -49,66 +68,54 @@ class LiftDriver(Protocol):
         """Where it is, for messages: controller name and address."""
         ...
 
-    def signals(self, now: float) -> tuple[SignalValue, ...]:
-        """Return every signal of the map as it was read last, with its age at the monotonic time `now`; decoded when asked for."""
-        ...
-
-    async def read(self) -> LiftReading:
-        """Poll once. Raises DriverError: then there is no reading, and nothing old stands in for it."""
+    def attach(self, above: Above) -> None:
+        """Ask and report to `above` from now on. Until then nothing may be pressed."""
         ...
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled."""
         ...
 
-    def press(self, command: Command, permit: Permit, begins: Permit = always) -> Future[Outcome]:
-        """Give a command once. It is never repeated, whatever happens to it.
+    async def read(self) -> LiftReading:
+        """Poll once. Raises DriverError: then there is no reading, and nothing old stands in for it."""
+        ...
 
-        `begins` is asked with the permit when bytes leave, but no more once the press was answered: what is on then may stay.
+    def declare(self, holds: Mapping[Command, Hold]) -> None:
+        """Replace what should be on. What is absent is released: repeated until verified or the controller is gone.
+
+        Repeat it whenever `until` moves; a hold that could not be put on, with nothing of it sent, is then tried again. What is
+        declared before the lift is read for the first time without `begin` is kept if the first look finds it on. Presses that
+        are on their way are left alone, and so are pulses: they end by themselves.
         """
         ...
 
-    def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
-        """Keep a held command on, or renew it; it falls `max_hold_s` after the last call.
+    def press(self, press: PressId, command: Command, leave_by: float) -> None:
+        """Give a command once. It is never repeated, whatever happens to it; its `Outcome` is reported once.
 
-        Where it may not `begin`, only what is on is renewed, and what was adopted, or is only kept, and is found off later
-        stays off.
+        One that was not written by the monotonic time `leave_by`, and the pauses that the map asks for, is given up. What stays
+        on is kept for as long as it is declared, at most for `max_hold_s`. A newer press of the same command replaces it.
         """
         ...
 
-    def keep(self, command: Command) -> None:
-        """Leave a hold on though nobody asks for it any more.
+    def cancel(self, press: PressId) -> None:
+        """Take a press back: it does not leave any more, and what it put on is released, unless that is declared.
 
-        It is not renewed by this. One that is found off stays off until `hold` may `begin` it; one that was not pressed yet is
-        not pressed.
+        Without an outcome until then it ends as unconfirmed.
         """
         ...
 
-    def adopt(self, command: Command, permit: Permit) -> None:
-        """Keep what was on for this session before the process began, if the first look at the lift finds it on.
-
-        To be called before the lift is read for the first time. What is found off is at rest: nothing is pressed because of
-        this, a call least of all. What is found on is a hold, or a call, like any other: `given`, refreshed, limited; but it is
-        pressed again only once `hold` may `begin` it.
-        """
+    def frames(self, command: Command) -> tuple[str, ...]:
+        """Return the writes that a press of this command would be, as far as they are known without reading."""
         ...
 
-    def let_go(self, command: Command) -> None:
-        """Release a hold or a press that is still on; repeated until verified or the controller is gone."""
+    def fence(self, until: float) -> None:
+        """Write nothing at or after this monotonic time, releases included; a later time lifts the fence."""
         ...
 
-    def given(self, command: Command) -> bool:
-        """Whether a press or hold is wanted and not let go; a call that a controller forgot no longer is."""
+    def signals(self, now: float) -> tuple[SignalValue, ...]:
+        """Return every signal of the map as it was read last, with its age at the monotonic time `now`; decoded when asked for."""
         ...
 
-    def held(self, command: Command) -> bool:
-        """Whether this hold is on and verified."""
-        ...
-
-    def at_rest(self, command: Command) -> bool:
-        """Whether nothing of it is on or wanted, and that is verified; True for a command that the map does not have."""
-        ...
-
-    async def release_all(self) -> None:
-        """Let everything go and return once it is verified; while a controller is away it waits, so bound it."""
+    async def released(self) -> None:
+        """Return once every output is at rest, and that is verified; while a controller is away it waits, so bound it."""
         ...

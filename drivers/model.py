@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum, unique
+from types import MappingProxyType
 from typing import NamedTuple
 
 from register_maps.words import Door, Mode, Motion, Side
 
 FloorName = str
 """A floor as the site names it, such as `L1`."""
+
+PressId = int
+"""Names one press; whoever presses makes it, and no two presses of one lift have the same."""
 
 
 @unique
@@ -84,6 +88,53 @@ class Outcome:
     """The writes as hex, transaction id left out, in the order they were sent."""
     not_granted: bool = False
     """Rejected only because the lift did not grant what the command requires, such as robot mode; nothing was sent."""
+    press: PressId = 0
+    """Which press of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """An output that should be on."""
+
+    begin: int
+    """0 keeps what is on and never puts it on. Each higher number permits one beginning: the hold is put on by it from rest, or
+    once more after it was found off. Once it was written, found off or released, only a still higher number puts it on."""
+    until: float
+    """Monotonic seconds; it falls then unless it is declared for longer, and `max_hold_s` after its last declaration at the latest."""
+
+
+@unique
+class OutputState(StrEnum):
+    """Where one output is, as far as the driver knows."""
+
+    AT_REST = "at rest"
+    """Nothing of it is on or wanted, and that is verified."""
+    REQUESTED = "requested"
+    """It waits to be written, or for the first look whether it is on."""
+    ON = "on"
+    """It was written, and it is not verified, or no longer."""
+    HELD = "held"
+    """It is on and verified, by read-back or, where the map asks for it, by its effect."""
+    LOST = "lost"
+    """A hold was found off. It stays off until a higher `begin` is declared, or it is declared no longer."""
+    RELEASING = "releasing"
+    """It is being written to rest, or that is not verified yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputChanged:
+    """An output is in another state than before."""
+
+    name: str
+    """As the map names it, such as `hold_door.front`."""
+    state: OutputState
+
+
+@dataclass(frozen=True, slots=True)
+class DriverFailed:
+    """A bug was met: the driver releases everything, takes no commands any more, and `run` raises it."""
+
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +185,8 @@ class LiftReading(NamedTuple):
     """The same object as in the reading before when no register changed."""
     notices: tuple[str, ...] = ()
     """What a person should know, each once: somebody else writes our outputs."""
+    outputs: Mapping[str, OutputState] = MappingProxyType({})
+    """The state of every output, by its name; the same object as before while none has changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +229,10 @@ class Capabilities:
     """What ends each call that is a level: `arrived`, `robot_in_place` or `robot_left`; a pulse is absent."""
     levels: frozenset[str]
     """Commands that stay on until they are let go."""
+    max_hold_s: Mapping[str, float]
+    """How long each level lasts after it was last wanted; one without a limit is absent."""
+    excludes: Mapping[str, frozenset[str]]
+    """Commands that may not be on together; one that excludes none is absent."""
     needs_occupancy: bool
     """The car goes on only after `robot_in_place`, and is free only after `robot_left`."""
     door_opens_within_s: float

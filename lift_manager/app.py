@@ -141,7 +141,7 @@ def build(
     lifts, commands = [], {}
     for index, name in enumerate(loaded.site.lifts):
         log = LiftLog(name, journal, memory)
-        driver = _driver(name, loaded, links, log)
+        driver = _driver(name, loaded, links)
         first_poll_s = loaded.poll_s(name) * index / len(loaded.site.lifts)
         options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
         commands[name] = driver.capabilities.commands
@@ -400,7 +400,7 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
     return Link(lambda: make_wire(spec), settings, name=f"{name} ({spec.host}:{spec.port})")
 
 
-def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], log: LiftLog) -> ModbusLift:
+def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
     lines = {endpoint: Line(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
@@ -416,4 +416,4 @@ def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link], log: LiftL
         max_registers_per_read=min(need.max_registers_per_read for need in needs),
         max_bits_per_read=min(need.max_bits_per_read for need in needs),
     )
-    return ModbusLift(compile_map(source, offset=spec.offset), own.link, settings, endpoints=lines, log=log)
+    return ModbusLift(compile_map(source, offset=spec.offset), own.link, settings, endpoints=lines)

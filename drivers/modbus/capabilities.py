@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 
@@ -56,6 +56,8 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         arrive_within_s=max((call.arrive_within_s for call in calls.values()), default=120.0),
         until={name: call.until or "arrived" for name, call in calls.items() if call.action == "hold"},
         levels=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
+        max_hold_s={name: one.max_hold_s for name, one in source.commands.items() if one.max_hold_s is not None},
+        excludes=_excludes({name: command.excludes for name, command in source.commands.items()}),
         needs_occupancy=source.needs_occupancy,
         door_opens_within_s=source.door_opens_within_s,
         door_closes_within_s=source.door_closes_within_s,
@@ -68,6 +70,13 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         printed={name: part.addresses for parts in (source.signals, source.commands) for name, part in parts.items()},
         trust=source.provenance.trust,
     )
+
+
+def _excludes(excludes: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
+    """Return what may not be on together, whichever of the two says so."""
+    pairs = {(name, other) for name, others in excludes.items() for other in others if other in excludes}
+    pairs |= {(other, name) for name, other in pairs}
+    return {name: frozenset(other for one, other in pairs if one == name) for name, _ in sorted(pairs)}
 
 
 def _is_open_contact(codec: Codec, name: str) -> bool:

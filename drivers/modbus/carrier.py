@@ -5,17 +5,17 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable
 from contextlib import suppress
 
-from drivers.driver import Permit
 from drivers.errors import BUSY, ControllerException, DriverError, PressRefused, Sent
+from drivers.modbus.exchange import Permit
 from drivers.modbus.foreign import Watch
 from drivers.modbus.output import match
 from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import CHANGE, Phase, Step, StepKind
+from drivers.modbus.upstream import Upstream
 from drivers.modbus.writer import Writer
 from drivers.model import Result
 
@@ -38,16 +38,15 @@ class Carrier:
         presses: Presses,
         permissions: Permissions,
         watch: Watch,
-        give_up: Callable[[str], None],
+        up: Upstream,
     ) -> None:
-        """`give_up` lets everything go, presses that wait included, for a reason."""
         self._lift = lift
+        self._up = up
         self._outputs = outputs
         self._writer = writer
         self._presses = presses
         self._permissions = permissions
         self._watch = watch
-        self._give_up = give_up
         self._bug: Exception | None = None
         self._bug_at = math.inf
         self._complained: set[str] = set()
@@ -60,15 +59,14 @@ class Carrier:
         """Whether a bug was met, and everything is let go because of it."""
         return self._bug is not None
 
-    async def run(self, press_again: Callable[[str], None]) -> None:
+    async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled.
 
-        `press_again` has it written down that a hold which was found off is pressed again.
         A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
         """
         async with asyncio.TaskGroup() as workers:
             for endpoint in self._wakes:
-                workers.create_task(self._work(endpoint, press_again))
+                workers.create_task(self._work(endpoint))
             if self._watch.has_work:
                 workers.create_task(self._look_for_others())
 
@@ -90,12 +88,11 @@ class Carrier:
             if not self._outputs.pending(name):
                 self._presses.end(name, Result.REJECTED, NOT_SENT)
 
-    async def _work(self, endpoint: str, press_again: Callable[[str], None]) -> None:
+    async def _work(self, endpoint: str) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            for name in self._outputs.needing_rows(endpoint):
-                press_again(name)
-            step = self._outputs.next(loop.time() + _EARLY_S, endpoint)
+            step = None if self._writer.is_fenced else self._outputs.next(loop.time() + _EARLY_S, endpoint)
+            self._up.report_states()
             if step is not None and self._permissions.waits(step):
                 self._outputs.failed(step, maybe_sent=False, now=loop.time())
                 continue
@@ -110,7 +107,8 @@ class Carrier:
                 self._rested.set()
             if self._bug is not None and (self._outputs.at_rest or loop.time() >= self._bug_at + _LET_GO_WITHIN_S):
                 raise self._bug
-            wake_at = min(self._outputs.wake_at(endpoint), self._bug_at + _LET_GO_WITHIN_S)
+            due_at = math.inf if self._writer.is_fenced else self._outputs.wake_at(endpoint)
+            wake_at = min(due_at, self._bug_at + _LET_GO_WITHIN_S)
             await _sleep_until(wake_at, self._wakes[endpoint])
 
     async def _look_for_others(self) -> None:
@@ -123,7 +121,10 @@ class Carrier:
         _log.error("%s: a bug in %s; everything is let go", self._lift, what, exc_info=bug)
         if self._bug is None:
             self._bug, self._bug_at = bug, asyncio.get_running_loop().time()
-        self._give_up("everything was let go because of a bug")
+        reason = "everything was let go because of a bug"
+        self._presses.end_all(reason)
+        self._outputs.let_all_go()
+        self._up.report_failure(f"{reason} in {what}: {bug!r}")
         self.stir()
 
     async def _carry_out(self, step: Step) -> None:
@@ -143,9 +144,10 @@ class Carrier:
                 if press is not None and step.kind is StepKind.PRESS:
                     press.sent(request)
             self._outputs.written(step, loop.time())
+            self._up.report_states()
             self._complained.discard(step.name)
-            if press is not None and step.kind is StepKind.PRESS and not press.future.done():
-                self._presses.await_proof(press, self._writer.confirm(step.name), self._permissions.values())
+            if press is not None and step.kind is StepKind.PRESS and not press.ended:
+                self._presses.await_proof(press, self._up.confirm(step.name), self._up.values)
             if looked is None and not self._outputs.looked_at_later(step, loop.time()):
                 await self._look_back(step, press)
         except PressRefused as refused:
@@ -157,7 +159,8 @@ class Carrier:
         except DriverError as error:
             rejected = isinstance(error, ControllerException) and error.code != BUSY
             sent = maybe_sent or not (error.sent is Sent.NO or _not_executed(error))
-            self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected)
+            arrived = isinstance(error, ControllerException)
+            self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected, arrived=arrived)
             if press is not None and press.expected is None:
                 result = Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED
                 self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")

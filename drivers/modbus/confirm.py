@@ -6,9 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.model import Command, CommandKind, FloorName, LiftValues, Proof
+from register_maps.schema import Command as CommandSpec
+from register_maps.schema import Confirm
 from register_maps.words import Door, Motion
 
 _MOVES = (Motion.UP, Motion.DOWN, Motion.MOVING)
+_READ_BACK = Confirm(any_of=("readback",), within_s=2.0)
+"""What counts for a command whose map names no confirmation. The time is that of the shipped maps."""
+
+
+def confirm_of(spec: CommandSpec) -> Confirm:
+    """Return what shows that a command of the map took effect."""
+    return spec.confirm or _READ_BACK
 
 
 @dataclass(frozen=True, slots=True)

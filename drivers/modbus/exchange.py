@@ -10,7 +10,6 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable
 
-from drivers.driver import Permit
 from drivers.errors import (
     BUSY,
     PATH_UNAVAILABLE,
@@ -30,8 +29,11 @@ from drivers.modbus.wire import Wire
 from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request, check, describe_answer, frame, tid_of
 
-_Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int, float]
-"""(whom to tell, what to ask, whether it may leave, how often it may still be asked again, since when it waits)."""
+Permit = Callable[[], str | None]
+"""Called immediately before the bytes leave; a text refuses it and says why."""
+
+_Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int, float, bool]
+"""(whom to tell, what to ask, whether it may leave, how often it may still be asked again, since when it waits, whether it presses)."""
 _AT_ONCE = -1.0
 """Of a request that need not wait: nobody looks at the clock for it."""
 
@@ -142,20 +144,20 @@ class Exchange:
         """Ask in the read lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if self._job is None and self._gap is None and self._busy_pause is None:
-            self._reads.append((future, request, None, self._settings.busy_retries, _AT_ONCE))
+            self._reads.append((future, request, None, self._settings.busy_retries, _AT_ONCE, False))
             self._next()
             return future
-        self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time()))
+        self._reads.append((future, request, None, self._settings.busy_retries, self._loop.time(), False))
         return future
 
-    def command(self, request: Request, permit: Permit | None) -> asyncio.Future[bytes]:
-        """Ask in the command lane."""
+    def command(self, request: Request, permit: Permit | None, *, presses: bool = True) -> asyncio.Future[bytes]:
+        """Ask in the command lane. What `presses` is refused while the controller does not answer."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if self._job is None and self._gap is None:
-            self._commands.append((future, request, permit, self._settings.busy_retries, _AT_ONCE))
+            self._commands.append((future, request, permit, self._settings.busy_retries, _AT_ONCE, presses))
             self._next()
             return future
-        self._commands.append((future, request, permit, self._settings.busy_retries, self._loop.time()))
+        self._commands.append((future, request, permit, self._settings.busy_retries, self._loop.time(), presses))
         return future
 
     def stop(self, reason: str, down: Callable[[], DriverError]) -> None:
@@ -261,7 +263,7 @@ class Exchange:
 
     def _may_leave(self, job: _Job, permit: Permit) -> bool:
         try:
-            refusal = NO_ANSWER if self._strikes or job[1].unit in self._silent else permit()
+            refusal = NO_ANSWER if job[5] and (self._strikes or job[1].unit in self._silent) else permit()
         except Exception as error:  # noqa: BLE001 - a bug of the caller's: the caller is told, the others go on
             _fail(job, error)
             return False
@@ -294,10 +296,10 @@ class Exchange:
             self._next()
 
     def _on_exception(self, job: _Job, answer: ExceptionAnswer) -> None:
-        future, request, _, retries, _ = job
+        future, request, _, retries, *_ = job
         self._stats.exceptions += 1
         if answer.code == BUSY and not request.is_write and retries and not future.done():
-            self._reads.appendleft((future, request, None, retries - 1, self._loop.time()))
+            self._reads.appendleft((future, request, None, retries - 1, self._loop.time(), False))
             if self._busy_pause is not None:
                 self._busy_pause.cancel()
             self._busy_pause = self._loop.call_later(self._settings.busy_pause_s, self._on_busy_pause_over)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 
-from drivers.driver import Permit, WriteLog, always
+from drivers.driver import Above
 from drivers.errors import (
     ConnectionLost,
     ControllerException,
@@ -14,7 +14,6 @@ from drivers.errors import (
 )
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.carrier import Carrier
-from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
 from drivers.modbus.foreign import Watch
@@ -24,24 +23,31 @@ from drivers.modbus.link import Link
 from drivers.modbus.notes import Notes
 from drivers.modbus.permission import Permissions
 from drivers.modbus.plan import plan_poll
-from drivers.modbus.presses import NOT_SENT, REPLACED, Presses
+from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.rows import Rows, Wish
 from drivers.modbus.signals import Signals
-from drivers.modbus.steps import Phase
+from drivers.modbus.upstream import Upstream
 from drivers.modbus.writer import Writer
-from drivers.model import Command, CommandKind, LiftReading, LiftValues, Outcome, Proof, Result, SignalValue
+from drivers.model import (
+    Command,
+    Hold,
+    LiftReading,
+    LiftValues,
+    PressId,
+    Result,
+    SignalValue,
+)
 from register_maps.codec import Cell, Codec
-from register_maps.words import Side
 
 _ONLY_ALIVE = frozenset({SIGNAL})
+_TAKEN_BACK = "let go before it was confirmed"
 
 
 class ModbusLift:
     """The LiftDriver of one lift on a Modbus link.
 
-    Wishes are noted at once; `run` writes them. Raises ValueError when the site's floors do not fit the map's coding.
+    What is declared and pressed is noted at once; `run` writes it. Raises ValueError when the site's floors do not fit the map's coding.
     """
 
     def __init__(
@@ -50,12 +56,8 @@ class ModbusLift:
         link: Link,
         settings: LiftSettings,
         endpoints: Mapping[str, Line] | None = None,
-        log: WriteLog | None = None,
     ) -> None:
-        """Plan the poll and prepare every request once; `endpoints` are the map's further devices.
-
-        Without a `log` nothing is written down, and no press waits for that.
-        """
+        """Plan the poll and prepare every request once; `endpoints` are the map's further devices."""
         self._codec = codec
         self._lines = Lines(Line(link, settings.unit_id), endpoints or {})
         self._name = link.name
@@ -80,12 +82,13 @@ class ModbusLift:
         self._floor_under_way = car_floor is None or car_floor.known_while is None
         self._diagnosis = Diagnosis(codec, self._lines, settings.name)
         self._outputs = Outputs(self._commands, codec.written)
-        self._again = {name: _command(name) for name in self._outputs.names}
-        """What is told to the log when a hold is pressed again: no call ever is, so none of them has a floor."""
+        self._declared: frozenset[str] = frozenset()
+        """Names of the holds that should be on."""
+        self._up = Upstream(self._outputs, self._names)
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
-        notes = Notes(log, {point.cell for command in beats for point in command.points})
+        notes = Notes(self._up.report, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._lines, settings, notes)
-        self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence)
+        self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._up.report)
         self._permissions = self._new_permissions()
         self._watch = self._new_watch()
         self._notices = self._watch.notices
@@ -96,10 +99,7 @@ class ModbusLift:
             self._presses,
             self._permissions,
             self._watch,
-            self._give_all_up,
-        )
-        self._rows = Rows(
-            log, notes, lift=settings.name, planned=self._planned, enter=self._enter, refused=self._refused
+            self._up,
         )
         self._check_floors()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -112,7 +112,7 @@ class ModbusLift:
             self._presses,
             self._lines,
             self._heartbeat,
-            values=lambda: self._values,
+            self._up,
             is_unread=self._is_unread,
         )
 
@@ -180,163 +180,91 @@ class ModbusLift:
             raise self._heartbeat.error(at)
         if self._presses.waiting:
             self._presses.look(values, at)
-        return LiftReading(at, epoch, values, self._watch.take_notices(at) if self._notices else ())
+        return LiftReading(at, epoch, values, self._watch.take_notices(at) if self._notices else (), self._up.states)
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
 
         A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
         """
-        await self._carrier.run(self._press_again)
+        await self._carrier.run()
 
-    def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
-        """Give a command once; it waits until it is written down."""
-        name = command.name
-        if name not in self._outputs:
-            return self._presses.refuse(command, f"{self._settings.name} has no command {name}")
-        if self._carrier.has_failed:
-            return self._presses.refuse(command, "the driver of this lift has failed")
-        press = self._presses.asked(command, begins)
-        self._drop(name, Result.UNCONFIRMED, REPLACED)
-        self._ask(Wish(command, permit, asyncio.get_running_loop().time(), press))
-        return press.future
+    def attach(self, above: Above) -> None:
+        """Ask and report to `above` from now on."""
+        self._up.above = above
 
-    def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
-        """Keep a held command on, or renew it. From rest it waits until it is written down, and stays there unless it may `begin`."""
-        name = command.name
-        if name not in self._outputs or self._carrier.has_failed:
-            return
-        if self._permissions.missing(name) and not self._outputs.output(name).awaits_look:
-            # what the map requires was taken away: the hold goes, whatever its limit
-            self.let_go(command)
-            return
+    def declare(self, holds: Mapping[Command, Hold]) -> None:
+        """Replace what should be on."""
         now = asyncio.get_running_loop().time()
-        if self._outputs.wanted(name):
-            self._permissions.note(name, permit)
-            self._outputs.hold(name, now, begin=begin)
-            if self._outputs.output(name).needs_row:
-                self._press_again(name)
-        elif not begin:
-            self._drop(name, Result.REJECTED, NOT_SENT)
-        elif (wish := self._rows.waiting(name)) is not None:
-            wish.permit, wish.at = permit, now
-        elif self._rows.may_ask(name, now):
-            self._ask(Wish(command, permit, now))
+        if self._carrier.has_failed:
+            holds = {}
+        wanted = {command.name: (self._code(command), hold) for command, hold in holds.items()}
+        self._declared = frozenset(wanted).intersection(self._outputs.names)
+        first_fall_at = self._outputs.first_fall_at
+        for name in self._outputs.names:
+            code, hold = wanted.get(name, (None, None))
+            if code is None or hold is None:
+                released = self._outputs.undeclare(name)
+            elif self._epoch and self._permissions.missing(name) and not self._outputs.output(name).awaits_look:
+                # what the map requires was taken away: the hold goes, whatever its limit
+                released = self._outputs.withhold(name, hold)
+            else:
+                released = self._outputs.declare(name, code, hold, now, adopts=not self._epoch)
+            if released:
+                self._presses.end(name, Result.UNCONFIRMED, _TAKEN_BACK)
+        if self._up.report_states() or self._outputs.first_fall_at < first_fall_at:
+            self._stir()
 
-    def adopt(self, command: Command, permit: Permit) -> None:
-        """Keep what the first look finds on as this command writes it; raises RuntimeError once the lift was read.
-
-        Nothing to adopt are pulses, holds made of pulses, points that show a lamp, and floors that the site has no longer:
-        what is found on there is let go of.
-        """
-        if self._epoch:
-            raise RuntimeError(f"{self._settings.name}: {command} is adopted after the first reading")
-        code = self._settings.floors.get(command.floor) if command.floor is not None else 1
-        if command.name not in self._outputs or code is None:
+    def press(self, press: PressId, command: Command, leave_by: float) -> None:
+        """Give a command once."""
+        name, code = command.name, self._code(command)
+        given = Press(press, command)
+        if name not in self._outputs or code is None:
+            self._presses.finish(given, Result.REJECTED, f"{self._settings.name} has no command {command}")
             return
-        self._permissions.note(command.name, permit)
-        self._outputs.adopt(command.name, code, asyncio.get_running_loop().time())
+        if self._carrier.has_failed:
+            self._presses.finish(given, Result.REJECTED, "the driver of this lift has failed")
+            return
+        self._presses.begin(given)
+        now = asyncio.get_running_loop().time()
+        self._outputs.press(name, code, now, press=press, leave_by=leave_by)
+        self._stir()
 
-    def keep(self, command: Command) -> None:
-        """Leave a hold on though nobody asks for it any more; what waits to be pressed is dropped."""
-        self._drop(command.name, Result.REJECTED, NOT_SENT)
-        if command.name in self._outputs:
-            self._outputs.output(command.name).keep()
+    def cancel(self, press: PressId) -> None:
+        """Take a press back."""
+        for name in self._outputs.names:
+            output, given = self._outputs.output(name), self._presses.of(name)
+            if output.press == press and (output.press_waits or name not in self._declared):
+                self._outputs.let_go(name)
+            if given is not None and given.id == press:
+                self._presses.finish(given, Result.UNCONFIRMED, _TAKEN_BACK)
+        self._stir()
 
-    def let_go(self, command: Command) -> None:
-        """Release a hold or a press that is still on."""
-        name, reason = command.name, "let go before it was confirmed"
-        self._drop(name, Result.UNCONFIRMED, reason)
-        if name in self._outputs and not self._outputs.rests(name):
-            self._outputs.let_go(name)
-            self._presses.end(name, Result.UNCONFIRMED, reason)
-            self._carrier.stir()
+    def frames(self, command: Command) -> tuple[str, ...]:
+        """Return the frames that a press of this command would be, as far as is known without reading."""
+        code = self._code(command)
+        if command.name not in self._outputs or code is None:
+            return ()
+        return self._writer.planned(*self._outputs.about_to_press(command.name, code))
 
-    def given(self, command: Command) -> bool:
-        """Whether it is wanted and not let go; what waits to be written down or was adopted is wanted."""
-        name = command.name
-        if name not in self._outputs:
-            return False
-        waits = self._rows.waiting(name) is not None
-        return waits or self._outputs.given(name, asyncio.get_running_loop().time())
+    def fence(self, until: float) -> None:
+        """Write nothing from this time on."""
+        self._lines.fence_at = until
+        self._carrier.stir()
 
-    def held(self, command: Command) -> bool:
-        """Whether this hold is on and verified, by read-back or, where the map asks for it, by its effect."""
-        if self._values is None or command.name not in self._outputs:
-            return False
-        if not self._outputs.output(command.name).is_held:
-            return False
-        any_of = self._writer.confirm(command.name).any_of
-        if "readback" in any_of and not self._outputs.verified(command.name):
-            return False  # a door that is open by itself does not make up for a hold that is not there
-        expected = Expectation(command, any_of, None, ())
-        return proof(expected, self._values, read_back=self._outputs.verified(command.name)) is not Proof.NONE
-
-    def at_rest(self, command: Command) -> bool:
-        """Whether nothing of it is on or wanted, and that is verified."""
-        name = command.name
-        return name not in self._outputs or (self._rows.waiting(name) is None and self._outputs.rests(name))
-
-    async def release_all(self) -> None:
-        """Let everything go and return once it is verified."""
-        self._give_all_up("everything was let go")
+    async def released(self) -> None:
+        """Return once every output is at rest."""
         await self._carrier.rest()
 
-    def _ask(self, wish: Wish) -> None:
-        """Have a wish written down, and want of the outputs what it wants once that is done."""
-        for other in self._outputs.excluded(wish.command.name):
-            self._drop(other, Result.REJECTED, NOT_SENT)
-        self._rows.ask(wish)
+    def _stir(self) -> None:
+        """Outputs are wanted otherwise than before."""
+        self._carrier.end_dropped()
+        self._up.report_states()
+        self._carrier.stir()
 
-    def _planned(self, command: Command) -> tuple[str, ...]:
-        """Return the frames that a press of this command will be, as far as is known without reading."""
-        return self._writer.planned(*self._outputs.about_to_press(command.name, self._code(command)))
-
-    def _enter(self, wish: Wish) -> None:
-        """It is written down: from here on the outputs see to it."""
-        if wish.again:
-            self._outputs.record(wish.command.name)
-            self._carrier.stir()
-            return
-        name, now = wish.command.name, asyncio.get_running_loop().time()
-        resting = self._outputs.phase(name) is Phase.REST
-        if wish.press is not None:
-            self._presses.begin(wish.press)
-        self._permissions.note(name, wish.permit)
-        if wish.press is not None:
-            self._outputs.press(name, self._code(wish.command), now)
-        else:
-            self._outputs.hold(name, wish.at)
-        if wish.press is not None or resting:
-            self._carrier.end_dropped()
-            self._carrier.stir()
-
-    def _press_again(self, name: str) -> None:
-        """Have it written down that a hold is pressed again; the outputs see to the rest."""
-        now = asyncio.get_running_loop().time()
-        if self._rows.waiting(name) is None and self._rows.may_ask(name, now):
-            self._rows.ask(Wish(self._again[name], always, now, again=True))
-
-    def _refused(self, wish: Wish, reason: str) -> None:
-        """It could not be written down, so nothing of it is pressed."""
-        if wish.press is not None:
-            self._presses.finish(wish.press, Result.REJECTED, reason)
-
-    def _drop(self, name: str, result: Result, reason: str) -> None:
-        """Forget a wish that waits to be written down."""
-        wish = self._rows.drop(name)
-        if wish is not None and wish.press is not None:
-            self._presses.finish(wish.press, result, reason)
-
-    def _give_all_up(self, reason: str) -> None:
-        """Let everything go, and forget what waits to be written down."""
-        for name in self._outputs.names:
-            self._drop(name, Result.UNCONFIRMED, reason)
-        self._presses.end_all(reason)
-        self._outputs.let_all_go()
-
-    def _code(self, command: Command) -> int:
-        return self._settings.floors[command.floor] if command.floor is not None else 1
+    def _code(self, command: Command) -> int | None:
+        """Return what a command writes; None for a floor that the site does not have."""
+        return self._settings.floors.get(command.floor) if command.floor is not None else 1
 
     async def _read_blocks(self, loop: asyncio.AbstractEventLoop) -> tuple[tuple[bytes, ...], tuple[float, ...]]:
         """Return what each block holds, and when it was asked for."""
@@ -354,7 +282,7 @@ class ModbusLift:
         if SIGNAL in changed:
             self._heartbeat.beat(at)
         if self._values is None or changed != _ONLY_ALIVE:
-            self._values = lift_values(
+            self._values = self._up.values = lift_values(
                 self._reader.values,
                 self._reader.unlisted,
                 self._names,
@@ -363,11 +291,22 @@ class ModbusLift:
             )
             self._presses.changed(self._values, at)
             self._diagnosis.report_unlisted(self._values)
-            for name in ended(self._commands, self._values, self._codec.signals):
-                self._outputs.let_go(name)
-                self._carrier.end_dropped()
-                self._carrier.stir()
+            self._end_by_what_it_says(self._values)
         return self._values
+
+    def _end_by_what_it_says(self, values: LiftValues) -> None:
+        """Let go of what ends by a reading: close commands, and holds whose requirements were taken away."""
+        over = list(ended(self._commands, values, self._codec.signals))
+        for name in over:
+            self._outputs.let_go(name)
+        for name in self._declared:
+            if self._outputs.output(name).begin and self._permissions.missing(name) and self._outputs.withhold(name):
+                self._presses.end(name, Result.UNCONFIRMED, _TAKEN_BACK)
+                over.append(name)
+        if over:
+            self._carrier.end_dropped()
+            self._carrier.stir()
+        self._up.report_states()
 
     async def _take_over(self, epoch: int) -> None:
         """Look at our own outputs over a new connection before anything is believed or written."""
@@ -385,6 +324,7 @@ class ModbusLift:
             self._outputs.reconnected(cells, asyncio.get_running_loop().time(), changed)
             self._carrier.stir()
         self._epoch, self._epochs = epoch, epochs
+        self._up.report_states()
         self._diagnosis.forget()
 
     def _is_unread(self) -> bool:
@@ -395,8 +335,3 @@ class ModbusLift:
         """Let go of what somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
         self._carrier.stir()
-
-
-def _command(name: str) -> Command:
-    kind, _, side = name.partition(".")
-    return Command(CommandKind(kind), side=Side(side) if side else None)

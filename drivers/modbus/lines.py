@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from drivers.driver import Permit
 from drivers.errors import ACCEPTED, ControllerException
 from drivers.modbus.declared import Declared
+from drivers.modbus.exchange import Permit
 from drivers.modbus.link import Link, LinkState
 from register_maps import frames
 from register_maps.codec import Block, Cell, CommandCodec
@@ -31,6 +32,13 @@ class Lines:
         """`endpoints` as the map names them."""
         self._lines = {"": controller, **endpoints}
         self._links = tuple(dict.fromkeys(line.link for line in self._lines.values()))
+        self.fence_at = math.inf
+        """From this loop time on nothing is written."""
+
+    @property
+    def is_fenced(self) -> bool:
+        """Whether nothing may be written now."""
+        return asyncio.get_running_loop().time() >= self.fence_at
 
     def declare(self, commands: Iterable[CommandCodec]) -> None:
         """Let the links pass what writes these commands, beside what other lifts on them have declared, and nothing else."""
@@ -91,9 +99,15 @@ class Lines:
         return cells
 
     async def send(self, endpoint: str, request: Request, permit: Permit | None) -> None:
-        """Write. An answer that the controller has accepted the command and is at work counts as its echo."""
+        """Write, unless that is fenced. An answer that the controller has accepted the command and is at work counts as its echo."""
+
+        def unless_fenced() -> str | None:
+            if self.is_fenced:
+                return "this manager may not write to the lift any more"
+            return None if permit is None else permit()
+
         try:
-            await self.link(endpoint).write(request, permit)
+            await self.link(endpoint).write(request, unless_fenced, presses=permit is not None)
         except ControllerException as error:
             if error.code != ACCEPTED:
                 raise

@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
 
-from drivers.driver import Permit
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
 from drivers.modbus.declared import Declared, UndeclaredWrite
-from drivers.modbus.exchange import NO_ANSWER, Exchange
+from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
 from drivers.sparing import TOLD_EVERY_S, Changes
@@ -140,10 +139,10 @@ class Link:
             raise ValueError(f"not a read: {request}")
         return await self._exchange.command(request, None)
 
-    async def write(self, request: Request, permit: Permit | None = None) -> None:
+    async def write(self, request: Request, permit: Permit | None = None, *, presses: bool = True) -> None:
         """Write, in the command lane; never sent a second time. Raises as `read`, and PressRefused if `permit` objects.
 
-        What needs a permit is refused as well while the link is in doubt. What needs none, a release, leaves all the same.
+        What needs a permit, and `presses`, is refused as well while the link is in doubt; a release leaves all the same.
         The error's `sent` says whether the controller may have carried it out. Raises UndeclaredWrite, which is no DriverError,
         for what no map on this link declares, whether or not there is a connection.
         """
@@ -153,7 +152,7 @@ class Link:
             raise UndeclaredWrite(self.name, request)
         if self._exchange is None:
             raise self._link_down()
-        await self._exchange.command(request, permit)
+        await self._exchange.command(request, permit, presses=presses)
 
     async def wait_up(self) -> int:
         """Wait until it is up; returns the epoch. Raises LinkDown once the link is closed."""

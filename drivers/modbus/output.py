@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.modbus.steps import Phase
+from drivers.model import PressId
 from register_maps.codec import Block, Cell, CommandCodec, Point
 from register_maps.command_codec import Written
 from register_maps.schema import Command
@@ -18,10 +19,6 @@ load a controller, and a button left pressed is let go soon."""
 LOOK_S = 2.0
 """How often a hold that is not refreshed is looked at, for a controller that dropped it. Chosen: RMF acts on news of a second or
 two, and a look costs one read."""
-
-LEAVE_WITHIN_S = 10.0
-"""How long a press may wait to be written, beyond the pauses of its map. Chosen: a caller that waited longer asks again, and
-nobody expects a button to be pressed for somebody who asked long ago."""
 
 LONGEST_RETRY_S = 2.0
 """The pause doubles with every failure of one release, up to this. Chosen: an output that cannot be let go must not keep the
@@ -69,8 +66,12 @@ class Output:
     """The controller answered the newest write of it."""
     dropped: bool = False
     """It was dropped, and was not seen to stay on since: the read-back of the press that follows proves little against a second writer."""
-    recorded: bool = False
-    """Pressing it again is in the journal, so the press may leave."""
+    begin: int = 0
+    """The newest `Hold.begin` that is declared; 0 where none is."""
+    begun: int = 0
+    """What of it is used up."""
+    press: PressId | None = None
+    """The press that put it on, or will."""
     set_at: float | None = None
     """When its point was last written from rest to on; None where that was before this process began."""
     paused: bool = False
@@ -159,9 +160,24 @@ class Output:
         return self.leave_by if self.spec.ends_itself else min(self.fall_at, self.leave_by)
 
     @property
+    def is_level(self) -> bool:
+        """Whether it stays on until it is released."""
+        return self.spec.action == "hold"
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether it is declared with a beginning that is not used up."""
+        return self.begin > self.begun
+
+    @property
+    def press_waits(self) -> bool:
+        """Whether a press of it is still to be written, or on its way."""
+        return self.press is not None and (self.again or self.phase in (Phase.DUE, Phase.LEAVING))
+
+    @property
     def asserts(self) -> bool:
         """Whether whoever writes its cells has to write it pressed."""
-        off = self.paused or self.yields or self.needs_row
+        off = self.paused or self.yields or self.is_lost
         return self.phase is Phase.ON and not off and not self.spec.ends_itself
 
     @property
@@ -170,14 +186,14 @@ class Output:
         return self.phase is Phase.ON and self.answered and not (self.gone or self.dropped or self.yields)
 
     @property
-    def needs_row(self) -> bool:
-        """Whether it is to be pressed again, and that is not in the journal yet."""
-        return self.phase is Phase.ON and self.gone and not self.recorded
+    def is_lost(self) -> bool:
+        """Whether it was found off, and may not be put on again."""
+        return self.phase is Phase.ON and self.gone and not self.may_begin
 
     @property
     def due_at(self) -> float:
-        """When it is next written or looked at while it is on; infinity while a press of it waits for its row."""
-        if self.needs_row:
+        """When it is next written or looked at while it is on; infinity while it may not be put on again."""
+        if self.is_lost:
             return math.inf
         return max(self.refresh_at, self.not_before) if self.gone else self.refresh_at
 
@@ -194,10 +210,11 @@ class Output:
 
     def connected(self, cells: Cells, now: float) -> None:
         """Compare it with what the controller holds after a new connection."""
-        kept = now < self.adopt_by and match(self.codec, cells, self.code)
-        self.adopt_by, self.armed_at = -math.inf, None
-        if kept and self.phase is Phase.REST:
-            self._keep(now)
+        until, self.armed_at = self.adopt_by, None
+        if self.awaits_look:
+            self.adopt_by, self.begun = -math.inf, self.begin
+        if self.phase is Phase.REST and now < until and match(self.codec, cells, self.code):
+            self._keep(now, until)
             return
         at_rest = self.codec.lamp or match(self.codec, cells, None)
         if self.phase is Phase.ON and self.spec.action == "hold" and self.adopted(cells, now):
@@ -211,14 +228,16 @@ class Output:
         if self.phase is Phase.DUE:
             self.again, self.next_code = True, self.code
         # written even if it reads at rest: the controller may still find our press in the connection that broke
+        if not self.again:
+            self.begun = self.begin
         self.phase, self.try_at, self.verified = Phase.LETTING_GO, now, False
         self.failures, self.foreign, self.echoed = 0, 0, False
 
-    def _keep(self, now: float) -> None:
+    def _keep(self, now: float, until: float) -> None:
         """It is on for somebody from before: it goes on like a hold that was pressed now, but for the press."""
         self.phase, self.verified, self.was_seen, self.gone = Phase.ON, True, True, False
         self.answered, self.only_kept, self.set_at = True, not self.spec.self_clearing, None
-        self.fall_at = now + (self.spec.max_hold_s or math.inf)
+        self.fall_at = min(until, now + (self.spec.max_hold_s or math.inf))
         if math.isinf(self.every_s):
             self.refresh_at = now + LOOK_S if self.is_only_looked_at else math.inf
         else:
@@ -228,7 +247,7 @@ class Output:
         """It was seen to be gone, after it had been seen to be there. Nothing counts twice that was not written in between."""
         if self.gone or self.yields or not self.was_seen:
             return
-        self.gone, self.dropped, self.recorded = True, True, False
+        self.gone, self.dropped, self.begun = True, True, self.begin
         self.dropped_at = (*(at for at in self.dropped_at if now - at < FIGHT_S), now)
         if len(self.dropped_at) > MOST_PRESSES:
             self.yields, self.gone, self.refresh_at = True, False, now + LOOK_S
@@ -237,14 +256,14 @@ class Output:
         """End the yielding once its time is over, for one press: if that is dropped within `FIGHT_S`, it yields again."""
         if self.yields and self.is_written_again and now - self.dropped_at[-1] >= FIGHT_S:
             self.dropped_at = (now,) * MOST_PRESSES
-            self.yields, self.gone, self.recorded, self.refresh_at = False, True, False, now
+            self.yields, self.gone, self.begun, self.refresh_at = False, True, self.begin, now
 
     def asserted(self, now: float, *, looked: bool) -> None:
         """The controller answered the write of it as pressed, or the look at it."""
         self.refresh_at = now + self.pause_s(looked=looked)
         if not looked:
-            self.paused = self.gone = self.recorded = False
-            self.answered = True
+            self.paused = self.gone = False
+            self.answered, self.begun = True, self.begin
         if self.spec.repeat_pulse_s is not None:
             self.pause_at = now + (self.spec.width_s or math.inf)
 
@@ -278,12 +297,15 @@ class Output:
             self.drop(now)
         self.verified = False
         if self.is_written_again and not self.yields:
-            self.recorded = self.recorded and self.gone
+            if not self.gone:
+                self.begun = self.begin
             self.refresh_at, self.gone = now + pause_s, True
 
-    def press_failed(self, *, maybe_sent: bool, now: float) -> None:
-        """A press, or the look at it, failed: what may have been pressed is let go."""
+    def press_failed(self, *, maybe_sent: bool, arrived: bool, now: float) -> None:
+        """A press, or the look at it, failed: what may have been pressed is let go. What has `arrived` is used up."""
         self.armed_at = None
+        if self.phase is Phase.LEAVING and (maybe_sent or arrived):
+            self.begun = self.begin
         if self.phase is Phase.ON and self.is_written_again:
             self.verified, self.refresh_at = False, now + RETRY_S
         elif not maybe_sent and self.phase in (Phase.LEAVING, Phase.LETTING_GO):
@@ -300,7 +322,8 @@ class Output:
             self.refresh_at = min(now, self.refresh_at)
             return True
         self.verified = match(self.codec, cells, self.code)
-        self.recorded = self.recorded and self.gone
+        if not self.gone:
+            self.begun = self.begin
         self.gone = not self.verified
         self.refresh_at = min(now, self.refresh_at)
         return self.verified or not (self.codec.is_call or self.only_kept)
@@ -331,7 +354,8 @@ class Output:
             self.only_kept = self.can_be_adopted and not self.spec.self_clearing
 
     def release(self) -> None:
-        """Want rest."""
+        """Want rest. What was declared until now puts it on no more."""
+        self.begun = self.begin
         if self.phase in (Phase.ON, Phase.LEAVING) and self.spec.ends_itself:
             # there is nothing to let go with: writing it again would press it again
             self.unwanted = self.phase is Phase.LEAVING
@@ -347,10 +371,12 @@ class Output:
         self.phase, self.rested_at, self.verified = Phase.REST, now, False
         self.paused, self.unwanted, self.echoed, self.only_kept, self.foreign = False, False, False, False, 0
         self.was_seen, self.yields, self.dropped_at = False, False, ()
-        self.dropped, self.recorded, self.gone, self.answered = False, False, False, False
+        self.dropped, self.gone, self.answered = False, False, False
         if self.again:
             self.again = False
             self.phase, self.code = Phase.DUE, self.next_code
+        else:
+            self.press = None
 
     def retry(self, now: float) -> None:
         """Let the next try of its release wait, longer each time."""

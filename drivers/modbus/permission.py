@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.driver import Permit
 from drivers.modbus.endings import ended
+from drivers.modbus.exchange import Permit
 from drivers.modbus.heartbeat import Heartbeat
 from drivers.modbus.lines import Lines
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
-from drivers.model import LiftValues, Result
+from drivers.modbus.upstream import Upstream
+from drivers.model import Result
 from register_maps.codec import Codec
 
 _OF_ITSELF = frozenset({StepKind.BEAT, StepKind.RESET, StepKind.CYCLE})
@@ -21,7 +22,7 @@ READ_WITHIN_S = 1.0
 
 
 class Permissions:
-    """The permits of one lift's wishes, and what the lift itself says against a press."""
+    """What the lift itself says against a press, and then what is said above."""
 
     def __init__(
         self,
@@ -30,34 +31,28 @@ class Permissions:
         presses: Presses,
         lines: Lines,
         heartbeat: Heartbeat,
-        values: Callable[[], LiftValues | None],
+        up: Upstream,
         is_unread: Callable[[], bool],
     ) -> None:
-        """`values` gives what the lift said last; `is_unread` says whether a connection is new and was not read yet."""
+        """`is_unread` says whether a connection is new and was not read yet."""
         self._commands = codec.commands
         self._signals = codec.signals
         self._outputs = outputs
         self._presses = presses
         self._lines = lines
         self._heartbeat = heartbeat
-        self.values = values
-        """What the lift said last; None before it said anything."""
+        self._up = up
         self._is_unread = is_unread
-        self._permits: dict[str, Permit] = {}
-
-    def note(self, name: str, permit: Permit) -> None:
-        """Ask this from now on when the command of that name is pressed or refreshed."""
-        self._permits[name] = permit
 
     def missing(self, name: str) -> list[str]:
         """List the flags that a command requires and the lift does not show."""
-        values = self.values()
+        values = self._up.values
         flags = values.flags if values is not None else {}
         return [flag for flag in self._commands[name].spec.requires if not flags.get(flag, False)]
 
     def is_tripped(self) -> bool:
         """Whether the lift says that a watchdog has let our outputs go."""
-        values = self.values()
+        values = self._up.values
         return values is not None and values.flags.get("watchdog_tripped", False)
 
     def waits(self, step: Step) -> bool:
@@ -137,13 +132,12 @@ class Permissions:
             return "the connection is new and has not been read yet"
         if missing := self.missing(name):
             return f"{name} needs {', '.join(missing)}"
-        press = self._presses.of(name)
-        if press is not None and press.expected is None and (reason := press.begins()) is not None:
-            return reason
-        values = self.values()
+        values = self._up.values
         if values is not None and name in ended({name: self._commands[name]}, values, self._signals):
             return "the door is shut or opens, or something is in its way"
-        return self._permits[name]()
+        press = self._presses.of(name)
+        unwritten = press is not None and press.expected is None
+        return self._up.blocked_by(name, press.id if press is not None and unwritten else None)
 
     def _first_refusal(self, names: tuple[str, ...]) -> str | None:
         reasons = ((name, self._refusal(name)) for name in names)

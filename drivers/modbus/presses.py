@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from drivers.driver import Permit, always
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.notes import hex_part
 from drivers.modbus.standing import Standing
-from drivers.model import Command, FloorName, LiftValues, Outcome, Proof, Result
+from drivers.model import Command, FloorName, LiftValues, Outcome, PressId, Proof, Result
 from register_maps.frames import Request
 from register_maps.schema import Confirm, Evidence
 
@@ -19,20 +18,19 @@ REPLACED = "replaced by a newer command"
 NOT_SENT = "not sent: something else was wanted instead, or it could not be sent in time"
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Press:
     """One press."""
 
+    id: PressId
     command: Command
-    begins: Permit
-    """Asked until the write was echoed, when bytes of it leave."""
-    future: asyncio.Future[Outcome]
     frames: list[str] = field(default_factory=list)
     expected: Expectation | None = None
     """Set once the write was echoed."""
     written_at: float = math.inf
     read_back: bool = False
     not_granted: bool = False
+    ended: bool = False
 
     def sent(self, request: Request) -> None:
         """Note a request that was answered."""
@@ -42,9 +40,10 @@ class Press:
 class Presses:
     """At most one press per command; a newer one ends the older."""
 
-    def __init__(self, floors: Sequence[FloorName], evidence: Evidence) -> None:
+    def __init__(self, floors: Sequence[FloorName], evidence: Evidence, report: Callable[[Outcome], None]) -> None:
         """`floors`, lowest first; `evidence` is what the map says about a car that stands."""
         self._floors = tuple(floors)
+        self._report = report
         self._of: dict[str, Press] = {}
         self._waiting: list[Press] = []
         self._standing = Standing(evidence)
@@ -59,10 +58,6 @@ class Presses:
         """Commands whose press was not written yet."""
         return tuple(name for name, press in self._of.items() if press.expected is None)
 
-    def asked(self, command: Command, begins: Permit = always) -> Press:
-        """Make a press that has not begun: it ends no other yet."""
-        return Press(command, begins, asyncio.get_running_loop().create_future())
-
     def begin(self, press: Press) -> None:
         """Take a new press."""
         self.end(press.command.name, Result.UNCONFIRMED, REPLACED)
@@ -71,12 +66,6 @@ class Presses:
     def of(self, name: str) -> Press | None:
         """Return the press of a command, if it has no outcome yet."""
         return self._of.get(name)
-
-    def refuse(self, command: Command, reason: str) -> asyncio.Future[Outcome]:
-        """End a press at once."""
-        press = self.asked(command)
-        self.finish(press, Result.REJECTED, reason)
-        return press.future
 
     def end(self, name: str, result: Result, reason: str) -> None:
         """End the press of a command, if there is one."""
@@ -124,9 +113,10 @@ class Presses:
             self._waiting.remove(press)
         if self._of.get(press.command.name) is press:
             del self._of[press.command.name]
-        if not press.future.done():
-            outcome = Outcome(press.command, result, reason, found, tuple(press.frames), press.not_granted)
-            press.future.set_result(outcome)
+        if not press.ended:
+            press.ended = True
+            frames = tuple(press.frames)
+            self._report(Outcome(press.command, result, reason, found, frames, press.not_granted, press.id))
 
     def _too_late(self, press: Press, within_s: float) -> None:
         self.finish(press, Result.UNCONFIRMED, f"nothing showed within {within_s:g} s that the lift took it")

@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from drivers.modbus.image import Image
 from drivers.modbus.output import (
-    LEAVE_WITHIN_S,
     LOOK_S,
     MOST_PRESSES,
     REJECTED_PAUSE_S,
@@ -24,6 +23,7 @@ from drivers.modbus.output import (
     period_s,
 )
 from drivers.modbus.steps import ONLY_LOOK, Phase, Step, StepKind
+from drivers.model import Hold, PressId
 from register_maps.codec import Cell, CommandCodec
 from register_maps.command_codec import Written
 
@@ -51,12 +51,14 @@ class Outputs:
     def __contains__(self, name: str) -> bool:
         return name in self._outputs
 
-    def press(self, name: str, code: int | None, now: float) -> None:
-        """Want a press. A press of the same output that is still on is let go first."""
+    def press(
+        self, name: str, code: int | None, now: float, *, press: PressId | None = None, leave_by: float = math.inf
+    ) -> None:
+        """Want a press, to be written by `leave_by` and the pauses of its map. A press of the same output that is still on is let go first."""
         output = self._outputs[name]
         self._clear_excluded(name)
-        output.adopt_by = -math.inf
-        output.leave_by = now + LEAVE_WITHIN_S + self._pauses_s(name)
+        output.adopt_by, output.press = -math.inf, press
+        output.leave_by = leave_by + self._pauses_s(name)
         if output.phase in (Phase.REST, Phase.DUE):
             output.phase, output.code = Phase.DUE, code
         else:
@@ -65,23 +67,71 @@ class Outputs:
         if output.phase is not Phase.ON:  # a pulse that the device ends still lasts as long as it lasts
             output.fall_at = now + (output.spec.max_hold_s or math.inf)
 
-    def hold(self, name: str, now: float, *, begin: bool = True) -> None:
-        """Want a hold, or renew it until `max_hold_s` from now; what is only kept is pressed again once it may `begin`."""
+    def hold(self, name: str, now: float, *, until: float = math.inf, begin: bool = True) -> None:
+        """Want a hold, or renew it, for `max_hold_s` from now at most; what is only kept is pressed again once it may `begin`."""
         output = self._outputs[name]
-        if output.renewed(now + (output.spec.max_hold_s or 0.0), begin=begin):
+        if output.renewed(min(until, now + (output.spec.max_hold_s or math.inf)), begin=begin):
             return
         if output.phase is Phase.REST:
             self._clear_excluded(name)
             output.phase, output.code, output.leave_by = Phase.DUE, 1, math.inf
         elif output.phase is Phase.LETTING_GO:
             output.again, output.next_code, output.leave_by = True, output.code or 1, math.inf
+            output.press = None
 
-    def adopt(self, name: str, code: int, now: float) -> None:
+    def adopt(self, name: str, code: int, now: float, *, until: float = math.inf) -> None:
         """Keep what is found on at the first look; what it excludes may not be kept as well."""
         output = self._outputs[name]
-        if output.can_be_adopted and output.phase is Phase.REST:
+        if output.can_be_adopted and output.phase is Phase.REST and now < until:
             self._clear_excluded(name)
-            output.code, output.adopt_by = code, now + (output.spec.max_hold_s or math.inf)
+            output.code, output.adopt_by = code, min(until, now + (output.spec.max_hold_s or math.inf))
+
+    def declare(self, name: str, code: int, hold: Hold, now: float, *, adopts: bool) -> bool:
+        """Hold an output as declared. Returns whether it was let go, because it is on for something else.
+
+        `adopts` says that the lift was not read yet, so that it may be on from before.
+        """
+        output = self._outputs[name]
+        kept_from_now = output.begin > 0 and not hold.begin
+        output.begin = hold.begin
+        if output.press_waits or not output.is_level:
+            return False
+        is_on = output.phase is Phase.ON or output.awaits_look
+        if is_on and output.code != code:
+            self.let_go(name)
+            return True
+        if is_on or output.again or output.phase in (Phase.DUE, Phase.LEAVING):
+            self.hold(name, now, until=hold.until, begin=hold.begin > 0)
+            if kept_from_now:
+                output.keep()
+        elif output.may_begin:
+            self.hold(name, now, until=hold.until)
+        elif adopts and not hold.begin:
+            self.adopt(name, code, now, until=hold.until)
+        return False
+
+    def withhold(self, name: str, hold: Hold | None = None) -> bool:
+        """Let an output go although it is declared; presses that are on their way are left alone. Returns whether it was on or wanted."""
+        output = self._outputs[name]
+        if hold is not None:
+            output.begin = hold.begin
+        wanted = output.again or output.awaits_look or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
+        if output.press_waits or not (wanted and output.is_level):
+            return False
+        self.let_go(name)
+        return True
+
+    def undeclare(self, name: str) -> bool:
+        """Hold an output no longer; presses that are on their way are left alone. Returns whether it was let go."""
+        released = self.withhold(name)
+        self._outputs[name].begin = self._outputs[name].begun = 0
+        return released
+
+    @property
+    def first_fall_at(self) -> float:
+        """When the first output falls that is on, or waits to be."""
+        falls = (output.fall_at for output in self._outputs.values() if output.phase in (Phase.DUE, Phase.ON))
+        return min(falls, default=math.inf)
 
     def let_go(self, name: str) -> None:
         """Want rest, now."""
@@ -139,31 +189,10 @@ class Outputs:
         output = self._outputs[name]
         return output.is_looked_at_first and not output.codec.shared
 
-    def needing_rows(self, endpoint: str) -> list[str]:
-        """List the holds of one device that are to be pressed again and are not in the journal yet."""
-        return [name for name, output in self._at(endpoint) if output.needs_row]
-
-    def record(self, name: str) -> None:
-        """Pressing this hold again is in the journal."""
-        self._outputs[name].recorded = self._outputs[name].gone
-
-    def given(self, name: str, now: float) -> bool:
-        """Whether it is wanted and not let go, or may be on for somebody from before."""
-        output = self._outputs[name]
-        return output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON) or now < output.adopt_by
-
     def rests(self, name: str) -> bool:
         """Whether there is nothing to let go of."""
         output = self._outputs[name]
         return output.phase is Phase.REST and not output.awaits_look
-
-    def wanted(self, name: str) -> bool:
-        """Whether it is pressed, will be, or may be on: then wanting it is no news."""
-        return self.pending(name) or self._outputs[name].awaits_look
-
-    def excluded(self, name: str) -> Collection[str]:
-        """List what may not be on together with an output."""
-        return self._excluded[name]
 
     def about_to_press(self, name: str, code: int) -> tuple[Step, Cells]:
         """Return the press of an output and our cells with it, once what it excludes is let go."""
@@ -333,8 +362,13 @@ class Outputs:
                 output.foreign = max(0, output.foreign - 1)
                 output.retry(now)
 
-    def failed(self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False) -> None:
-        """The write or its read-back failed. What may have been pressed is let go; a release is tried again."""
+    def failed(
+        self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False, arrived: bool = False
+    ) -> None:
+        """The write or its read-back failed. What may have been pressed is let go; a release is tried again.
+
+        `arrived` says that the controller has answered it, though it did nothing.
+        """
         if step.block is not None:
             self._restart_cycles(step.block.cells, now)
             return
@@ -360,7 +394,7 @@ class Outputs:
                 slowly_s = min(REJECTED_PAUSE_S, max(RETRY_S, output.every_s))
                 output.refresh_at = now + (slowly_s if rejected else RETRY_S)
             case _:
-                output.press_failed(maybe_sent=maybe_sent, now=now)
+                output.press_failed(maybe_sent=maybe_sent, arrived=arrived, now=now)
 
     def reconnected(self, cells: Cells, now: float, endpoints: Collection[str] = ("",)) -> None:
         """Compare with what the controller holds after a new connection to these devices; `cells` are those of `read_points`.

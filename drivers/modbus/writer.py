@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Collection, Mapping
 
-from drivers.driver import Permit
 from drivers.errors import ControllerException, DriverError, Sent
 from drivers.modbus.capabilities import LiftSettings
+from drivers.modbus.confirm import confirm_of
+from drivers.modbus.exchange import Permit
 from drivers.modbus.lines import Lines
 from drivers.modbus.notes import CUT_SHORT, Notes, frames
 from drivers.modbus.output import Cells, match
@@ -15,10 +16,6 @@ from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
-from register_maps.schema import Confirm
-
-_READ_BACK = Confirm(any_of=("readback",), within_s=2.0)
-"""What counts for a command whose map names no confirmation. The time is that of the shipped maps."""
 
 _NOT_LOOKED_AT = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
 
@@ -38,7 +35,7 @@ class Writer:
         self._codec = codec
         self._commands = commands
         self._lines = lines
-        self._notes = notes or Notes(None)
+        self._notes = notes or Notes(lambda _: None)
         lines.declare(commands.values())
         self._functions = {block: function for block, function, _ in codec.written}
         self._read_blocks = {
@@ -64,9 +61,10 @@ class Writer:
                     found.setdefault(block, []).append(self.printed(name))
         return {block: "; ".join(names) for block, names in found.items()}
 
-    def confirm(self, name: str) -> Confirm:
-        """Return what shows that this command took effect."""
-        return self._commands[name].spec.confirm or _READ_BACK
+    @property
+    def is_fenced(self) -> bool:
+        """Whether nothing may be written now."""
+        return self._lines.is_fenced
 
     def printed(self, name: str) -> str:
         """Name a command with its addresses as its map prints them."""
@@ -134,7 +132,7 @@ class Writer:
         if command.spec.self_clearing and not release:
             return None
         if not (
-            release or step.kind is StepKind.LOOK or command.shared or "readback" in self.confirm(step.name).any_of
+            release or step.kind is StepKind.LOOK or command.shared or "readback" in confirm_of(command.spec).any_of
         ):
             return None
         return match(command, await self.cells(step.name), step.code)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from asyncio import Future
 
-from drivers.driver import Permit
 from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, Result
 from lift_manager.core.calling import Press
+from lift_manager.core.outputs import Permit
 from lift_manager.domain import call as calls
 from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.following import Told, how_far

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.driver import Permit
 from drivers.model import Capabilities, CommandKind, FloorName
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import Permit
 from lift_manager.core.people import PeopleFirst
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.session import Session

@@ -5,9 +5,9 @@ from __future__ import annotations
 from asyncio import Future
 from collections.abc import Callable
 
-from drivers.driver import LiftDriver, Permit
 from drivers.model import Command, CommandKind, FloorName, Outcome
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import LiftOutputs, Permit
 from register_maps.words import Side
 
 Press = Callable[[Command, Permit], Future[Outcome]]
@@ -19,9 +19,9 @@ _ACKNOWLEDGEMENTS = frozenset({"robot_in_place", "robot_left"})
 class CallButton:
     """Presses the call of the map that moves the car now, and never has two of them on."""
 
-    def __init__(self, driver: LiftDriver, options: LiftOptions, press: Press) -> None:
-        self._driver = driver
-        self._able = driver.capabilities
+    def __init__(self, outputs: LiftOutputs, options: LiftOptions, press: Press) -> None:
+        self._outputs = outputs
+        self._able = outputs.capabilities
         self._options = options
         self._press = press
         self._on: Command | None = None
@@ -59,12 +59,12 @@ class CallButton:
     @property
     def door_at_rest(self) -> bool:
         """Whether no call keeps the door open, and that is verified."""
-        return not self.keeps_door and (self._held_door is None or self._driver.at_rest(self._held_door))
+        return not self.keeps_door and (self._held_door is None or self._outputs.at_rest(self._held_door))
 
     @property
     def forgotten(self) -> bool:
         """Whether the call should be on, and the controller no longer holds it."""
-        return self._on is not None and self._until != "" and not self._driver.given(self._on)
+        return self._on is not None and self._until != "" and not self._outputs.given(self._on)
 
     def press(self, floor: FloorName, permit: Permit, *, aboard: bool) -> Future[Outcome] | None:
         """Press the call that brings the car to a floor; another one that is on is let go first. None where the map has none."""
@@ -81,7 +81,7 @@ class CallButton:
         command = self.command(floor, aboard=aboard)
         if command is not None and command.name in self._able.until:
             self._take(command, aboard=aboard)
-            self._driver.adopt(command, permit)
+            self._outputs.adopt(command, permit)
 
     def _take(self, command: Command, *, aboard: bool) -> None:
         self._on = command
@@ -97,7 +97,7 @@ class CallButton:
     def let_go(self) -> None:
         """Let go of the call, if one is on."""
         if self._on is not None:
-            self._driver.let_go(self._on)
+            self._outputs.let_go(self._on)
             self._on = None
 
     def let_go_at(self, end: str) -> None:
@@ -113,9 +113,9 @@ class CallButton:
     def interrupt(self) -> None:
         """Let go of a call that keeps the door open, and miss it: it is `forgotten` from here on."""
         if self._on is not None and self.keeps_door:
-            self._driver.let_go(self._on)
+            self._outputs.let_go(self._on)
 
     def keep_on(self, permit: Permit) -> None:
         """Renew a call that keeps the door open, unless the controller forgot it."""
-        if self._on is not None and self.keeps_door and self._driver.given(self._on):
-            self._driver.hold(self._on, permit, begin=False)
+        if self._on is not None and self.keeps_door and self._outputs.given(self._on):
+            self._outputs.hold(self._on, permit, begin=False)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from asyncio import Future
 
-from drivers.driver import LiftDriver, Permit
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.core.calling import Press
+from lift_manager.core.outputs import LiftOutputs, Permit
 from lift_manager.domain.call import CallPhase
 from lift_manager.domain.following import DOOR_WITHIN_S, Told
 from register_maps.words import Side
@@ -17,8 +17,8 @@ _CLOSING = (CallPhase.WANTED, CallPhase.PRESSED)
 class DoorClosing:
     """At most one wish to close, of one door or several. The controller lets go of it by itself (`drivers.modbus.endings`)."""
 
-    def __init__(self, driver: LiftDriver, press: Press) -> None:
-        self._driver = driver
+    def __init__(self, outputs: LiftOutputs, press: Press) -> None:
+        self._outputs = outputs
         self._press = press
         self._sides: tuple[Side, ...] = ()
         self._since = 0.0
@@ -33,11 +33,11 @@ class DoorClosing:
     @property
     def known(self) -> bool:
         """Whether the map has a close button at all."""
-        return bool(self._driver.capabilities.commands & {_close(side).name for side in Side})
+        return bool(self._outputs.capabilities.commands & {_close(side).name for side in Side})
 
     def missing(self, sides: tuple[Side, ...]) -> tuple[Side, ...]:
         """Return the doors for which the map has no close button."""
-        return tuple(side for side in sides if _close(side).name not in self._driver.capabilities.commands)
+        return tuple(side for side in sides if _close(side).name not in self._outputs.capabilities.commands)
 
     def want(self, sides: tuple[Side, ...], now: float) -> None:
         """Want these doors shut."""
@@ -48,7 +48,7 @@ class DoorClosing:
         """Want it no longer; a button that is pressed is let go."""
         if self._told.phase in _CLOSING:
             for side in self._sides:
-                self._driver.let_go(_close(side))
+                self._outputs.let_go(_close(side))
         self._sides, self._told, self._pressed = (), Told(), {}
 
     def act(self, permit: Permit, now: float, *, free: bool) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from drivers.driver import Permit, always
 from drivers.model import CommandKind
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import Permit, always
 from lift_manager.domain.asking import Ask
 from lift_manager.domain.session import Session
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from enum import Enum, auto, unique
 from typing import NamedTuple
 
-from drivers.driver import LiftDriver, Permit
 from drivers.model import CommandKind, FloorName, Outcome
 from lift_manager.core.acknowledgement import Acknowledgement
 from lift_manager.core.calling import CallButton, Press
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import LiftOutputs, Permit
 from lift_manager.domain import boarding as boardings
 from lift_manager.domain.asking import Ask, Blocking, Refusal, Refused, RobotWord
 from lift_manager.domain.boarding import Boarding, KeptBoarding, Rules, Stop, Who
@@ -45,11 +45,11 @@ class Handshake:
     """Who is aboard, and what is pressed because of it."""
 
     def __init__(
-        self, driver: LiftDriver, options: LiftOptions, button: CallButton, press: Press, *, permit: Permit
+        self, outputs: LiftOutputs, options: LiftOptions, button: CallButton, press: Press, *, permit: Permit
     ) -> None:
         """`permit` is that of a word which must reach the lift although the session is over."""
-        able = driver.capabilities
-        self._driver = driver
+        able = outputs.capabilities
+        self._outputs = outputs
         self._able = able
         self._options = options
         self._button = button
@@ -194,7 +194,7 @@ class Handshake:
         here = stop.floor if stop is not None else ask.floor
         if self._boarding.who is Who.ABOARD:
             if before.who is not Who.ABOARD and self._left.is_level:
-                self._driver.let_go(self._left.command)
+                self._outputs.let_go(self._left.command)
             self._in_place.want(here, now)
         elif before.who is Who.ABOARD:
             self._report_left(here, now)
@@ -231,9 +231,9 @@ class Handshake:
             if (
                 self._in_place.known
                 and self._in_place.is_level
-                and (begin or self._driver.given(self._in_place.command))
+                and (begin or self._outputs.given(self._in_place.command))
             ):
-                self._driver.hold(self._in_place.command, session_permit, begin=begin)
+                self._outputs.hold(self._in_place.command, session_permit, begin=begin)
 
     def ended(self, future: Future[Outcome], outcome: Outcome, now: float) -> str | None:
         """Take the outcome of a press; a text is what a person should know."""
@@ -336,7 +336,7 @@ class Handshake:
 
     def _forget_left(self, _: float) -> None:
         self._left.forget()
-        self._driver.let_go(self._left.command)
+        self._outputs.let_go(self._left.command)
         self._after_left()
 
     def restore(self, kept: KeptBoarding, floor: FloorName, permit: Permit, now: float) -> None:
@@ -346,7 +346,7 @@ class Handshake:
         if kept.in_place_told:
             self._in_place.restore(floor, now, taken=True)
             if self._in_place.is_level and kept.who is Who.ABOARD:
-                self._driver.adopt(self._in_place.command, permit)
+                self._outputs.adopt(self._in_place.command, permit)
 
     def found_empty(self, now: float) -> None:
         """Take it that no robot of an earlier session is in the car; a lift that may still count one is told."""
@@ -360,17 +360,17 @@ class Handshake:
     def let_go(self) -> None:
         """Let go of everything at once."""
         self._let_go_of_stay()
-        self._driver.let_go(self._left.command)
+        self._outputs.let_go(self._left.command)
 
     def _let_go_of_stay(self) -> None:
         """Let go of what is on for a robot that boards, rides or leaves."""
         self._button.let_go()
-        self._driver.let_go(self._in_place.command)
+        self._outputs.let_go(self._in_place.command)
 
     def _report_left(self, floor: FloorName, now: float) -> None:
         """Tell the lift that the robot left. What stays on until then is let go once it has been told."""
         if not self._in_place.taken:
-            self._driver.let_go(self._in_place.command)
+            self._outputs.let_go(self._in_place.command)
         self._in_place.forget()
         self._left.forget()
         self._left.want(floor, now)
@@ -382,14 +382,14 @@ class Handshake:
     def _keep_until_told(self) -> None:
         """Put what stays on until the lift knows that the robot left under the permit of that word: the session's is over."""
         self._button.keep_on(self._permit)
-        if self._in_place.is_level and self._driver.given(self._in_place.command):
-            self._driver.hold(self._in_place.command, self._permit)
+        if self._in_place.is_level and self._outputs.given(self._in_place.command):
+            self._outputs.hold(self._in_place.command, self._permit)
 
     def _after_left(self) -> None:
         """Let go of what was on for the robot aboard."""
         self._button.let_go_at("robot_left")
         if self._in_place.is_level:
-            self._driver.let_go(self._in_place.command)
+            self._outputs.let_go(self._in_place.command)
 
 
 def _a_person_looks(lift: str) -> str:

@@ -6,7 +6,6 @@ import asyncio
 import math
 from dataclasses import replace
 
-from drivers.driver import LiftDriver, Permit
 from drivers.model import Command, CommandKind, FloorName, Outcome, Result
 from lift_manager.core.admission import Admission
 from lift_manager.core.announce import Announcer
@@ -18,6 +17,7 @@ from lift_manager.core.emergency import Emergency
 from lift_manager.core.ending import before_the_end, last_word
 from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import LiftOutputs, Permit
 from lift_manager.core.people import PeopleFirst
 from lift_manager.core.robot_mode import RobotMode
 from lift_manager.core.serving import Serving
@@ -46,7 +46,7 @@ class SessionKeeper:
 
     def __init__(
         self,
-        driver: LiftDriver,
+        outputs: LiftOutputs,
         options: LiftOptions,
         bus: Bus[Event],
         people: PeopleFirst,
@@ -55,18 +55,18 @@ class SessionKeeper:
         self.session: Session | None = None
         self.people = people
         self._options = options
-        self._driver = driver
-        self._able = driver.capabilities
+        self._outputs = outputs
+        self._able = outputs.capabilities
         self.say = Announcer(options.name, bus, control=options.control)
         self.sight = around.sight
         self.changed = around.changed
         self._last_sight = around.last_sight
         self._trouble = around.trouble
         self.admission = Admission(options, self._able, people, lambda: around.sight(_now()))
-        self._button = CallButton(driver, options, self._press)
-        self.handshake = Handshake(driver, options, self._button, self._press, permit=self._why_no_word)
+        self._button = CallButton(outputs, options, self._press)
+        self.handshake = Handshake(outputs, options, self._button, self._press, permit=self._why_no_word)
         self.serving = Serving(
-            driver, options, self._button, self.handshake, self.say, press=self._press, used=self._used
+            outputs, options, self._button, self.handshake, self.say, press=self._press, used=self._used
         )
         self.tenure = Tenure(options, self.say, arrive_within_s=self._able.arrive_within_s)
         self.book = SessionBook(options.name, self.say, people.clock)
@@ -78,7 +78,7 @@ class SessionKeeper:
         self.opened = 0
         self._used_by = 0
         """The newest session for which anything was pressed or held."""
-        self._robot_mode = RobotMode(driver)
+        self._robot_mode = RobotMode(outputs)
         self._countdown = Countdown(self._count_down)
         self._released_open = False
         """A session has ended with its door open, and the door has not been seen to close since."""
@@ -362,7 +362,7 @@ class SessionKeeper:
             self._used()
         # what is pressed was pressed if a restart comes between: its row, and with it the press, waits for this
         self.note(_now(), pressed=command.kind in CALLS)
-        future = self._driver.press(command, permit, before_the_end(command.kind, lambda: self.session))
+        future = self._outputs.press(command, permit, before_the_end(command.kind, lambda: self.session))
         future.add_done_callback(self._ended)
         return future
 

@@ -19,6 +19,7 @@ from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.lift_sessions import LiftSessions
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import LiftOutputs
 from lift_manager.core.people import PeopleFirst
 from lift_manager.core.people_words import PeopleWords
 from lift_manager.core.recording import LiftLog
@@ -68,7 +69,7 @@ class LiftTask:
     ) -> None:
         """Make a task that is not running yet; `ticker` and `memory` are shared by the lifts of a site.
 
-        `log` is what the driver writes to as well. Without a memory of the site, session and people's words are forgotten with
+        `log` has a row of whatever is pressed. Without a memory of the site, session and people's words are forgotten with
         the task.
         """
         memory = memory or ShortMemory()
@@ -84,9 +85,10 @@ class LiftTask:
         """Monotonic seconds; nothing we know is older than this."""
         self._fault = "no answer yet"
         self._log = log or LiftLog(options.name, ShortJournal(), memory)
+        self._outputs = LiftOutputs(options.name, driver, self._log)
         self._people = PeopleFirst(options, bus, memory, clock or wall_clock())
         self._keeper = SessionKeeper(
-            driver,
+            self._outputs,
             options,
             bus,
             self._people,
@@ -138,7 +140,7 @@ class LiftTask:
         """Refuse everything from now on, let everything go, and return once that is verified."""
         self._keeper.stop()
         try:
-            await self._driver.release_all()
+            await self._outputs.release_all()
         finally:
             self.tell(end=True)
 
@@ -314,6 +316,7 @@ class LiftTask:
 
     def _got(self, reading: LiftReading) -> None:
         before, gap_s = self._sight, reading.at - self._read_at
+        self._outputs.flags = reading.values.flags
         self._read_at = reading.at
         if reading.notices:
             for notice in reading.notices:

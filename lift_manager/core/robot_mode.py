@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from drivers.driver import LiftDriver, Permit
 from drivers.model import Command, CommandKind
+from lift_manager.core.outputs import LiftOutputs, Permit
 from lift_manager.domain.sight import Sight, moving
 
 _ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
@@ -12,9 +12,9 @@ _ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
 class RobotMode:
     """The robot mode of one lift; a lift without one needs none."""
 
-    def __init__(self, driver: LiftDriver) -> None:
-        self._driver = driver
-        self._able = driver.capabilities
+    def __init__(self, outputs: LiftOutputs) -> None:
+        self._outputs = outputs
+        self._able = outputs.capabilities
         self._keep_until: float | None = None
         """The session is over, but the car still moves."""
         self._pressed = False
@@ -37,11 +37,11 @@ class RobotMode:
 
     def hold(self, permit: Permit, *, begin: bool = True) -> None:
         """Ask for it, or renew it; only renew it where it may not `begin`."""
-        given = self._driver.given(_ROBOT_MODE)
+        given = self._outputs.given(_ROBOT_MODE)
         if not given:
             self._pressed = False
         if begin or given:
-            self._driver.hold(_ROBOT_MODE, self._noted(permit), begin=begin)
+            self._outputs.hold(_ROBOT_MODE, self._noted(permit), begin=begin)
 
     def _noted(self, permit: Permit) -> Permit:
         """Return a permit that notes when the bytes may leave, which is asked once nothing else is waited for."""
@@ -57,7 +57,7 @@ class RobotMode:
         """Keep it on if it is found on after a restart."""
         if self.known:
             self._pressed = True
-            self._driver.adopt(_ROBOT_MODE, permit)
+            self._outputs.adopt(_ROBOT_MODE, permit)
 
     def adopt_rest(self, permit: Permit, until: float | None) -> None:
         """Keep it on if it is found on after a restart and its session is over; None where it is not to be kept."""
@@ -68,7 +68,7 @@ class RobotMode:
     def drop(self) -> None:
         """Let go of it at once."""
         self._keep_until, self._pressed = None, False
-        self._driver.let_go(_ROBOT_MODE)
+        self._outputs.let_go(_ROBOT_MODE)
 
     def session_ended(self, now: float) -> None:
         """Keep it from here on only for as long as a car may take to come to rest; drop it if it was not pressed yet."""
@@ -77,7 +77,7 @@ class RobotMode:
             self.drop()
         else:
             # at once, for the lift may not be readable: what has fallen by the next connection is not pressed for nobody
-            self._driver.keep(_ROBOT_MODE)
+            self._outputs.keep(_ROBOT_MODE)
 
     def kept_after(self, over_at: float) -> float | None:
         """Return until when it would be kept at the most were its session over then."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from drivers.driver import LiftDriver, Permit
 from drivers.model import FloorName
 from lift_manager.core.announce import Announcer
 from lift_manager.core.calling import CallButton, Press
@@ -13,6 +12,7 @@ from lift_manager.core.closing import DoorClosing
 from lift_manager.core.doors import DoorHolds
 from lift_manager.core.handshake import Handshake
 from lift_manager.core.options import LiftOptions
+from lift_manager.core.outputs import LiftOutputs, Permit
 from lift_manager.core.session_call import SessionCall
 from lift_manager.domain import call as calls
 from lift_manager.domain import session as sessions
@@ -37,7 +37,7 @@ class Serving:
 
     def __init__(
         self,
-        driver: LiftDriver,
+        outputs: LiftOutputs,
         options: LiftOptions,
         button: CallButton,
         handshake: Handshake,
@@ -47,12 +47,12 @@ class Serving:
         used: Callable[[Session], None],
     ) -> None:
         """`used` hears of the session as it is, just before something is held for it."""
-        self.call = SessionCall(options.name, driver.capabilities, button)
-        self.doors = DoorHolds(driver, options)
-        self.closing = DoorClosing(driver, press)
+        self.call = SessionCall(options.name, outputs.capabilities, button)
+        self.doors = DoorHolds(outputs, options)
+        self.closing = DoorClosing(outputs, press)
         self.awaits = ""
         """What the lift, or the holder, has still to give."""
-        self._able = driver.capabilities
+        self._able = outputs.capabilities
         self._options = options
         self._button = button
         self._handshake = handshake

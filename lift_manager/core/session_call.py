@@ -6,9 +6,9 @@ import logging
 from asyncio import Future
 from dataclasses import replace
 
-from drivers.driver import Permit
 from drivers.model import Capabilities, FloorName, Outcome
 from lift_manager.core.calling import CallButton
+from lift_manager.core.outputs import Permit
 from lift_manager.domain import call as calls
 from lift_manager.domain.call import Call, CallPhase
 from lift_manager.domain.following import Told, how_far

@@ -10,7 +10,6 @@ import traceback
 from dataclasses import dataclass, field
 from random import Random
 
-from drivers.driver import Permit
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
@@ -22,6 +21,7 @@ from tests.campaigns.answer_memory import LIMIT_S
 from tests.campaigns.answer_rig import Device, Finding, Report, history, together, unhandled_in_loop
 from tests.campaigns.answers import data_length
 from tests.campaigns.judge_answers import Payload, Question
+from tests.drivers.caller import Caller, Permit
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import VirtualTimeError, elapse, run_virtual
 
@@ -120,7 +120,7 @@ def objection_to_reading(question: Question | None, reading: LiftReading) -> str
 @dataclass(slots=True)
 class _Poller:
     where: str
-    lift: ModbusLift
+    lift: Caller
     device: Device
     report: Report
     pressed: list[asyncio.Future[Outcome]] = field(default_factory=list)
@@ -166,7 +166,7 @@ async def _batch(seed: int, batch: int, cases: int, report: Report, where: str) 
         rng = Random(f"{seed}/{batch}/{number}")
         device = Device(rng, LinkSettings(tid_echo=number % 4 != 0), registers, HONEST)
         link = Link(device.wire, device.settings, name=f"link {number}")
-        lift = ModbusLift(codec, link, LiftSettings(name="lift", floors=FLOORS, control=number % 2 == 1))
+        lift = Caller(ModbusLift(codec, link, LiftSettings(name="lift", floors=FLOORS, control=number % 2 == 1)))
         share = cases // LIFTS + (number < cases % LIFTS)
         devices.append(device)
         links.append(link)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any, Protocol
 
-from drivers.driver import Permit
 from drivers.errors import ControllerException, DriverError, Sent
+from drivers.modbus.exchange import Permit
 from drivers.modbus.memory import MemoryWire
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.wire import Wire

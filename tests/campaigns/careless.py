@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from drivers.driver import Permit
 from drivers.errors import (
     AnswerMismatch,
     AnswerTimeout,
@@ -15,6 +14,7 @@ from drivers.errors import (
     LinkDown,
     Sent,
 )
+from drivers.modbus.exchange import Permit
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.wire import Wire
 from register_maps import frames

@@ -306,8 +306,8 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/core/doors.py",
-                "            self._driver.let_go(_hold(side))",
-                '            __import__("asyncio").get_running_loop().call_later(5.0, self._driver.let_go, _hold(side))',
+                "            self._outputs.let_go(_hold(side))",
+                '            __import__("asyncio").get_running_loop().call_later(5.0, self._outputs.let_go, _hold(side))',
             ),
         ),
     ),
@@ -315,9 +315,9 @@ MUTANTS: tuple[Mutant, ...] = (
         "wait for the row of a press",
         (
             Edit(
-                "drivers/modbus/rows.py",
-                "        if row.done():\n            self._answered(wish, row)\n            return\n",
-                "        if True:\n            self._enter(wish)\n            return\n",
+                "lift_manager/core/outputs.py",
+                "        if row.done():\n            self._answered(write, row)\n            return\n",
+                "        if True:\n            self._enter(write)\n            return\n",
             ),
         ),
     ),

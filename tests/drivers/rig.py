@@ -5,7 +5,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
-from drivers.driver import WriteLog
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
@@ -15,6 +14,8 @@ from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind, LiftReading
 from register_maps.codec import Codec
 from register_maps.words import Side, Table
+from tests.drivers.by_hand import LogByHand
+from tests.drivers.caller import Caller
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import HEAD, written_map
 
@@ -32,7 +33,7 @@ def allowed() -> None:
 class Rig:
     """A lift, its devices in memory, and a poll every 0.1 s."""
 
-    lift: ModbusLift
+    lift: Caller
     devices: Mapping[str, MemoryDevice]
     links: Mapping[str, Link]
     readings: list[LiftReading] = field(default_factory=list)
@@ -54,8 +55,8 @@ async def rig(
     codec: Codec,
     devices: Mapping[str, MemoryDevice] | None = None,
     floors: Mapping[str, int] | None = None,
-    log: WriteLog | None = None,
-    first: Callable[[ModbusLift], None] | None = None,
+    log: LogByHand | None = None,
+    first: Callable[[Caller], None] | None = None,
 ) -> AsyncIterator[Rig]:
     """`first` is called with the lift before anything runs."""
     made_of = {"": MemoryDevice(timed_coils=True)} if devices is None else devices
@@ -65,7 +66,7 @@ async def rig(
         name="lift", floors=floors or {"L1": 1, "L2": 2}, control=True, unit_id=codec.map.link.unit_id
     )
     lines = {name: Line(link, 1) for name, link in links.items() if name}
-    made = Rig(ModbusLift(codec, links[""], settings, lines, log), made_of, links)
+    made = Rig(Caller(ModbusLift(codec, links[""], settings, lines), log), made_of, links)
     if first is not None:
         first(made.lift)
 
@@ -97,8 +98,8 @@ def on_rig(
     text: str,
     devices: Mapping[str, MemoryDevice] | None = None,
     head: str = HEAD,
-    log: WriteLog | None = None,
-    first: Callable[[ModbusLift], None] | None = None,
+    log: LogByHand | None = None,
+    first: Callable[[Caller], None] | None = None,
     floors: Mapping[str, int] | None = None,
 ) -> None:
     async def main() -> None:

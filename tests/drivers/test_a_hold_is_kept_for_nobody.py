@@ -4,13 +4,11 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.driver import Permit
-from drivers.modbus.lift import ModbusLift
 from drivers.modbus.memory import MemoryDevice, exception
 from drivers.modbus.steps import Step, StepKind
 from drivers.model import Command
 from register_maps.words import Table
-from tests.drivers.by_hand import LogByHand
+from tests.drivers.caller import Caller, Permit
 from tests.drivers.linked import now
 from tests.drivers.rig import CLOSE_FRONT, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
 from tests.drivers.test_what_was_on_before_is_adopted import (
@@ -151,17 +149,7 @@ def test_a_kept_hold_is_looked_at_before_it_is_written_again_after_a_refresh_tha
     on_rig(check, SINGLE, {"": resting()})
 
 
-def test_what_waits_to_be_written_down_or_for_another_to_rest_is_not_pressed_once_it_is_only_kept() -> None:
-    log = LogByHand(answers=False)
-
-    async def waits_for_its_row(made: Rig) -> None:
-        made.lift.hold(HOLD_FRONT, allowed)
-        made.lift.keep(HOLD_FRONT)
-        assert made.lift.at_rest(HOLD_FRONT)
-        log.answer()
-        await renewed(made, 3.0)
-        assert made.writes() == []
-
+def test_what_waits_for_another_to_rest_is_not_pressed_once_it_is_only_kept() -> None:
     async def waits_for_another(made: Rig) -> None:
         made.lift.hold(CLOSE_FRONT, allowed)
         await elapse(0.3)
@@ -173,7 +161,6 @@ def test_what_waits_to_be_written_down_or_for_another_to_rest_is_not_pressed_onc
         await renewed(made, 3.0)
         assert values_of(made.device.heard, Table.COIL, 8) == []
 
-    on_rig(waits_for_its_row, SINGLE, {"": resting()}, log=log)
     on_rig(waits_for_another, EXCLUDING, {"": resting()})
 
 
@@ -224,10 +211,10 @@ def test_what_was_let_go_or_is_no_command_of_the_map_is_not_kept() -> None:
     on_rig(check, SINGLE, {"": resting()})
 
 
-@pytest.mark.parametrize("asked", [ModbusLift.hold, ModbusLift.press])
+@pytest.mark.parametrize("asked", [Caller.hold, Caller.press])
 @pytest.mark.parametrize("is_on", [True, False])
 def test_what_was_kept_is_a_hold_like_any_other_once_it_is_asked_for(
-    asked: Callable[[ModbusLift, Command, Permit], object], *, is_on: bool
+    asked: Callable[[Caller, Command, Permit], object], *, is_on: bool
 ) -> None:
     async def check(made: Rig) -> None:
         if is_on:

@@ -16,6 +16,7 @@ from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind, LiftReading, Result
 from register_maps.codec import Codec
 from register_maps.words import Table
+from tests.drivers.caller import Caller
 from tests.drivers.linked import now, virtual
 from tests.drivers.rig import SIGNALS, allowed
 from tests.support.shipped_maps import compiled
@@ -37,7 +38,7 @@ class Watched:
     """A lift that is read every 0.1 s while its counter counts twice a second, or stands still."""
 
     devices: dict[str, MemoryDevice]
-    lift: ModbusLift
+    lift: Caller
     counts: bool = True
     readings: list[tuple[float, LiftReading]] = field(default_factory=list)
     errors: list[tuple[float, DriverError]] = field(default_factory=list)
@@ -59,7 +60,7 @@ async def watched(codec: Codec | None = None, *, control: bool = False) -> Async
     devices[""].values[Table.INPUT][1] = 1
     links = {name: Link(device.wire, name=name or "plc") for name, device in devices.items()}
     settings = LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=control)
-    lift = ModbusLift(codec, links[""], settings, {name: Line(link, 1) for name, link in links.items() if name})
+    lift = Caller(ModbusLift(codec, links[""], settings, {name: Line(link, 1) for name, link in links.items() if name}))
     made = Watched(devices, lift)
 
     async def poll() -> None:

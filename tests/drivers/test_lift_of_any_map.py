@@ -14,6 +14,7 @@ from register_maps import frames
 from register_maps.codec import compile_map
 from register_maps.schema import RegisterMap
 from register_maps.words import Side, Table
+from tests.drivers.caller import Caller
 from tests.support.any_map import any_map
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -30,7 +31,7 @@ def floors_of(source: RegisterMap) -> dict[str, int]:
     return {f"L{number}": code for number, code in enumerate(codes, start=1)} if codes else FLOORS
 
 
-async def use_everything(lift: ModbusLift, floors: Iterable[str]) -> None:
+async def use_everything(lift: Caller, floors: Iterable[str]) -> None:
     """Read, press, hold and let go of all there is."""
     await lift.read()
     hold = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
@@ -81,17 +82,19 @@ def test_it_reads_what_is_served_and_writes_what_is_a_command_and_leaves_nothing
     async def main() -> None:
         link = Link(lambda: MemoryWire(answer), LinkSettings(), name="plc")
         link_settings = source.link
-        lift = ModbusLift(
-            compile_map(source),
-            link,
-            LiftSettings(
-                name="lift",
-                floors=floors_of(source),
-                control=True,
-                unit_id=link_settings.unit_id,
-                max_registers_per_read=link_settings.max_registers_per_read,
-                max_bits_per_read=link_settings.max_bits_per_read,
-            ),
+        lift = Caller(
+            ModbusLift(
+                compile_map(source),
+                link,
+                LiftSettings(
+                    name="lift",
+                    floors=floors_of(source),
+                    control=True,
+                    unit_id=link_settings.unit_id,
+                    max_registers_per_read=link_settings.max_registers_per_read,
+                    max_bits_per_read=link_settings.max_bits_per_read,
+                ),
+            )
         )
         running = [asyncio.ensure_future(work) for work in (link.run(), lift.run())]
         await link.wait_up()

@@ -13,6 +13,7 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice, exception
 from drivers.model import Command, CommandKind, Proof, Result
 from register_maps.words import Door, Mode, Side, Table
+from tests.drivers.caller import Caller
 from tests.drivers.rig import CLOSE_FRONT, HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, ended, on_rig
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import HEAD, written_map
@@ -57,7 +58,7 @@ def test_two_lifts_that_share_a_word_do_not_undo_each_other() -> None:
         device.values[Table.INPUT][1] = 1
         settings = LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=True)
         codecs = [written_map(ACCEPTED.replace("9.2", f"9.{bit}")) for bit in (2, 5)]
-        lifts = [ModbusLift(codec, link, settings) for codec in codecs]
+        lifts = [Caller(ModbusLift(codec, link, settings)) for codec in codecs]
         running = [asyncio.ensure_future(work) for work in (link.run(), *(lift.run() for lift in lifts))]
         await link.wait_up()
         for lift in lifts:

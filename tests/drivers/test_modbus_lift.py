@@ -17,6 +17,7 @@ from register_maps.codec import compile_map
 from register_maps.frames import Request, exception_answer
 from register_maps.load import load
 from register_maps.words import Door, Mode, Motion, Side, Table
+from tests.drivers.caller import Caller
 from tests.support.virtual_time import elapse, run_virtual
 
 GO_L2 = Command(CommandKind.GO_TO, "L2")
@@ -34,7 +35,7 @@ class Rig:
     """A lift, its controller in memory, and a poll every 0.1 s."""
 
     device: MemoryDevice
-    lift: ModbusLift
+    lift: Caller
     link: Link
     errors: list[DriverError]
 
@@ -59,7 +60,7 @@ async def rig(map_name: str, *, control: bool, beat: bool) -> AsyncIterator[Rig]
     device = MemoryDevice()
     link = Link(device.wire, LinkSettings(), name="plc")
     floors = {"L1": 1, "L2": 2} if map_name == "generic-registers" else {"L1": 0, "L2": 1}
-    lift = ModbusLift(compile_map(source), link, LiftSettings(name="lift", floors=floors, control=control))
+    lift = Caller(ModbusLift(compile_map(source), link, LiftSettings(name="lift", floors=floors, control=control)))
     made = Rig(device, lift, link, [])
     if map_name == "generic-registers":
         made.set(holding_1=1, holding_2=1, holding_3=1, holding_4=2, holding_5=0b111)

@@ -22,6 +22,7 @@ from register_maps.codec import Cell, Codec
 from register_maps.frames import MASK_WRITE, WRITES, Request
 from register_maps.load import shipped
 from register_maps.words import Side, Table
+from tests.drivers.caller import Caller
 from tests.drivers.linked import linked, virtual
 from tests.drivers.rig import HOLD, HOLD_FRONT, SIGNALS, allowed
 from tests.support.shipped_maps import compiled
@@ -124,7 +125,7 @@ def test_each_lift_on_a_controller_adds_its_own_and_a_watched_one_adds_nothing()
         floors = {"L1": 1, "L2": 2}
         for coil, control in ((8, True), (9, True), (10, False)):
             codec = written_map(f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:{coil}", {HOLD}}}}}\n')
-            ModbusLift(codec, link, LiftSettings(name=f"lift {coil}", floors=floors, control=control))
+            Caller(ModbusLift(codec, link, LiftSettings(name=f"lift {coil}", floors=floors, control=control)))
         running = asyncio.ensure_future(link.run())
         await link.wait_up()
         for coil in (8, 9):
@@ -141,7 +142,7 @@ def test_each_lift_on_a_controller_adds_its_own_and_a_watched_one_adds_nothing()
 def test_on_a_controller_whose_lifts_are_only_watched_nothing_may_be_written() -> None:
     async def main() -> None:
         link = Link(MemoryDevice().wire, LinkSettings(), name="plc")
-        ModbusLift(written_map(EVERY_WAY), link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2}))
+        Caller(ModbusLift(written_map(EVERY_WAY), link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2})))
         with pytest.raises(UndeclaredWrite):
             await link.write(PASS[0])
 
@@ -154,7 +155,7 @@ def test_a_bug_that_asks_for_another_address_ends_the_lift_and_not_one_byte_of_i
     async def main() -> None:
         codec = written_map(f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:8", {HOLD}}}}}\n')
         link = Link(device.wire, LinkSettings(), name="plc")
-        lift = ModbusLift(codec, link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=True))
+        lift = Caller(ModbusLift(codec, link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=True)))
         # as if the driver had another map in mind than the one that was declared
         link.declared = declared(written_map(f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:9", {HOLD}}}}}\n'))
         linking, running = asyncio.ensure_future(link.run()), asyncio.ensure_future(lift.run())
@@ -265,7 +266,7 @@ def test_no_lift_of_a_shipped_map_ever_asks_for_a_write_that_is_not_declared(nam
     adopted = data.draw(st.sets(st.sampled_from(some), max_size=3)) if some else set()
     devices = everything(codec, data.draw(st.sampled_from([0, 1])))
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         for command in adopted:
             lift.adopt(command, allowed)
 
@@ -273,11 +274,13 @@ def test_no_lift_of_a_shipped_map_ever_asks_for_a_write_that_is_not_declared(nam
         lines = {endpoint: device for endpoint, device in devices.items() if endpoint}
         links = {endpoint: Link(device.wire, LinkSettings(), name=endpoint) for endpoint, device in lines.items()}
         link = Link(devices[""].wire, LinkSettings(), name="plc")
-        lift = ModbusLift(
-            codec,
-            link,
-            LiftSettings(name="lift", floors=floors, control=True, unit_id=codec.map.unit_of("")),
-            {endpoint: Line(each, codec.map.unit_of(endpoint)) for endpoint, each in links.items()},
+        lift = Caller(
+            ModbusLift(
+                codec,
+                link,
+                LiftSettings(name="lift", floors=floors, control=True, unit_id=codec.map.unit_of("")),
+                {endpoint: Line(each, codec.map.unit_of(endpoint)) for endpoint, each in links.items()},
+            )
         )
         first(lift)
         work = (link.run(), *(each.run() for each in links.values()), lift.run())

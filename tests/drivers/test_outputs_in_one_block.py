@@ -12,6 +12,7 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import Fault, MemoryDevice, exception, hang_up, silence
 from drivers.model import Command, CommandKind
 from register_maps.words import Side, Table
+from tests.drivers.caller import Caller
 from tests.drivers.linked import now
 from tests.drivers.rig import HOLD_FRONT, SIGNALS, Rig, allowed, ended, on_rig
 from tests.support.virtual_time import elapse, run_virtual
@@ -90,7 +91,9 @@ def test_a_hold_that_was_wanted_before_the_first_reading_and_is_on_is_adopted() 
         device.values[Table.INPUT][1] = 1
         device.values[Table.COIL].update({1: 1, 2: 1})
         link = Link(device.wire, LinkSettings(), name="plc")
-        lift = ModbusLift(written_map(TWO), link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=True))
+        lift = Caller(
+            ModbusLift(written_map(TWO), link, LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=True))
+        )
 
         async def poll() -> None:
             while True:

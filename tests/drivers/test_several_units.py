@@ -16,6 +16,7 @@ from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply
 from drivers.model import Command, CommandKind, Result
 from register_maps import frames
 from register_maps.words import Table
+from tests.drivers.caller import Caller
 from tests.drivers.linked import now, outcome, virtual
 from tests.drivers.rig import HOLD_FRONT, SIGNALS, allowed, ended
 from tests.support.virtual_time import elapse
@@ -69,7 +70,7 @@ class Lifts:
 
     gateway: Gateway
     link: Link
-    lifts: list[ModbusLift]
+    lifts: list[Caller]
     read_at: list[list[float]] = field(default_factory=list)
     failed: list[int] = field(default_factory=list)
 
@@ -95,7 +96,11 @@ async def lifts_behind(*delays_s: float, every_s: float) -> AsyncIterator[Lifts]
             box,
             link,
             [
-                ModbusLift(codec, link, LiftSettings(name=f"lift {unit}", floors=floors, control=True, unit_id=unit))
+                Caller(
+                    ModbusLift(
+                        codec, link, LiftSettings(name=f"lift {unit}", floors=floors, control=True, unit_id=unit)
+                    )
+                )
                 for unit in box.units
             ],
             [[] for _ in delays_s],

@@ -19,6 +19,7 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Quality
 from register_maps.words import Side, Table
+from tests.drivers.caller import Caller
 from tests.drivers.linked import now, virtual
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse
@@ -95,7 +96,7 @@ async def test_the_link_knows_within_one_poll_and_one_time_out_and_presses_nothi
         took_s = await made.until(lambda: made.link.in_doubt)
         assert took_s <= POLL_S + ANSWER_S + SPARE_S + 2 * STEP_S
         assert made.link.reason == "the controller did not answer the last request"
-        outcome = await made.lift.press(Command(CommandKind.GO_TO, "L2"), lambda: None)
+        outcome = await Caller(made.lift).press(Command(CommandKind.GO_TO, "L2"), lambda: None)
         # at once, or with the connection where the next request was in flight already
         assert outcome.result is Result.REJECTED
         assert "did not answer the last request" in outcome.reason or "twice in a row" in outcome.reason

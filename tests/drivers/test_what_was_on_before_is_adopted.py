@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 import pytest
 
 from drivers.errors import ConnectProblem
-from drivers.modbus.lift import ModbusLift
 from drivers.modbus.memory import Heard, MemoryDevice, exception
 from drivers.modbus.output import LOOK_S
 from drivers.modbus.recipe import Outputs
@@ -14,6 +13,7 @@ from drivers.modbus.steps import Phase, Step, StepKind
 from drivers.model import Command, CommandKind, Result
 from register_maps.words import Side, Table
 from tests.drivers.by_hand import LogByHand
+from tests.drivers.caller import Caller
 from tests.drivers.linked import now
 from tests.drivers.rig import CLOSE_FRONT, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
 from tests.support.virtual_time import elapse
@@ -51,8 +51,8 @@ def left_on(values: Mapping[Table, Mapping[int, int]], **how: float) -> MemoryDe
     return device
 
 
-def adopting(*commands: Command) -> Callable[[ModbusLift], None]:
-    def first(lift: ModbusLift) -> None:
+def adopting(*commands: Command) -> Callable[[Caller], None]:
+    def first(lift: Caller) -> None:
         for command in commands:
             lift.adopt(command, allowed)
             assert lift.given(command)
@@ -242,7 +242,7 @@ def test_what_the_map_requires_is_not_missing_before_anything_was_read() -> None
     )
     device.values[Table.DISCRETE][2] = 1
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         lift.adopt(HOLD_FRONT, allowed)
         lift.hold(HOLD_FRONT, allowed)
         assert lift.given(HOLD_FRONT)
@@ -259,7 +259,7 @@ def test_letting_go_before_the_first_look_releases_without_one(*, at_rest: bool)
     device = left_on({Table.COIL: {8: int(not at_rest)}})
     device.fail_next(exception(4), times=10**6, on=lambda request: request.table is Table.INPUT)
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         lift.adopt(HOLD_FRONT, allowed)
         lift.let_go(HOLD_FRONT)
         assert not lift.given(HOLD_FRONT)
@@ -293,7 +293,7 @@ def test_an_end_before_the_first_look_lets_go_of_what_was_to_be_adopted() -> Non
 def test_of_two_that_exclude_each_other_the_one_adopted_last_is_kept() -> None:
     device = left_on({Table.COIL: {8: 1, 9: 1}})
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         lift.adopt(CLOSE_FRONT, allowed)
         lift.adopt(HOLD_FRONT, allowed)
         assert not lift.given(CLOSE_FRONT)
@@ -367,7 +367,7 @@ def test_what_cannot_be_seen_to_be_on_is_not_adopted(what: str) -> None:
     signals = SIGNALS.replace("}}", f"}}, calls_registered: {{each_of: {LAMPS}}}}}") if what == "lamps" else SIGNALS
     device = left_on({Table.COIL: {8: 1}})
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         lift.adopt(command, allowed)
         assert not lift.given(command)
 
@@ -383,7 +383,7 @@ def test_what_cannot_be_seen_to_be_on_is_not_adopted(what: str) -> None:
 def test_a_floor_or_a_command_that_is_gone_from_the_site_is_not_adopted() -> None:
     device = left_on({Table.HOLDING: {40: 2}})
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         for command in (Command(CommandKind.GO_TO, "L9"), REAR, MODE):
             lift.adopt(command, allowed)
             assert not lift.given(command)
@@ -395,10 +395,12 @@ def test_a_floor_or_a_command_that_is_gone_from_the_site_is_not_adopted() -> Non
     on_rig(check, CALL, {"": device}, first=first)
 
 
-def test_adopting_after_the_first_reading_is_a_mistake_of_the_caller() -> None:
+def test_after_the_first_reading_nothing_is_adopted_any_more() -> None:
     async def check(made: Rig) -> None:
-        with pytest.raises(RuntimeError, match=r"lift: hold_door\.front is adopted after the first reading"):
-            made.lift.adopt(HOLD_FRONT, allowed)
+        made.lift.adopt(HOLD_FRONT, allowed)
+        assert made.lift.at_rest(HOLD_FRONT)
+        await elapse(3.0)
+        assert made.writes() == []
 
     on_rig(check, SINGLE)
 

@@ -20,6 +20,7 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.wire import PymodbusWire
 from drivers.model import Command, CommandKind, LiftValues, Outcome, Proof, Result
 from register_maps.words import Door, Mode, Motion, Side
+from tests.drivers.caller import Caller
 from tests.support.shipped_maps import compiled
 
 POLL_S = 0.03
@@ -62,7 +63,7 @@ class Bench:
 
     bank: DataBank
     server: ModbusServer
-    lift: ModbusLift
+    lift: Caller
     link: Link
     beats: bool
     """Whether holding register 0 counts."""
@@ -120,7 +121,7 @@ async def bench(map_name: str, floors: Mapping[str, int]) -> AsyncIterator[Bench
     server = ModbusServer("127.0.0.1", free_port(), no_block=True, data_bank=bank)
     link = Link(lambda: PymodbusWire("127.0.0.1", server.port), LinkSettings(), name="plc")
     codec = compiled(map_name)
-    lift = ModbusLift(codec, link, LiftSettings(name="lift", floors=floors, control=True))
+    lift = Caller(ModbusLift(codec, link, LiftSettings(name="lift", floors=floors, control=True)))
     made = Bench(bank, server, lift, link, beats="alive" in codec.signals)
     await made.start()
     tasks = [asyncio.ensure_future(work) for work in (link.run(), lift.run(), made.poll())]

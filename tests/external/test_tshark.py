@@ -22,6 +22,7 @@ from drivers.modbus.memory import MemoryDevice, MemoryWire, exception
 from drivers.modbus.wire import Wire
 from drivers.model import Command, CommandKind
 from register_maps.words import Side, Table
+from tests.drivers.caller import Caller
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -143,7 +144,7 @@ def allowed() -> None:
 def generic_registers() -> tuple[Sent, ...]:
     """Polls, a call of L2 at the first of them, and one answer with an exception at the last."""
 
-    async def ride(device: MemoryDevice, lift: ModbusLift) -> None:
+    async def ride(device: MemoryDevice, lift: Caller) -> None:
         # beat, floor -1, stopped, closed, robot mode, level and no fire, nothing asked
         device.values[Table.HOLDING].update(enumerate([7, 0xFFFF, 1, 1, 2, 0b111, 0, 0]))
         with pytest.raises(HeartbeatAwaited):
@@ -162,7 +163,7 @@ def generic_registers() -> tuple[Sent, ...]:
 def two_stop_agv() -> tuple[Sent, ...]:
     """Polls, and a door that is held and let go."""
 
-    async def ride(device: MemoryDevice, lift: ModbusLift) -> None:
+    async def ride(device: MemoryDevice, lift: Caller) -> None:
         device.values[Table.DISCRETE].update({0: 1, 2: 1, 4: 1})  # 21: at 4F, open, AGV mode
         await poll(lift, 1)
         lift.hold(HOLD, allowed)
@@ -173,14 +174,14 @@ def two_stop_agv() -> tuple[Sent, ...]:
     return recorded("two-stop-agv", {"4F": 0, "5F": 1}, ride)
 
 
-async def poll(lift: ModbusLift, times: int) -> None:
+async def poll(lift: Caller, times: int) -> None:
     for _ in range(times):
         await lift.read()
         await elapse(POLL_S)
 
 
 def recorded(
-    map_name: str, floors: dict[str, int], ride: Callable[[MemoryDevice, ModbusLift], Awaitable[None]]
+    map_name: str, floors: dict[str, int], ride: Callable[[MemoryDevice, Caller], Awaitable[None]]
 ) -> tuple[Sent, ...]:
     frames: list[Sent] = []
 
@@ -195,7 +196,7 @@ def recorded(
 
         link = Link(tapped, LinkSettings(), name="plc")
         settings = LiftSettings(name="lift", floors=floors, control=True)
-        lift = ModbusLift(compiled(map_name), link, settings)
+        lift = Caller(ModbusLift(compiled(map_name), link, settings))
         tasks = [asyncio.ensure_future(link.run()), asyncio.ensure_future(lift.run())]
         await link.wait_up()
         await ride(device, lift)

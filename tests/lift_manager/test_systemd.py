@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.driver import Permit, always
-from drivers.model import Command, LiftReading, LiftValues, Outcome
+from drivers.model import Command, LiftReading, LiftValues, PressId
 from lift_manager import app
 from lift_manager.config.load import load_site
 from lift_manager.core.bus import Bus
@@ -76,7 +75,7 @@ class Hanging(ScriptedDriver):
             await asyncio.Event().wait()
         return await super().read()
 
-    def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
+    def press(self, press: PressId, command: Command, leave_by: float) -> None:
         raise AssertionError("nothing is pressed here")
 
 

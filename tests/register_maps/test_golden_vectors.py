@@ -28,6 +28,7 @@ from simulator.controller import Parameters
 from simulator.modes import Key
 from simulator.registers import RegisterFace
 from simulator.server import SimulatedController
+from tests.drivers.caller import Caller
 from tests.register_maps.golden.adam_io import ADAM_IO
 from tests.register_maps.golden.adam_pushbutton import ADAM_PUSHBUTTON
 from tests.register_maps.golden.generic_coils import GENERIC_COILS
@@ -92,7 +93,7 @@ def counted(frame: str, at: int) -> str:
     return data.hex(" ").upper()
 
 
-async def first_look(lift: ModbusLift, bench: "Bench", alive: Point) -> None:
+async def first_look(lift: Caller, bench: "Bench", alive: Point) -> None:
     """Read once with another count than the vectors have: what is read counts once the counter was seen to change."""
     # protocol 2, length 2, unit, function, count of bytes; two for each register of the poll up to the counter
     bench.counts_at = 7 + 2 * (alive.address - bench.first_polled) + 1
@@ -163,7 +164,7 @@ class Bench:
 
 
 @asynccontextmanager
-async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterator[ModbusLift]:
+async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterator[Caller]:
     """The real driver on this bench."""
     codec = compiled(golden)
     links = {
@@ -174,8 +175,8 @@ async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterato
     # a look at our outputs now and then is no part of any command
     settings = LiftSettings(name="lift", floors=golden.floors, control=control, unit_id=unit_id, look_s=math.inf)
     endpoints = {device: Line(links[device], codec.map.unit_of(device)) for device in codec.map.endpoints}
-    lift = ModbusLift(codec, links[""], settings, endpoints)
-    running: list[Link | ModbusLift] = [*links.values(), lift]
+    lift = Caller(ModbusLift(codec, links[""], settings, endpoints))
+    running: list[Link | Caller] = [*links.values(), lift]
     tasks = [asyncio.ensure_future(part.run()) for part in running]
     for link in links.values():
         await link.wait_up()
@@ -190,7 +191,7 @@ async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterato
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def give(lift: ModbusLift, command: Command, *, press: bool | None = None) -> asyncio.Future[Outcome] | None:
+def give(lift: Caller, command: Command, *, press: bool | None = None) -> asyncio.Future[Outcome] | None:
     """Press or hold; of a command that comes before, its kind tells which."""
     if press or (press is None and command.kind not in (CommandKind.HOLD_DOOR, CommandKind.ROBOT_MODE)):
         return lift.press(command, allowed)

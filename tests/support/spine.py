@@ -186,7 +186,7 @@ async def spine(
     memory = memory or ShortMemory()
     journal = journal or ShortJournal()
     log = LiftLog("lift", journal, memory)
-    driver = ModbusLift(codec, link, lift_settings, lines, log=log)
+    driver = ModbusLift(codec, link, lift_settings, lines)
     bus = RecordingBus(journal)
     options = LiftOptions(
         name="lift",

@@ -1,12 +1,26 @@
 """A lift that does only what the test says: readings by hand, presses written down, virtual time."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import math
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from drivers.driver import Permit, always
+from drivers.driver import Above, Unattended
 from drivers.errors import DriverError, Sent
-from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Result, SignalValue
+from drivers.model import (
+    Capabilities,
+    Command,
+    Hold,
+    LiftReading,
+    LiftValues,
+    Outcome,
+    OutputChanged,
+    OutputState,
+    PressId,
+    Result,
+    SignalValue,
+    Written,
+)
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Clock, Memory
@@ -78,20 +92,45 @@ class ScriptedDriver:
     unseen: bool = False
     """What is held or let go from here on is not seen to be so."""
     delay_s: float = 0.05
-    """From the wish to the write, and again from there to the outcome."""
+    """From the press to the write, and again from there to the outcome."""
     log: list[str] = field(default_factory=list)
     """What reached the lift, in order: `press call L1`, `hold robot_in_place`, `let go call`."""
     on: set[str] = field(default_factory=set)
+    """What is on, or on its way; a test may take something away, as a controller does."""
     renewed: dict[str, float] = field(default_factory=dict)
-    """When each hold was last renewed."""
-    permits: dict[str, Permit] = field(default_factory=dict)
-    """The permit each command was last given with."""
+    """When what is on was last declared for longer."""
     left_on: frozenset[str] = frozenset()
     """What was on when the process began: kept on where it is adopted."""
     adopted: set[str] = field(default_factory=set)
     begun: set[str] = field(default_factory=set)
-    """What somebody has asked for in this process, beyond keeping what is on."""
-    _flying: dict[str, asyncio.Future[Outcome]] = field(default_factory=dict)
+    """What is declared with a beginning, beyond keeping what is on."""
+    above: Above = field(default_factory=Unattended)
+    _declared: dict[str, tuple[Command, Hold]] = field(default_factory=dict)
+    _used: dict[str, int] = field(default_factory=dict)
+    """The newest `begin` of each hold that is used up."""
+    _states: dict[str, OutputState] = field(default_factory=dict)
+    _newest: dict[str, PressId] = field(default_factory=dict)
+    _flying: dict[str, tuple[PressId, Command]] = field(default_factory=dict)
+    """Presses without an outcome."""
+    _unwritten: set[str] = field(default_factory=set)
+    """Those of them that were not written."""
+    _was_read: bool = False
+    _fence_at: float = math.inf
+    _released: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def __post_init__(self) -> None:
+        self.capabilities = replace(
+            self.capabilities,
+            max_hold_s=dict.fromkeys(self.capabilities.commands, 1e6) | dict(self.capabilities.max_hold_s),
+        )
+
+    def __setattr__(self, name: str, value: object) -> None:
+        object.__setattr__(self, name, value)
+        if name == "unseen" and hasattr(self, "_released"):
+            self._report_states()
+
+    def attach(self, above: Above) -> None:
+        self.above = above
 
     async def read(self) -> LiftReading:
         if self.silent:
@@ -99,7 +138,12 @@ class ScriptedDriver:
         at, values = asyncio.get_running_loop().time(), self.values
         if self.takes_s:
             await asyncio.sleep(self.takes_s)
-        return LiftReading(at, 1, values)
+        self._was_read = True
+        for name, (_, hold) in self._declared.items():
+            if hold.until <= at and name not in self._unwritten:
+                self._let_go(name)
+        self._report_states()
+        return LiftReading(at, 1, values, outputs=self._states)
 
     def signals(self, now: float) -> tuple[SignalValue, ...]:
         value = self.values.floor
@@ -108,85 +152,126 @@ class ScriptedDriver:
     async def run(self) -> None:
         await asyncio.Event().wait()
 
-    def press(self, command: Command, permit: Permit, begins: Permit = always) -> asyncio.Future[Outcome]:
-        loop = asyncio.get_running_loop()
-        future: asyncio.Future[Outcome] = loop.create_future()
-        self._end(command, Result.UNCONFIRMED, "replaced by a newer command")
-        self._flying[command.name] = future
-        self.permits[command.name] = permit
-        self.on.add(command.name)
-        loop.call_later(self.delay_s, self._write, command, lambda: begins() or permit(), future)
-        return future
+    def declare(self, holds: Mapping[Command, Hold]) -> None:
+        now = asyncio.get_running_loop().time()
+        known = {command.name: (command, hold) for command, hold in holds.items()}
+        assert known.keys() <= self.capabilities.commands, known
+        before, self._declared = self._declared, known
+        for name in sorted((self.capabilities.levels | before.keys() | known.keys()) - self._unwritten):
+            if name not in known:
+                self._used.pop(name, None)
+                self._let_go(name)
+                continue
+            command, hold = known[name]
+            (self.begun.add if hold.begin else self.begun.discard)(name)
+            if not self._was_read and not hold.begin and name not in self.on:
+                self.adopted.add(name)
+                if name in self.left_on:
+                    self.on.add(name)
+            elif name in self.on:
+                if name in before and hold.until > before[name][1].until:
+                    self.renewed[name] = now
+            elif hold.begin > self._used.get(name, 0) and not self._is_fenced:
+                self._put_on(command, hold, now)
+        self._report_states()
 
-    def hold(self, command: Command, permit: Permit, *, begin: bool = True) -> None:
-        if command.name not in self.capabilities.commands:
-            return
-        if not begin and command.name not in self.on:
-            return
-        if begin:
-            self.begun.add(command.name)
-        if command.name not in self.on and permit() is None:
+    def press(self, press: PressId, command: Command, leave_by: float) -> None:
+        self._end(command.name, Result.UNCONFIRMED, "replaced by a newer command")
+        self._newest[command.name], self._flying[command.name] = press, (press, command)
+        self.on.add(command.name)
+        self._unwritten.add(command.name)
+        asyncio.get_running_loop().call_later(self.delay_s, self._write, press, command, leave_by)
+        self._report_states()
+
+    def cancel(self, press: PressId) -> None:
+        for name, newest in self._newest.items():
+            if newest == press and (name in self._unwritten or name not in self._declared):
+                self._let_go(name)
+        for name in [name for name, (one, _) in self._flying.items() if one == press]:
+            self._end(name, Result.UNCONFIRMED, "let go before it was confirmed")
+        self._report_states()
+
+    def frames(self, command: Command) -> tuple[str, ...]:
+        return ()
+
+    def fence(self, until: float) -> None:
+        self._fence_at = until
+
+    async def released(self) -> None:
+        while self.on:
+            self._released.clear()
+            await self._released.wait()
+
+    @property
+    def _is_fenced(self) -> bool:
+        return asyncio.get_running_loop().time() >= self._fence_at
+
+    def _put_on(self, command: Command, hold: Hold, now: float) -> None:
+        if self.above.blocked_by(command, None) is None:
             self.log.append(f"hold {command}")
             self.on.add(command.name)
-        self.permits[command.name] = permit
-        self.renewed[command.name] = asyncio.get_running_loop().time()
+            self.renewed[command.name] = now
+            self._used[command.name] = hold.begin
+            self.above.report(Written(command.name, "press", ()))
 
-    def adopt(self, command: Command, permit: Permit) -> None:
-        assert command.name in self.capabilities.commands, command
-        self.adopted.add(command.name)
-        self.permits[command.name] = permit
-        if command.name in self.left_on:
-            self.on.add(command.name)
-
-    def keep(self, command: Command) -> None:
-        self.begun.discard(command.name)
-
-    def let_go(self, command: Command) -> None:
-        if command.name in self.on:
-            self.log.append(f"let go {command.name}")
-            self.on.discard(command.name)
-        self._end(command, Result.UNCONFIRMED, "let go before it was confirmed")
-
-    def given(self, command: Command) -> bool:
-        return command.name in self.on
-
-    def held(self, command: Command) -> bool:
-        return command.name in self.on and not self.unseen
-
-    def at_rest(self, command: Command) -> bool:
-        return command.name not in self.on and not self.unseen
-
-    async def release_all(self) -> None:
-        for name in tuple(self.on):
+    def _let_go(self, name: str) -> None:
+        if name in self.on:
             self.log.append(f"let go {name}")
             self.on.discard(name)
+        self._unwritten.discard(name)
+        self._end(name, Result.UNCONFIRMED, "let go before it was confirmed")
 
-    def _write(self, command: Command, permit: Permit, future: asyncio.Future[Outcome]) -> None:
-        if future.done():
+    def _write(self, press: PressId, command: Command, leave_by: float) -> None:
+        name = command.name
+        if self._flying.get(name, (None, None))[0] != press:
             return
-        if (reason := permit()) is not None:
-            self.on.discard(command.name)
-            self._end(command, Result.REJECTED, reason)
+        refusal = self.above.blocked_by(command, press)
+        if asyncio.get_running_loop().time() > leave_by or self._is_fenced:
+            refusal = "too late"
+        if refusal is not None or not self.grants:
+            self.on.discard(name)
+            self._end(name, Result.REJECTED, refusal or "not granted", not_granted=refusal is None)
             return
-        if not self.grants:
-            self.on.discard(command.name)
-            self._end(command, Result.REJECTED, "not granted", not_granted=True)
-            return
+        self._unwritten.discard(name)
         self.log.append(f"press {command}")
-        asyncio.get_running_loop().call_later(self.delay_s, self._answer, command, future)
+        self.above.report(Written(name, "press", ()))
+        self._report_states()
+        asyncio.get_running_loop().call_later(self.delay_s, self._answer, press, command)
 
-    def _answer(self, command: Command, future: asyncio.Future[Outcome]) -> None:
-        if future.done():
+    def _answer(self, press: PressId, command: Command) -> None:
+        name = command.name
+        if self._flying.get(name, (None, None))[0] != press:
             return
-        result = self.answers.get(command.name, Result.CONFIRMED)
-        if command.name not in self.capabilities.levels or result is Result.REJECTED:
-            self.on.discard(command.name)
-        self._end(command, result, "" if result is Result.CONFIRMED else "as told")
+        result = self.answers.get(name, Result.CONFIRMED)
+        if name not in self.capabilities.levels or result is Result.REJECTED:
+            self.on.discard(name)
+        self._end(name, result, "" if result is Result.CONFIRMED else "as told")
 
-    def _end(self, command: Command, result: Result, reason: str, *, not_granted: bool = False) -> None:
-        future = self._flying.pop(command.name, None)
-        if future is not None and not future.done():
-            future.set_result(Outcome(command, result, reason, not_granted=not_granted))
+    def _end(self, name: str, result: Result, reason: str, *, not_granted: bool = False) -> None:
+        self._unwritten.discard(name)
+        press, command = self._flying.pop(name, (0, None))
+        if command is not None:
+            self._report_states()
+            self.above.report(Outcome(command, result, reason, not_granted=not_granted, press=press))
+
+    def _state(self, name: str) -> OutputState:
+        if name in self._unwritten or (name in self._declared and name in self.adopted and not self._was_read):
+            return OutputState.REQUESTED
+        if name in self.on:
+            return OutputState.ON if self.unseen else OutputState.HELD
+        declared = self._declared.get(name)
+        if declared is not None and 0 < declared[1].begin <= self._used.get(name, 0):
+            return OutputState.LOST
+        return OutputState.RELEASING if self.unseen else OutputState.AT_REST
+
+    def _report_states(self) -> None:
+        known = self._states
+        self._states = {name: self._state(name) for name in sorted(self.capabilities.commands)}
+        for name, state in self._states.items():
+            if state is not known.get(name, OutputState.AT_REST):
+                self.above.report(OutputChanged(name, state))
+        if not self.on:
+            self._released.set()
 
 
 @dataclass

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from drivers.model import Command, CommandKind
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
@@ -169,7 +170,7 @@ def test_robot_mode_of_a_car_under_way_stays_permitted_in_a_lockout_until_the_ca
         assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
         await elapse(5)
         assert made.driver.on == {"robot_mode"}
-        assert made.driver.permits["robot_mode"]() is None
+        assert made.driver.above.blocked_by(Command(CommandKind.ROBOT_MODE), None) is None
         made.driver.values = replace(made.driver.values, floor="L1", motion=Motion.STOPPED)
         await elapse(5)
         assert made.driver.on == set()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.model import Result
+from drivers.model import Command, CommandKind, Result
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.service import Acknowledged
 from register_maps.words import Door, Mode
@@ -330,7 +330,8 @@ def test_what_stays_on_until_the_leaving_is_told_stays_permitted_though_the_sess
         made.accept("L3", LEFT, hold=False)
         assert made.state.holder is None
         assert made.driver.on == {"go", "robot_in_place"}
-        assert [made.driver.permits[name]() for name in ("go", "robot_in_place")] == [None, None]
+        on = (Command(CommandKind.GO, "L3"), Command(CommandKind.ROBOT_IN_PLACE))
+        assert [made.driver.above.blocked_by(command, None) for command in on] == [None, None]
         await elapse(1)
         assert made.driver.on == set()
         assert made.presses[-1] == "robot_left"

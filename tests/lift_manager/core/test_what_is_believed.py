@@ -61,9 +61,9 @@ def test_a_door_that_people_opened_is_held_only_once_it_has_closed_and_opens_for
     async def check(made: Bench) -> None:
         made.accept("L2")
         await elapse(20)
-        assert not made.driver.given(HOLD), "it would keep the car from people, and nobody would be invited"
+        assert HOLD.name not in made.driver.on, "it would keep the car from people, and nobody would be invited"
         await made.car("L2", Door.CLOSED)
-        assert made.driver.given(HOLD)
+        assert HOLD.name in made.driver.on
         await made.car("L2", Door.OPEN)
         assert made.robot_door() is RobotDoor.MOVING
         await elapse(4)

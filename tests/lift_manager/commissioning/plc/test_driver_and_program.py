@@ -17,6 +17,7 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.model import Command, CommandKind, Proof, Result
 from register_maps.words import Door, Mode, Side
+from tests.drivers.caller import Caller
 from tests.lift_manager.commissioning.plc.rig import CYCLE_S, LAYOUTS, Layout, Rig
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -64,7 +65,7 @@ class Bench:
             self.rig.cycle()
 
 
-async def first_beat(lift: ModbusLift) -> None:
+async def first_beat(lift: Caller) -> None:
     """Wait until the alive counter of the program, where it has one, was seen to change."""
     while True:
         try:
@@ -76,10 +77,10 @@ async def first_beat(lift: ModbusLift) -> None:
 
 
 @asynccontextmanager
-async def driven(bench: Bench) -> AsyncIterator[ModbusLift]:
+async def driven(bench: Bench) -> AsyncIterator[Caller]:
     link = Link(lambda: MemoryWire(bench.answer), LinkSettings(), name="plc")
     settings = LiftSettings(name="lift", floors=dict(bench.rig.layout.floors), control=True)
-    lift = ModbusLift(bench.rig.codec, link, settings)
+    lift = Caller(ModbusLift(bench.rig.codec, link, settings))
     tasks = [asyncio.ensure_future(job) for job in (bench.run(), link.run(), lift.run())]
     await link.wait_up()
     await first_beat(lift)
@@ -99,7 +100,7 @@ ROBOT_MODE = Command(CommandKind.ROBOT_MODE)
 HOLD_DOOR = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
 
 
-async def wanted(lift: ModbusLift, seconds: float, *holds: Command) -> None:
+async def wanted(lift: Caller, seconds: float, *holds: Command) -> None:
     """Poll so long, and want these holds all the time, as a session does."""
     end = asyncio.get_running_loop().time() + seconds
     while asyncio.get_running_loop().time() < end - POLL_S / 2:

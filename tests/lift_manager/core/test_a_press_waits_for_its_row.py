@@ -2,19 +2,20 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 
 import pytest
 
-from drivers.modbus.memory import exception
-from drivers.modbus.output import REJECTED_PAUSE_S
-from drivers.modbus.rows import ROW_WITHIN_S
+from drivers.modbus.memory import MemoryDevice, exception
 from drivers.model import Command, CommandKind, Outcome, Result
+from lift_manager.core.outputs import ROW_REFUSED_PAUSE_S, ROW_WITHIN_S, LiftOutputs
 from register_maps.words import Table
 from tests.drivers.by_hand import LogByHand
 from tests.drivers.linked import now
-from tests.drivers.rig import CLOSE_FRONT, HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
-from tests.support.virtual_time import elapse
+from tests.drivers.rig import CLOSE_FRONT, HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, rig
+from tests.support.virtual_time import elapse, run_virtual
+from tests.support.written_maps import written_map
 
 GO1, GO2 = Command(CommandKind.GO_TO, "L1"), Command(CommandKind.GO_TO, "L2")
 PULSE = "action: pulse, width_s: 0.5, confirm: {any_of: [readback], within_s: 2}"
@@ -29,18 +30,44 @@ ALL = (
 MODE = Command(CommandKind.ROBOT_MODE)
 
 
+@dataclass
+class Bench:
+    """The outputs of a lift as sessions use them, over a real driver."""
+
+    lift: LiftOutputs
+    rig: Rig
+
+    @property
+    def device(self) -> MemoryDevice:
+        return self.rig.device
+
+    def writes(self) -> list[str]:
+        return self.rig.writes()
+
+    def cells(self, table: Table, *addresses: int) -> list[int]:
+        return self.rig.cells(table, *addresses)
+
+
+def on_bench(check: Callable[[Bench], Awaitable[None]], text: str, log: LogByHand) -> None:
+    async def main() -> None:
+        async with rig(written_map(text)) as made:
+            await check(Bench(LiftOutputs("lift", made.lift.driver, log), made))
+
+    run_virtual(main, limit_s=600)
+
+
 def result(press: asyncio.Future[Outcome]) -> tuple[Result, str]:
     return press.result().result, press.result().reason
 
 
-def released_at(made: Rig, text: str) -> float:
+def released_at(made: Bench, text: str) -> float:
     return next(heard.at_s for heard in made.device.heard if str(heard.request) == text)
 
 
 def test_a_press_leaves_when_its_row_is_written_and_not_before() -> None:
     log = LogByHand(answers=False)
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         press = made.lift.press(GO2, allowed)
         assert log.rows == [("go_to L2", ("010600280002",))]
         await elapse(1.0)
@@ -53,13 +80,13 @@ def test_a_press_leaves_when_its_row_is_written_and_not_before() -> None:
         assert result(press) == (Result.CONFIRMED, "")
         assert press.result().frames == log.rows[0][1]
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_a_press_that_cannot_be_written_down_is_rejected_with_that_reason_and_nothing_is_sent() -> None:
     for log in (LogByHand(trouble="the disk is full"), LogByHand(answers=False)):
 
-        async def check(made: Rig, log: LogByHand = log) -> None:
+        async def check(made: Bench, log: LogByHand = log) -> None:
             press = made.lift.press(GO2, allowed)
             await elapse(0.5)
             if log.waiting:
@@ -70,13 +97,13 @@ def test_a_press_that_cannot_be_written_down_is_rejected_with_that_reason_and_no
             assert made.writes() == []
             assert not made.lift.given(GO2)
 
-        on_rig(check, ALL, log=log)
+        on_bench(check, ALL, log)
 
 
 def test_a_press_whose_row_never_comes_is_given_up_and_a_late_row_presses_nothing() -> None:
     log = LogByHand(answers=False)
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         press = made.lift.press(GO2, allowed)
         await elapse(ROW_WITHIN_S - 0.01)
         assert not press.done()
@@ -88,7 +115,7 @@ def test_a_press_whose_row_never_comes_is_given_up_and_a_late_row_presses_nothin
         assert made.writes() == []
         assert not made.lift.given(GO2)
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_a_journal_that_ends_or_breaks_refuses_the_press() -> None:
@@ -99,7 +126,7 @@ def test_a_journal_that_ends_or_breaks_refuses_the_press() -> None:
         log = LogByHand(answers=False)
 
         async def check(
-            made: Rig,
+            made: Bench,
             log: LogByHand = log,
             end: Callable[[asyncio.Future[str | None]], object] = end,
             said: str = said,
@@ -111,13 +138,13 @@ def test_a_journal_that_ends_or_breaks_refuses_the_press() -> None:
             assert said in result(press)[1]
             assert made.writes() == []
 
-        on_rig(check, ALL, log=log)
+        on_bench(check, ALL, log)
 
 
 def test_releases_refreshes_and_other_commands_do_not_wait_while_a_row_is_awaited() -> None:
     log = LogByHand()
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         made.lift.hold(HOLD_FRONT, allowed)
         made.lift.hold(MODE, allowed)
         await elapse(0.2)
@@ -136,14 +163,14 @@ def test_releases_refreshes_and_other_commands_do_not_wait_while_a_row_is_awaite
         await elapse(0.1)
         assert made.cells(Table.HOLDING, 40) == [2]
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_what_is_on_stays_until_the_row_of_its_successor_is_there() -> None:
     log = LogByHand()
     text = f'{SIGNALS}commands: {{go_to: {{at: "holding:40", as: floor, rest: 0, {HOLD}, until: arrived}}}}\n'
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         first = made.lift.press(GO1, allowed)
         await elapse(0.5)
         assert made.cells(Table.HOLDING, 40) == [1]
@@ -162,13 +189,13 @@ def test_what_is_on_stays_until_the_row_of_its_successor_is_there() -> None:
         assert made.cells(Table.HOLDING, 40) == [2]
         assert result(third)[0] is Result.CONFIRMED
 
-    on_rig(check, text, log=log)
+    on_bench(check, text, log)
 
 
 def test_a_wish_that_is_let_go_replaced_or_excluded_never_enters_however_late_its_row_is() -> None:
     log = LogByHand(answers=False)
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         let_go = made.lift.press(CLOSE_FRONT, allowed)
         made.lift.let_go(CLOSE_FRONT)
         assert result(let_go) == (Result.UNCONFIRMED, "let go before it was confirmed")
@@ -188,13 +215,13 @@ def test_a_wish_that_is_let_go_replaced_or_excluded_never_enters_however_late_it
         assert "write coil 10 := on, unit 1" not in made.writes()
         assert newer.done() or made.lift.given(GO2)
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_rows_that_come_out_of_order_press_what_was_asked_for_last() -> None:
     log = LogByHand(answers=False)
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         made.device.values[Table.DISCRETE][1] = 1
         await elapse(0.2)
         made.lift.hold(HOLD_FRONT, allowed)
@@ -207,13 +234,13 @@ def test_rows_that_come_out_of_order_press_what_was_asked_for_last() -> None:
         assert result(press)[0] is Result.CONFIRMED
         assert "write coil 8 := on, unit 1" not in made.writes()
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_letting_everything_go_drops_every_wish() -> None:
     log = LogByHand(answers=False)
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         press = made.lift.press(GO2, allowed)
         made.lift.hold(HOLD_FRONT, allowed)
         await made.lift.release_all()
@@ -225,14 +252,14 @@ def test_letting_everything_go_drops_every_wish() -> None:
         await elapse(2.0)
         assert made.writes() == []
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_what_waited_is_judged_when_its_bytes_leave() -> None:
     log = LogByHand(answers=False)
     refusal: list[str] = []
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         press = made.lift.press(GO2, lambda: refusal[0] if refusal else None)
         await elapse(0.5)
         refusal.append("fire")
@@ -241,13 +268,13 @@ def test_what_waited_is_judged_when_its_bytes_leave() -> None:
         assert result(press) == (Result.REJECTED, "fire")
         assert made.writes() == []
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_a_hold_from_rest_waits_for_a_row_and_its_renewals_do_not() -> None:
     log = LogByHand(answers=False)
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         for _ in range(5):
             made.lift.hold(HOLD_FRONT, allowed)
             await elapse(0.1)
@@ -270,27 +297,27 @@ def test_a_hold_from_rest_waits_for_a_row_and_its_renewals_do_not() -> None:
         await elapse(0.5)
         assert made.cells(Table.COIL, 8) == [1]
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_a_hold_that_cannot_be_written_down_asks_again_later_and_says_so_once(caplog: pytest.LogCaptureFixture) -> None:
     log = LogByHand(trouble="the disk is full")
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         for _ in range(50):
             made.lift.hold(HOLD_FRONT, allowed)
             await elapse(0.1)
         assert not made.lift.given(HOLD_FRONT)
         assert made.writes() == []
-        assert len(log.rows) == 1 + int(5.0 / REJECTED_PAUSE_S)
+        assert len(log.rows) == 1 + int(5.0 / ROW_REFUSED_PAUSE_S)
         log.trouble = None
-        await elapse(REJECTED_PAUSE_S)
+        await elapse(ROW_REFUSED_PAUSE_S)
         made.lift.hold(HOLD_FRONT, allowed)
         await elapse(0.1)
         assert made.lift.held(HOLD_FRONT)
 
-    with caplog.at_level(logging.WARNING, logger="drivers.modbus.rows"):
-        on_rig(check, ALL, log=log)
+    with caplog.at_level(logging.WARNING, logger="lift_manager.core.outputs"):
+        on_bench(check, ALL, log)
     assert [record.getMessage() for record in caplog.records] == [
         "lift: hold_door.front is not asserted: the disk is full"
     ]
@@ -300,7 +327,7 @@ def test_a_hold_whose_press_could_not_leave_needs_no_second_row() -> None:
     log = LogByHand()
     refusal = ["the lift is in doubt"]
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         for _ in range(20):
             made.lift.hold(HOLD_FRONT, lambda: refusal[0] if refusal else None)
             await elapse(0.1)
@@ -320,14 +347,14 @@ def test_a_hold_whose_press_could_not_leave_needs_no_second_row() -> None:
         assert made.cells(Table.COIL, 8) == [1]
         assert len(log.rows) == 3
 
-    on_rig(check, ALL, log=log)
+    on_bench(check, ALL, log)
 
 
 def test_a_hold_that_waited_falls_by_the_time_it_was_asked_for_last() -> None:
     log = LogByHand(answers=False)
     text = f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:8", {HOLD.replace("30", "2")}}}}}\n'
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         made.lift.hold(HOLD_FRONT, allowed)
         await elapse(1.5)
         log.answer()
@@ -336,7 +363,7 @@ def test_a_hold_that_waited_falls_by_the_time_it_was_asked_for_last() -> None:
         await elapse(0.5)
         assert made.cells(Table.COIL, 8) == [0]
 
-    on_rig(check, text, log=log)
+    on_bench(check, text, log)
 
 
 def test_a_hold_that_waits_is_renewed_and_judged_as_it_was_asked_for_last() -> None:
@@ -344,7 +371,7 @@ def test_a_hold_that_waits_is_renewed_and_judged_as_it_was_asked_for_last() -> N
     for last, pressed in (("fire", 0), (None, 1)):
         log = LogByHand(answers=False)
 
-        async def check(made: Rig, log: LogByHand = log, last: str | None = last, pressed: int = pressed) -> None:
+        async def check(made: Bench, log: LogByHand = log, last: str | None = last, pressed: int = pressed) -> None:
             made.lift.hold(HOLD_FRONT, lambda: "overtaken" if last is None else None)
             await elapse(1.0)
             made.lift.hold(HOLD_FRONT, lambda: last)
@@ -355,7 +382,7 @@ def test_a_hold_that_waits_is_renewed_and_judged_as_it_was_asked_for_last() -> N
             await elapse(0.4)
             assert made.cells(Table.COIL, 8) == [0]
 
-        on_rig(check, text, log=log)
+        on_bench(check, text, log)
 
 
 def test_what_is_planned_leaves_out_what_will_be_let_go_for_it() -> None:
@@ -367,7 +394,7 @@ def test_what_is_planned_leaves_out_what_will_be_let_go_for_it() -> None:
         f'  robot_mode: {{at: "coil:10", {HOLD}}}\nwrite_blocks: [{{at: "coil:8", count: 3, function: 15}}]\n'
     )
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         made.device.values[Table.DISCRETE][1] = 1
         await elapse(0.2)
         made.lift.hold(HOLD_FRONT, allowed)
@@ -378,7 +405,45 @@ def test_what_is_planned_leaves_out_what_will_be_let_go_for_it() -> None:
         pressed = [each.frames for each in log.told if (each.what, each.name) == ("press", "close_door.front")]
         assert [log.rows[-1][1]] == pressed == [("010f000800030106",)]
 
-    on_rig(check, text, log=log)
+    on_bench(check, text, log)
+
+
+def test_what_waits_for_its_row_is_not_put_on_once_it_is_only_kept() -> None:
+    log = LogByHand(answers=False)
+
+    async def check(made: Bench) -> None:
+        made.lift.hold(HOLD_FRONT, allowed)
+        made.lift.keep(HOLD_FRONT)
+        assert made.lift.at_rest(HOLD_FRONT)
+        log.answer()
+        for _ in range(30):
+            made.lift.hold(HOLD_FRONT, allowed, begin=False)
+            await elapse(0.1)
+        assert made.writes() == []
+
+    on_bench(check, ALL, log)
+
+
+def test_a_hold_that_is_found_off_is_put_on_again_once_that_is_written_down() -> None:
+    log = LogByHand()
+
+    async def check(made: Bench) -> None:
+        made.lift.hold(HOLD_FRONT, allowed)
+        await elapse(1.2)
+        log.answers = False
+        made.device.values[Table.COIL][8] = 0
+        await elapse(1.5)
+        assert [row for row, _ in log.rows] == ["hold_door.front", "hold_door.front again"]
+        assert made.cells(Table.COIL, 8) == [0]
+        assert made.lift.given(HOLD_FRONT)
+        assert not made.lift.held(HOLD_FRONT)
+        log.answer()
+        await elapse(2.0)
+        assert made.cells(Table.COIL, 8) == [1]
+        assert made.lift.held(HOLD_FRONT)
+        assert len(log.rows) == 2
+
+    on_bench(check, ALL, log)
 
 
 def test_a_bug_drops_what_waits() -> None:
@@ -387,7 +452,7 @@ def test_a_bug_drops_what_waits() -> None:
     def bug() -> str | None:
         raise ZeroDivisionError("a bug of the caller's")
 
-    async def check(made: Rig) -> None:
+    async def check(made: Bench) -> None:
         press = made.lift.press(GO2, allowed)
         made.lift.hold(HOLD_FRONT, bug)
         log.waiting.pop().set_result(None)
@@ -399,26 +464,4 @@ def test_a_bug_drops_what_waits() -> None:
         assert not made.lift.given(GO2)
         assert made.writes() == ["write coil 8 := off, unit 1"]
 
-    on_rig(check, ALL, log=log)
-
-
-def test_a_log_that_answers_at_once_changes_nothing_on_the_wire() -> None:
-    heard: list[list[tuple[float, str]]] = []
-
-    async def check(made: Rig) -> None:
-        for command in (GO1, GO2, GO1):
-            _ = made.lift.press(command, allowed)
-            made.lift.hold(HOLD_FRONT, allowed)
-            await elapse(0.7)
-            made.lift.hold(MODE, allowed)
-            _ = made.lift.press(CLOSE_FRONT, allowed)
-            await elapse(0.33)
-            made.lift.hold(HOLD_FRONT, allowed)
-            await elapse(0.5)
-        await made.lift.release_all()
-        heard.append([(each.at_s, str(each.request)) for each in made.device.heard])
-
-    on_rig(check, ALL)
-    on_rig(check, ALL, log=LogByHand())
-    assert heard[0] == heard[1]
-    assert len(heard[0]) > 40
+    on_bench(check, ALL, log)
