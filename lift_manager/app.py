@@ -14,12 +14,12 @@ from zoneinfo import ZoneInfo
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
 from drivers.modbus.plan import polled
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.tls import LinkTls
+from drivers.modbus.units import Unit
 from drivers.modbus.wire import PymodbusWire, Wire
 from drivers.thread import in_thread
 from lift_manager.config.check import canonical_host
@@ -403,7 +403,7 @@ def _link(name: str, spec: Controller, needs: LinkDefaults, make_wire: Callable[
 def _driver(name: str, loaded: LoadedSite, links: Mapping[str, Link]) -> ModbusLift:
     spec, source = loaded.site.lifts[name], loaded.maps[name].map
     placed = devices(loaded.site, spec, source)
-    lines = {endpoint: Line(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
+    lines = {endpoint: Unit(links[device.controller], device.unit_id) for endpoint, device in placed.items()}
     own = lines.pop("")
     # one limit for every device of a lift: the smallest
     needs = [loaded.links[device.controller] for device in placed.values()]

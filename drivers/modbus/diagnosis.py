@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from drivers.errors import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ControllerException, PointsRefused, UnitOffline
-from drivers.modbus.lines import Lines
+from drivers.modbus.units import Units
 from drivers.model import LiftValues
 from register_maps.codec import Block, Cell, Codec, Point
 from register_maps.words import BIT_TABLES
@@ -19,10 +19,10 @@ _CURE = "compare table and address with the manual, and how it counts with `addr
 class Diagnosis:
     """Finds out once what is wrong, and says it once."""
 
-    def __init__(self, codec: Codec, lines: Lines, name: str) -> None:
+    def __init__(self, codec: Codec, units: Units, name: str) -> None:
         """`name` of the lift begins every message."""
         self._codec = codec
-        self._lines = lines
+        self._units = units
         self._name = name
         self._refused: dict[Block, str] = {}
         self._told: set[tuple[str, int]] = set()
@@ -63,7 +63,7 @@ class Diagnosis:
         for name, point in first.values():
             one = Block(point.table, point.address, 1, point.endpoint)
             try:
-                await self._lines.link(one.endpoint).read(self._lines.request(one))
+                await self._units.link(one.endpoint).read(self._units.request(one))
             except ControllerException as error:
                 if error.code != ILLEGAL_ADDRESS:
                     raise

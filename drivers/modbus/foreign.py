@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
-from drivers.modbus.lines import Lines
 from drivers.modbus.output import FIGHT_S, MOST_PRESSES, Cells, match, seen
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import Phase
+from drivers.modbus.units import Units
 from register_maps.codec import Cell, Codec, CommandCodec, Point
 
 _log = logging.getLogger(__name__)
@@ -69,7 +69,7 @@ class Watch:
         self,
         codec: Codec,
         outputs: Outputs,
-        lines: Lines,
+        units: Units,
         settings: LiftSettings,
         *,
         is_unread: Callable[[], bool],
@@ -81,7 +81,7 @@ class Watch:
         `clear` lets go of what somebody else has pressed.
         """
         self._outputs = outputs
-        self._lines = lines
+        self._units = units
         self._every_s = settings.look_s
         self._is_unread = is_unread
         self._tripped = tripped
@@ -137,11 +137,11 @@ class Watch:
             try:
                 looks = await self._look_twice(stir)
             except DriverError as error:
-                _log.debug("%s: could not look at our outputs: %s", self._lines.link("").name, error)
+                _log.debug("%s: could not look at our outputs: %s", self._units.link("").name, error)
 
     def _usual_s(self) -> float:
         """How long a look takes."""
-        return sum(self._lines.round_trip_s(block.endpoint) for block in self._blocks)
+        return sum(self._units.round_trip_s(block.endpoint) for block in self._blocks)
 
     async def _look_twice(self, stir: Callable[[], None]) -> int:
         """Look, and once more where something differs; returns how often it has looked."""
@@ -169,7 +169,7 @@ class Watch:
             return {}
         standing = {name: self._outputs.output(name) for name in self._commands if self._outputs.output(name).stands}
         before = {name: self._stamp(name) for name in standing}
-        cells = await self._lines.cells(self._blocks, urgent=False)
+        cells = await self._units.cells(self._blocks, urgent=False)
         found: dict[str, _Difference | None] = {}
         for name, output in standing.items():
             stamp = before[name]

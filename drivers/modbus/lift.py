@@ -13,20 +13,20 @@ from drivers.errors import (
     UnitOffline,
 )
 from drivers.modbus.capabilities import LiftSettings, capabilities
-from drivers.modbus.carrier import Carrier
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
 from drivers.modbus.foreign import Watch
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
-from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
 from drivers.modbus.notes import Notes
+from drivers.modbus.output_worker import OutputWorker
 from drivers.modbus.permission import Permissions
 from drivers.modbus.plan import plan_poll
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.signals import Signals
+from drivers.modbus.units import Unit, Units
 from drivers.modbus.upstream import Upstream
 from drivers.modbus.writer import Writer
 from drivers.model import (
@@ -55,11 +55,11 @@ class ModbusLift:
         codec: Codec,
         link: Link,
         settings: LiftSettings,
-        endpoints: Mapping[str, Line] | None = None,
+        endpoints: Mapping[str, Unit] | None = None,
     ) -> None:
         """Plan the poll and prepare every request once; `endpoints` are the map's further devices."""
         self._codec = codec
-        self._lines = Lines(Line(link, settings.unit_id), endpoints or {})
+        self._units = Units(Unit(link, settings.unit_id), endpoints or {})
         self._name = link.name
         self._settings = settings
         self._commands = dict(codec.commands) if settings.control else {}
@@ -67,7 +67,7 @@ class ModbusLift:
         self._blocks = plan_poll(
             codec, max_registers=settings.max_registers_per_read, max_bits=settings.max_bits_per_read
         )
-        self._requests = tuple((b, self._lines.link(b.endpoint), self._lines.request(b)) for b in self._blocks)
+        self._requests = tuple((b, self._units.link(b.endpoint), self._units.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
         self._asked_at: tuple[float, ...] = ()
         """When each block of the newest poll was asked for; empty before the first."""
@@ -80,19 +80,19 @@ class ModbusLift:
         self._watchdog_unit_s = (watchdog.unit_s if watchdog is not None else None) or 1.0
         car_floor = codec.map.signals.get("car_floor")
         self._floor_under_way = car_floor is None or car_floor.known_while is None
-        self._diagnosis = Diagnosis(codec, self._lines, settings.name)
+        self._diagnosis = Diagnosis(codec, self._units, settings.name)
         self._outputs = Outputs(self._commands, codec.written)
         self._declared: frozenset[str] = frozenset()
         """Names of the holds that should be on."""
         self._up = Upstream(self._outputs, self._names)
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
         notes = Notes(self._up.report, {point.cell for command in beats for point in command.points})
-        self._writer = Writer(codec, self._commands, self._lines, settings, notes)
+        self._writer = Writer(codec, self._commands, self._units, settings, notes)
         self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._up.report)
         self._permissions = self._new_permissions()
         self._watch = self._new_watch()
         self._notices = self._watch.notices
-        self._carrier = Carrier(
+        self._worker = OutputWorker(
             settings.name,
             self._outputs,
             self._writer,
@@ -110,7 +110,7 @@ class ModbusLift:
             self._codec,
             self._outputs,
             self._presses,
-            self._lines,
+            self._units,
             self._heartbeat,
             self._up,
             is_unread=self._is_unread,
@@ -120,7 +120,7 @@ class ModbusLift:
         return Watch(
             self._codec,
             self._outputs,
-            self._lines,
+            self._units,
             self._settings,
             is_unread=self._is_unread,
             tripped=self._permissions.is_tripped,
@@ -149,11 +149,11 @@ class ModbusLift:
 
     async def read(self) -> LiftReading:
         """Poll once. Raises DriverError."""
-        lines, loop = self._lines, self._loop
+        units, loop = self._units, self._loop
         if loop is None:
             # kept: Python 3.11 asks the kernel for the process id whenever it is asked for its loop
             loop = self._loop = asyncio.get_running_loop()
-        at, epoch = loop.time(), lines.epoch
+        at, epoch = loop.time(), units.epoch
         asked_at: tuple[float, ...] = (at,)
         if len(self._requests) == 1:
             block, link, request = self._requests[0]
@@ -163,7 +163,7 @@ class ModbusLift:
                 raise await self._diagnosis.explained(error, block) from error
         else:
             payloads, asked_at = await self._read_blocks(loop)
-        if lines.epoch != epoch:
+        if units.epoch != epoch:
             raise ConnectionLost(self._name, "poll", "the connection was replaced in the middle of it")
         is_new = epoch != self._epoch
         if is_new:
@@ -187,7 +187,7 @@ class ModbusLift:
 
         A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
         """
-        await self._carrier.run()
+        await self._worker.run()
 
     def attach(self, above: Above) -> None:
         """Ask and report to `above` from now on."""
@@ -196,7 +196,7 @@ class ModbusLift:
     def declare(self, holds: Mapping[Command, Hold]) -> None:
         """Replace what should be on."""
         now = asyncio.get_running_loop().time()
-        if self._carrier.has_failed:
+        if self._worker.has_failed:
             holds = {}
         wanted = {command.name: (self._code(command), hold) for command, hold in holds.items()}
         self._declared = frozenset(wanted).intersection(self._outputs.names)
@@ -222,7 +222,7 @@ class ModbusLift:
         if name not in self._outputs or code is None:
             self._presses.finish(given, Result.REJECTED, f"{self._settings.name} has no command {command}")
             return
-        if self._carrier.has_failed:
+        if self._worker.has_failed:
             self._presses.finish(given, Result.REJECTED, "the driver of this lift has failed")
             return
         self._presses.begin(given)
@@ -249,18 +249,18 @@ class ModbusLift:
 
     def fence(self, until: float) -> None:
         """Write nothing from this time on."""
-        self._lines.fence_at = until
-        self._carrier.stir()
+        self._units.fence_at = until
+        self._worker.stir()
 
     async def released(self) -> None:
         """Return once every output is at rest."""
-        await self._carrier.rest()
+        await self._worker.rest()
 
     def _stir(self) -> None:
         """Outputs are wanted otherwise than before."""
-        self._carrier.end_dropped()
+        self._worker.end_dropped()
         self._up.report_states()
-        self._carrier.stir()
+        self._worker.stir()
 
     def _code(self, command: Command) -> int | None:
         """Return what a command writes; None for a floor that the site does not have."""
@@ -304,34 +304,34 @@ class ModbusLift:
                 self._presses.end(name, Result.UNCONFIRMED, _TAKEN_BACK)
                 over.append(name)
         if over:
-            self._carrier.end_dropped()
-            self._carrier.stir()
+            self._worker.end_dropped()
+            self._worker.stir()
         self._up.report_states()
 
     async def _take_over(self, epoch: int) -> None:
         """Look at our own outputs over a new connection before anything is believed or written."""
-        epochs = self._lines.epochs
+        epochs = self._units.epochs
         changed = {endpoint for endpoint, number in epochs.items() if number != self._epochs.get(endpoint)}
         cells: dict[Cell, int] = {}
         for block, names in self._writer.read_blocks(changed).items():
             try:
-                cells |= await self._lines.cells([block])
+                cells |= await self._units.cells([block])
             except UnitOffline:
                 raise
             except ControllerException as error:
                 raise PointsRefused(error, f"it does not say what our outputs hold: {names}") from error
         if self._commands:
             self._outputs.reconnected(cells, asyncio.get_running_loop().time(), changed)
-            self._carrier.stir()
+            self._worker.stir()
         self._epoch, self._epochs = epoch, epochs
         self._up.report_states()
         self._diagnosis.forget()
 
     def _is_unread(self) -> bool:
         """Whether a connection is new, and nothing was read over it yet."""
-        return self._lines.epoch != self._epoch
+        return self._units.epoch != self._epoch
 
     def _clear(self, name: str) -> None:
         """Let go of what somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
-        self._carrier.stir()
+        self._worker.stir()

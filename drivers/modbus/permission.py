@@ -7,10 +7,10 @@ from collections.abc import Callable
 from drivers.modbus.endings import ended
 from drivers.modbus.exchange import Permit
 from drivers.modbus.heartbeat import Heartbeat
-from drivers.modbus.lines import Lines
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
+from drivers.modbus.units import Units
 from drivers.modbus.upstream import Upstream
 from drivers.model import Result
 from register_maps.codec import Codec
@@ -29,7 +29,7 @@ class Permissions:
         codec: Codec,
         outputs: Outputs,
         presses: Presses,
-        lines: Lines,
+        units: Units,
         heartbeat: Heartbeat,
         up: Upstream,
         is_unread: Callable[[], bool],
@@ -39,7 +39,7 @@ class Permissions:
         self._signals = codec.signals
         self._outputs = outputs
         self._presses = presses
-        self._lines = lines
+        self._units = units
         self._heartbeat = heartbeat
         self._up = up
         self._is_unread = is_unread
@@ -70,7 +70,7 @@ class Permissions:
 
     def _is_read_soon(self, endpoint: str) -> bool:
         """Whether a connection was lost or is new, and its first reading is still to be expected."""
-        up_for_s = self._lines.up_for_s(endpoint)
+        up_for_s = self._units.up_for_s(endpoint)
         return up_for_s is None or (self._is_unread() and up_for_s < READ_WITHIN_S)
 
     def of(self, step: Step, press: Press | None) -> Permit | None:

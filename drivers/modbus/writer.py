@@ -8,11 +8,11 @@ from drivers.errors import ControllerException, DriverError, Sent
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.confirm import confirm_of
 from drivers.modbus.exchange import Permit
-from drivers.modbus.lines import Lines
 from drivers.modbus.notes import CUT_SHORT, Notes, frames
 from drivers.modbus.output import Cells, match
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
+from drivers.modbus.units import Units
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
@@ -27,16 +27,16 @@ class Writer:
         self,
         codec: Codec,
         commands: Mapping[str, CommandCodec],
-        lines: Lines,
+        units: Units,
         settings: LiftSettings,
         notes: Notes | None = None,
     ) -> None:
         """`commands` are those that this lift may use: from here on its links pass no write but theirs."""
         self._codec = codec
         self._commands = commands
-        self._lines = lines
+        self._units = units
         self._notes = notes or Notes(lambda _: None)
-        lines.declare(commands.values())
+        units.declare(commands.values())
         self._functions = {block: function for block, function, _ in codec.written}
         self._read_blocks = {
             name: read_back_blocks(
@@ -64,7 +64,7 @@ class Writer:
     @property
     def is_fenced(self) -> bool:
         """Whether nothing may be written now."""
-        return self._lines.is_fenced
+        return self._units.is_fenced
 
     def printed(self, name: str) -> str:
         """Name a command with its addresses as its map prints them."""
@@ -139,7 +139,7 @@ class Writer:
 
     async def cells(self, name: str) -> Cells:
         """Return what stands at the points where a command is read back. Raises DriverError."""
-        return await self._lines.cells(self._read_blocks[name])
+        return await self._units.cells(self._read_blocks[name])
 
     async def _write_block(
         self,
@@ -153,8 +153,8 @@ class Writer:
     ) -> Request:
         if not command.shared or function == MASK_WRITE or command.is_timed_coil:
             return await self._send(self._request(command, step, block, function, cells), block, permit, left)
-        async with self._lines.undisturbed(block.endpoint):
-            fresh: dict[Cell, int] = await self._lines.cells([block])
+        async with self._units.undisturbed(block.endpoint):
+            fresh: dict[Cell, int] = await self._units.cells([block])
             for point, value in command.encode(step.code).items():
                 if block.holds(point):
                     fresh[point.cell] = point.into(fresh[point.cell], value)
@@ -171,7 +171,7 @@ class Writer:
     async def _send(self, request: Request, block: Block, permit: Permit | None, left: list[Request]) -> Request:
         left.append(request)
         try:
-            await self._lines.send(block.endpoint, request, permit)
+            await self._units.send(block.endpoint, request, permit)
         except Exception as error:
             if not _may_have_left(error):
                 left.pop()
@@ -192,7 +192,7 @@ class Writer:
         return sorted(pairs, key=lambda pair: any(cells[cell] for cell in pair[0].cells))
 
     def _unit(self, block: Block) -> int:
-        return self._lines.unit(block.endpoint)
+        return self._units.unit(block.endpoint)
 
 
 def _may_have_left(error: Exception) -> bool:

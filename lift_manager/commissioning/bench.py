@@ -8,11 +8,11 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from drivers.modbus.capabilities import LiftSettings
-from drivers.modbus.lines import Line, Lines
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice, MemoryWire, Reply
 from drivers.modbus.plan import plan_poll
 from drivers.modbus.steps import Step
+from drivers.modbus.units import Unit, Units
 from drivers.modbus.writer import Writer
 from register_maps import frames
 from register_maps.codec import Block, Cell, Codec
@@ -33,7 +33,7 @@ class Heard:
 class Bench:
     """What a lift of this map would send, one occasion at a time."""
 
-    def __init__(self, codec: Codec, lines: Lines, heard: list[Heard]) -> None:
+    def __init__(self, codec: Codec, lines: Units, heard: list[Heard]) -> None:
         """`heard` is what the devices at the end of `lines` add to."""
         link = codec.map.link
         settings = LiftSettings(
@@ -81,13 +81,13 @@ async def bench(codec: Codec) -> AsyncIterator[Bench]:
     """Set up one device in memory for the controller and one for each further device of the map."""
     heard: list[Heard] = []
     units = {"": codec.map.link.unit_id, **{name: part.unit_id for name, part in codec.map.endpoints.items()}}
-    lines = {name: Line(_link(name, unit, heard), unit) for name, unit in units.items()}
+    lines = {name: Unit(_link(name, unit, heard), unit) for name, unit in units.items()}
     running = [asyncio.ensure_future(line.link.run()) for line in lines.values()]
     try:
         for line in lines.values():
             await line.link.wait_up()
         controller = lines.pop("")
-        yield Bench(codec, Lines(controller, lines), heard)
+        yield Bench(codec, Units(controller, lines), heard)
     finally:
         for task in running:
             task.cancel()

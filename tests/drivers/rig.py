@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice
+from drivers.modbus.units import Unit
 from drivers.model import Command, CommandKind, LiftReading
 from register_maps.codec import Codec
 from register_maps.words import Side, Table
@@ -65,7 +65,7 @@ async def rig(
     settings = LiftSettings(
         name="lift", floors=floors or {"L1": 1, "L2": 2}, control=True, unit_id=codec.map.link.unit_id
     )
-    lines = {name: Line(link, 1) for name, link in links.items() if name}
+    lines = {name: Unit(link, 1) for name, link in links.items() if name}
     made = Rig(Caller(ModbusLift(codec, links[""], settings, lines), log), made_of, links)
     if first is not None:
         first(made.lift)

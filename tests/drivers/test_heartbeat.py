@@ -10,9 +10,9 @@ import pytest
 from drivers.errors import DriverError, HeartbeatAwaited, HeartbeatStopped
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice
+from drivers.modbus.units import Unit
 from drivers.model import Command, CommandKind, LiftReading, Result
 from register_maps.codec import Codec
 from register_maps.words import Table
@@ -60,7 +60,7 @@ async def watched(codec: Codec | None = None, *, control: bool = False) -> Async
     devices[""].values[Table.INPUT][1] = 1
     links = {name: Link(device.wire, name=name or "plc") for name, device in devices.items()}
     settings = LiftSettings(name="lift", floors={"L1": 1, "L2": 2}, control=control)
-    lift = Caller(ModbusLift(codec, links[""], settings, {name: Line(link, 1) for name, link in links.items() if name}))
+    lift = Caller(ModbusLift(codec, links[""], settings, {name: Unit(link, 1) for name, link in links.items() if name}))
     made = Watched(devices, lift)
 
     async def poll() -> None:

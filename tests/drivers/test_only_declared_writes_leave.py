@@ -12,9 +12,9 @@ from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice
+from drivers.modbus.units import Unit
 from drivers.model import Command, CommandKind
 from lift_manager.commissioning.maps_plan import example_floors
 from register_maps import frames
@@ -279,7 +279,7 @@ def test_no_lift_of_a_shipped_map_ever_asks_for_a_write_that_is_not_declared(nam
                 codec,
                 link,
                 LiftSettings(name="lift", floors=floors, control=True, unit_id=codec.map.unit_of("")),
-                {endpoint: Line(each, codec.map.unit_of(endpoint)) for endpoint, each in links.items()},
+                {endpoint: Unit(each, codec.map.unit_of(endpoint)) for endpoint, each in links.items()},
             )
         )
         first(lift)

@@ -16,10 +16,10 @@ import pytest
 from drivers.errors import HeartbeatAwaited
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.modbus.standing import STILL_S
+from drivers.modbus.units import Unit
 from drivers.model import Command, CommandKind, Outcome, Result
 from register_maps.codec import Codec, Point, compile_map
 from register_maps.load import Changes, load, shipped
@@ -174,7 +174,7 @@ async def driven(golden: Golden, bench: Bench, *, control: bool) -> AsyncIterato
     unit_id = codec.map.unit_of("")
     # a look at our outputs now and then is no part of any command
     settings = LiftSettings(name="lift", floors=golden.floors, control=control, unit_id=unit_id, look_s=math.inf)
-    endpoints = {device: Line(links[device], codec.map.unit_of(device)) for device in codec.map.endpoints}
+    endpoints = {device: Unit(links[device], codec.map.unit_of(device)) for device in codec.map.endpoints}
     lift = Caller(ModbusLift(codec, links[""], settings, endpoints))
     running: list[Link | Caller] = [*links.values(), lift]
     tasks = [asyncio.ensure_future(part.run()) for part in running]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
+from drivers.modbus.units import Unit
 from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
@@ -169,7 +169,7 @@ async def spine(
         timeout_s=source.link.timeout_s, min_gap_s=source.link.min_gap_s, reconnect_min_s=source.link.reconnect_min_s
     )
     lines = {
-        name: Line(Link(device.wire, settings, name=name or "plc"), source.unit_of(name))
+        name: Unit(Link(device.wire, settings, name=name or "plc"), source.unit_of(name))
         for name, device in devices.items()
     }
     device, link = devices.pop(""), lines[""].link

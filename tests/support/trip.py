@@ -13,9 +13,9 @@ from typing import Protocol
 
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.lines import Line
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
+from drivers.modbus.units import Unit
 from drivers.model import Outcome, Result
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
@@ -292,7 +292,7 @@ async def trip(
         timeout_s=source.link.timeout_s, min_gap_s=source.link.min_gap_s, reconnect_min_s=source.link.reconnect_min_s
     )
     lines = {
-        name: Line(Link(partial(MemoryWire, partial(answer, name)), settings, name=name or "plc"), source.unit_of(name))
+        name: Unit(Link(partial(MemoryWire, partial(answer, name)), settings, name=name or "plc"), source.unit_of(name))
         for name in ("", *source.endpoints)
     }
     links = [line.link for line in lines.values()]

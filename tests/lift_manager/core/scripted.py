@@ -68,6 +68,7 @@ PLAIN = replace(
 """One call for the empty and the occupied car, a door hold, and permissions."""
 
 
+AT_REST = OutputState.AT_REST
 AT_L2 = LiftValues(floor="L2", mode=Mode.NORMAL, doors={FRONT: Door.CLOSED})
 """The car stands there with its door shut."""
 
@@ -157,6 +158,8 @@ class ScriptedDriver:
         known = {command.name: (command, hold) for command, hold in holds.items()}
         assert known.keys() <= self.capabilities.commands, known
         before, self._declared = self._declared, known
+        if self._is_fenced:
+            return
         for name in sorted((self.capabilities.levels | before.keys() | known.keys()) - self._unwritten):
             if name not in known:
                 self._used.pop(name, None)
@@ -171,7 +174,7 @@ class ScriptedDriver:
             elif name in self.on:
                 if name in before and hold.until > before[name][1].until:
                     self.renewed[name] = now
-            elif hold.begin > self._used.get(name, 0) and not self._is_fenced:
+            elif hold.begin > self._used.get(name, 0):
                 self._put_on(command, hold, now)
         self._report_states()
 
@@ -196,6 +199,7 @@ class ScriptedDriver:
 
     def fence(self, until: float) -> None:
         self._fence_at = until
+        self.declare(dict(self._declared.values()))
 
     async def released(self) -> None:
         while self.on:
@@ -265,11 +269,12 @@ class ScriptedDriver:
         return OutputState.RELEASING if self.unseen else OutputState.AT_REST
 
     def _report_states(self) -> None:
-        known = self._states
-        self._states = {name: self._state(name) for name in sorted(self.capabilities.commands)}
-        for name, state in self._states.items():
-            if state is not known.get(name, OutputState.AT_REST):
-                self.above.report(OutputChanged(name, state))
+        states = {name: self._state(name) for name in sorted(self.capabilities.commands)}
+        changed = {name: state for name, state in states.items() if state is not self._states.get(name, AT_REST)}
+        if changed or not self._states:
+            self._states = states
+        for name, state in changed.items():
+            self.above.report(OutputChanged(name, state))
         if not self.on:
             self._released.set()
 

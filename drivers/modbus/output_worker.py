@@ -27,7 +27,7 @@ _LET_GO_WITHIN_S = 4.0
 """How long a bug waits for outputs to be let go of before it ends the program: as long as an orderly end does."""
 
 
-class Carrier:
+class OutputWorker:
     """The workers of one lift: one per device, so that no device waits for another."""
 
     def __init__(
@@ -92,6 +92,7 @@ class Carrier:
         loop = asyncio.get_running_loop()
         while True:
             step = None if self._writer.is_fenced else self._outputs.next(loop.time() + _EARLY_S, endpoint)
+            self.end_dropped()
             self._up.report_states()
             if step is not None and self._permissions.waits(step):
                 self._outputs.failed(step, maybe_sent=False, now=loop.time())

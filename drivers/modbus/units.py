@@ -18,20 +18,20 @@ from register_maps.words import BIT_TABLES
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class Unit:
     """One device: the link to it and its unit id there."""
 
     link: Link
     unit_id: int
 
 
-class Lines:
+class Units:
     """Every device of one lift, by endpoint; the controller's name is empty."""
 
-    def __init__(self, controller: Line, endpoints: Mapping[str, Line]) -> None:
+    def __init__(self, controller: Unit, endpoints: Mapping[str, Unit]) -> None:
         """`endpoints` as the map names them."""
-        self._lines = {"": controller, **endpoints}
-        self._links = tuple(dict.fromkeys(line.link for line in self._lines.values()))
+        self._units = {"": controller, **endpoints}
+        self._links = tuple(dict.fromkeys(unit.link for unit in self._units.values()))
         self.fence_at = math.inf
         """From this loop time on nothing is written."""
 
@@ -46,7 +46,7 @@ class Lines:
         for link in self._links:
             if link.declared is None:
                 link.declared = Declared()
-            units = {endpoint: line.unit_id for endpoint, line in self._lines.items() if line.link is link}
+            units = {endpoint: unit.unit_id for endpoint, unit in self._units.items() if unit.link is link}
             link.declared.add(declared, units)
 
     @property
@@ -59,27 +59,27 @@ class Lines:
     @property
     def epochs(self) -> dict[str, int]:
         """The epoch of each device, by endpoint."""
-        return {endpoint: line.link.epoch for endpoint, line in self._lines.items()}
+        return {endpoint: unit.link.epoch for endpoint, unit in self._units.items()}
 
     def up_for_s(self, endpoint: str) -> float | None:
         """How long one device has been connected; None while it is not."""
-        link = self._lines[endpoint].link
+        link = self._units[endpoint].link
         if link.state is not LinkState.UP or link.since is None:
             return None
         return asyncio.get_running_loop().time() - link.since
 
     def link(self, endpoint: str) -> Link:
         """Return the link to one device."""
-        return self._lines[endpoint].link
+        return self._units[endpoint].link
 
     def unit(self, endpoint: str) -> int:
         """Return the unit id of one device."""
-        return self._lines[endpoint].unit_id
+        return self._units[endpoint].unit_id
 
     def round_trip_s(self, endpoint: str) -> float:
         """How long one device takes to answer; 0 as long as it has not."""
-        line = self._lines[endpoint]
-        return line.link.stats.round_trip_of(line.unit_id) or 0.0
+        unit = self._units[endpoint]
+        return unit.link.stats.round_trip_of(unit.unit_id) or 0.0
 
     def request(self, block: Block) -> Request:
         """Make the request that reads a block."""
