@@ -72,7 +72,6 @@ class ModbusLift:
         self._asked_at: tuple[float, ...] = ()
         """When each block of the newest poll was asked for; empty before the first."""
         self._signals: Signals | None = None
-        self._values: LiftValues | None = None
         self._epoch = 0
         self._epochs: dict[str, int] = {}
         self._heartbeat = Heartbeat(codec, link.name)
@@ -149,7 +148,7 @@ class ModbusLift:
 
     async def read(self) -> LiftReading:
         """Poll once. Raises DriverError."""
-        units, loop = self._units, self._loop
+        units, up, loop = self._units, self._up, self._loop
         if loop is None:
             # kept: Python 3.11 asks the kernel for the process id whenever it is asked for its loop
             loop = self._loop = asyncio.get_running_loop()
@@ -170,7 +169,7 @@ class ModbusLift:
             await self._take_over(epoch)
         changed = self._reader.feed(payloads)
         self._asked_at = asked_at
-        values = self._values
+        values = up.values
         if changed or values is None:
             values = self._changed(changed or frozenset(), at)
         if is_new:
@@ -180,7 +179,7 @@ class ModbusLift:
             raise self._heartbeat.error(at)
         if self._presses.waiting:
             self._presses.look(values, at)
-        return LiftReading(at, epoch, values, self._watch.take_notices(at) if self._notices else (), self._up.states)
+        return LiftReading(at, epoch, values, self._watch.take_notices(at) if self._notices else (), up.states)
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
@@ -281,25 +280,26 @@ class ModbusLift:
     def _changed(self, changed: frozenset[str], at: float) -> LiftValues:
         if SIGNAL in changed:
             self._heartbeat.beat(at)
-        if self._values is None or changed != _ONLY_ALIVE:
-            self._values = self._up.values = lift_values(
+        values = self._up.values
+        if values is None or changed != _ONLY_ALIVE:
+            self._up.values = values = lift_values(
                 self._reader.values,
                 self._reader.unlisted,
                 self._names,
                 watchdog_unit_s=self._watchdog_unit_s,
                 floor_under_way=self._floor_under_way,
             )
-            self._presses.changed(self._values, at)
-            self._diagnosis.report_unlisted(self._values)
-            self._end_by_what_it_says(self._values)
-        return self._values
+            self._presses.changed(values, at)
+            self._diagnosis.report_unlisted(values)
+            self._end_by_what_it_says(values)
+        return values
 
     def _end_by_what_it_says(self, values: LiftValues) -> None:
         """Let go of what ends by a reading: close commands, and holds whose requirements were taken away."""
         over = list(ended(self._commands, values, self._codec.signals))
         for name in over:
             self._outputs.let_go(name)
-        for name in self._declared:
+        for name in self._outputs.names:
             if self._outputs.output(name).begin and self._permissions.missing(name) and self._outputs.withhold(name):
                 self._presses.end(name, Result.UNCONFIRMED, _TAKEN_BACK)
                 over.append(name)

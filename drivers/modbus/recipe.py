@@ -129,9 +129,10 @@ class Outputs:
 
     @property
     def first_fall_at(self) -> float:
-        """When the first output falls that is on, or waits to be."""
-        falls = (output.fall_at for output in self._outputs.values() if output.phase in (Phase.DUE, Phase.ON))
-        return min(falls, default=math.inf)
+        """When the first output falls that is on, waits to be, or may be from before."""
+        outputs = self._outputs.values()
+        falls = [output.fall_at for output in outputs if output.phase in (Phase.DUE, Phase.ON)]
+        return min([*falls, *(output.adopt_by for output in outputs if output.awaits_look)], default=math.inf)
 
     def let_go(self, name: str) -> None:
         """Want rest, now."""

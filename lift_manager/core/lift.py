@@ -316,7 +316,6 @@ class LiftTask:
 
     def _got(self, reading: LiftReading) -> None:
         before, gap_s = self._sight, reading.at - self._read_at
-        self._outputs.flags = reading.values.flags
         self._read_at = reading.at
         if reading.notices:
             for notice in reading.notices:
@@ -325,6 +324,7 @@ class LiftTask:
         is_late = late_s > self._able.max_age_s
         if before is not None and not is_late and self._is_no_news(before, reading, gap_s):
             return
+        self._outputs.flags = reading.values.flags
         sight, news = self._judged(see(before, reading, self._able, gap_s=gap_s), reading.at)
         self._sight = sight
         if before is None:

@@ -1,11 +1,14 @@
 """What the driver tells the log of its writes."""
 
+import math
+
 import pytest
 
 from drivers.modbus.memory import exception, silence
 from drivers.model import Command, CommandKind, Written
 from register_maps.words import Table
 from tests.drivers.by_hand import LogByHand
+from tests.drivers.linked import now
 from tests.drivers.rig import HOLD, HOLD_FRONT, SIGNALS, Rig, allowed, on_rig
 from tests.support.virtual_time import elapse
 
@@ -159,6 +162,21 @@ def test_a_heartbeat_is_told_when_it_begins_fails_and_goes_on_and_not_at_every_c
     on_rig(check, f'{SIGNALS}commands: {{heartbeat: {{at: "holding:41", action: count, every_s: 0.5}}}}\n', log=log)
     assert log.lines == ["beat heartbeat", "beat heartbeat failed", "beat heartbeat"]
     assert log.told[0].frames == ("010600290001",)
+
+
+def test_behind_the_fence_there_is_no_sign_of_life_either() -> None:
+    async def check(made: Rig) -> None:
+        await elapse(3.0)
+        before = len(made.writes())
+        assert before > 5
+        made.lift.driver.fence(now())
+        await elapse(5.0)
+        assert len(made.writes()) == before
+        made.lift.driver.fence(math.inf)
+        await elapse(3.0)
+        assert len(made.writes()) > before + 5
+
+    on_rig(check, f'{SIGNALS}commands: {{heartbeat: {{at: "holding:41", action: count, every_s: 0.5}}}}\n')
 
 
 def test_each_pulse_of_a_hold_made_of_pulses_is_told() -> None:
