@@ -153,6 +153,10 @@ class Rules:
         if state.quality is not Quality.LIVE:
             return
         book.live_at = at
+        if state.standing and state.floor is not None and book.standing_calls:
+            # for the manager the car was there; where it was not, another rule finds that
+            there = book.about.floors.index(state.floor)
+            book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] != there}
         if state.mode is Mode.FIRE:
             book.fire_since = min(book.fire_since, at)
             book.fire_published_at = at
