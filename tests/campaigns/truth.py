@@ -131,7 +131,8 @@ def report(tally: Tally, took_s: float) -> list[str]:
 
 
 def _tell(tally: Tally) -> None:
-    sys.stderr.write(f"{tally.schedules} schedules, {len(tally.failed)} failed\n")
+    seeds = ", ".join(str(seed) for seed, _ in sorted(tally.failed))
+    sys.stderr.write(f"{tally.schedules} schedules, {len(tally.failed)} failed{f': {seeds}' if seeds else ''}\n")
 
 
 def main() -> int:
