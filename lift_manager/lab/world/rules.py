@@ -92,6 +92,8 @@ class _Book:
     """When a state last said open for the robot of a session."""
     invited: tuple[Holder, FloorName | None] | None = None
     """To whom, and where."""
+    gave_up_at: dict[Holder, float] = field(default_factory=dict)
+    """When each caller was last taken to want the door at no floor, or at another one than before."""
     robot_mode_at: float = -math.inf
     stood_at: float = -math.inf
     """When the car was last seen to stand; that it has set out is known with the next reading."""
@@ -220,6 +222,9 @@ class Rules:
         book = self._books[ask.lift]
         if not isinstance(answer, Accepted):
             return
+        if ask.floor != book.floor or not ask.hold_door:
+            # the release that follows may wait behind a slow answer, and its holder may ask for the floor again meanwhile
+            book.gave_up_at[ask.holder] = at
         if ask.floor != book.floor:
             book.floor = ask.floor
             book.calls.clear()
@@ -302,7 +307,8 @@ class Rules:
             return
         holder, floor = book.invited
         ask = self._oracle.ask_of(lift, holder)
-        gave_up = ask is None or ask.floor != floor or not ask.hold_door
+        asked_for_it = book.gave_up_at.get(holder, -math.inf) > book.invited_at
+        gave_up = ask is None or ask.floor != floor or not ask.hold_door or asked_for_it
         sudden = (
             at - book.mode_at < MODE_LEFT_S
             or not math.isinf(book.fire_since)

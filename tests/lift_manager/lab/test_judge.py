@@ -15,6 +15,7 @@ from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, Wrong
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
+from lift_manager.lab.world.wanted import is_wanted
 from lift_manager.lab.world.witness import RESTART, Struck
 from lift_manager.lab.world.world import World
 from register_maps import frames
@@ -424,3 +425,33 @@ def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
     rules.looked(5.0, "lift", truth)  # type: ignore[arg-type]  # a Truth
     rules.exchanged(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
     assert found(oracle) == rules_broken
+
+
+def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -> None:
+    oracle = judge(holds=FRONT, clear_s=10.0)
+    rules = Rules(oracle)
+
+    def asks(at: float, floor: str) -> None:
+        ask = Ask("lift", ROBOT, floor, hold_door=True)
+        oracle.asked(at, ask, Accepted())
+        rules.asked(at, ask, Accepted())
+
+    asks(0.0, "L2")
+    rules.looked(1.0, "lift", HELD)
+    rules.published(4.0, "lift", state(age_s=0.0))
+    asks(4.5, "L1")
+    asks(4.8, "L2")
+    rules.looked(5.0, "lift", STANDS_OPEN)
+    rules.exchanged(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
+    assert found(oracle) == []
+
+
+@pytest.mark.parametrize("said_at", [None, 3.0])
+def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_robot_inside(
+    said_at: float | None,
+) -> None:
+    about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
+    owed = said_at is not None
+    ask = Ask("lift", ROBOT, "L1", hold_door=True)
+    wanted = is_wanted(about, "call", 1, SHUT, ask, replace(ask, floor="L3"), on_s=9.0, owes_word=owed)
+    assert wanted is owed
