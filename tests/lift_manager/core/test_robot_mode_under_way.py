@@ -49,6 +49,24 @@ def test_a_robot_that_lets_go_under_way_leaves_robot_mode_on_until_the_car_stand
     on_spine(check, name)
 
 
+@pytest.mark.parametrize("in_session", [True, False])
+def test_a_key_switch_that_keeps_robots_off_drops_robot_mode_under_way(*, in_session: bool) -> None:
+    async def check(made: Spine) -> None:
+        made.accept(made.task.options.floors[-1])
+        await made.until(lambda _: made.face.picture.motion is not Motion.STOPPED)
+        await elapse(1)
+        if not in_session:
+            made.task.force_release("M. Weber", "ropes")
+            await elapse(1)
+        assert "robot_mode" in made.face.asked
+        made.people(Inputs(robots_allowed=False))
+        await elapse(1)
+        assert made.face.picture.motion is not Motion.STOPPED
+        assert "robot_mode" not in made.face.asked
+
+    on_spine(check, "generic-coils")
+
+
 @pytest.mark.parametrize("outputs_held", [False, True])
 def test_robot_mode_that_fell_while_the_lift_was_unreadable_is_not_pressed_once_its_session_is_over(
     *, outputs_held: bool
