@@ -18,7 +18,8 @@ from register_maps.words import Motion
 from simulator.controller import Inputs
 from simulator.faults import PowerLoss
 from tests.lift_manager.core.scripted import AT_L2, PLAIN, Bench, on_bench
-from tests.support.spine import Spine, compiled, on_spine, spine
+from tests.support.shipped_maps import compiled
+from tests.support.spine import Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
 AT = datetime(2026, 3, 2, 12, tzinfo=UTC)
