@@ -133,7 +133,7 @@ def test_clear_s_of_a_scenario_says_how_long_before_the_end_of_a_hold_open_is_wi
 
 
 def test_a_clear_s_that_leaves_no_time_is_a_mistake_where_it_stands(tmp_path: Path) -> None:
-    with pytest.raises(MapFileError, match="options.max_session_hold_s: 20 s is less than 3 times `clear_s`"):
+    with pytest.raises(MapFileError, match=r"options\.max_session_hold_s: 20 s is less than 3 times `clear_s`"):
         played(tmp_path, text_of(head=HEAD + "options: {max_session_hold_s: 20, clear_s: 8}\n"))
 
 
