@@ -77,7 +77,7 @@ def check(
             "give the building map that it was made of, too, with --building-map", param_hint="--nav-graph"
         )
     try:
-        say(check_file(file, obstacles))
+        say(check_file(file, obstacles, for_rmf=building_map is not None))
         if building_map is not None:
             check_names(file, building_map, nav_graph)
     except MapFileError as error:

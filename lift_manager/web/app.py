@@ -95,7 +95,7 @@ def make_app(
     app.include_router(events_router(facade, frames, keys, streams or streams_limit()))
     app.include_router(health.health_router(facade))
     app.include_router(metrics_router(metrics))
-    describe_access(app, routes, facade.lift_names())
+    describe_access(app, routes, keys, facade.lift_names())
     return app
 
 

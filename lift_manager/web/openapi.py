@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from typing import Any
 
 from fastapi import FastAPI
@@ -10,6 +11,7 @@ from starlette.routing import compile_path
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.domain.access import ROLES, Need, Role, Route
+from lift_manager.domain.keys import Keys
 from lift_manager.web import examples
 from lift_manager.web.faces import is_api, is_workshop
 from lift_manager.web.schemas import PROBLEM, put_back, schema_of
@@ -40,6 +42,11 @@ _OF_KEYS = {
 """Beside these, where a route needs a key."""
 
 Document = dict[str, Any]
+_NEEDS_A_ROBOT: Mapping[str, Document] = {
+    "/api/v1/lifts/{lift}/sessions": {},
+    "/api/v1/rides": {"dry_run": {"const": False}},
+}
+"""What an idempotency key begins, and in which bodies: a plan begins nothing."""
 _DETAIL: Document = {
     "type": "object",
     "properties": {"detail": {"type": "string"}},
@@ -49,16 +56,18 @@ _DETAIL: Document = {
 """What is answered where no face has a form of its own, as under `/metrics`."""
 
 
-def describe_access(app: FastAPI, routes: Sequence[Route], lifts: Sequence[str] = ()) -> None:
+def describe_access(app: FastAPI, routes: Sequence[Route], keys: Keys, lifts: Sequence[str] = ()) -> None:
     """Let the document of an application tell what its routes need; one that is not in `routes` is left out of it.
 
-    The first of `lifts` is the example wherever a request names one, so that what /docs suggests can be tried.
+    While no `keys` are needed, it also says what a body needs then. The first of `lifts` is the example wherever a request names one,
+    so that what /docs suggests can be tried.
     """
+    documents: list[Document] = []
     made: Callable[[], Document] = app.openapi
     of = {(method, compile_path(route.path)[1]): route for route in routes for method in route.methods}
 
     def openapi() -> Document:
-        if app.openapi_schema is None:
+        if not documents:
             document: Document = {key: put_back(part) for key, part in made().items()}
             components = document.setdefault("components", {})
             components["securitySchemes"] = {SCHEME: _SCHEME}
@@ -74,10 +83,22 @@ def describe_access(app: FastAPI, routes: Sequence[Route], lifts: Sequence[str] 
                         _suggest(operations[method], lifts)
                 if not operations:
                     del paths[path]
-            app.openapi_schema = document
-        return app.openapi_schema
+            documents.extend((_without_keys(document), document))
+        return documents[keys.needed]
 
     app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI's own manual goes
+
+
+def _without_keys(document: Document) -> Document:
+    """Return the document of a site without keys, where an idempotency key needs a robot: `callers.no_shared_key` refuses it otherwise."""
+    document = deepcopy(document)
+    for path, but in _NEEDS_A_ROBOT.items():
+        if (operation := document["paths"].get(path, {}).get("post")) is not None:
+            schema = operation["requestBody"]["content"]["application/json"]["schema"]
+            given = {"not": {"type": "null"}}
+            schema["if"] = {"required": ["idempotency_key"], "properties": {"idempotency_key": given, **but}}
+            schema["then"] = {"required": ["robot"], "properties": {"robot": given}}
+    return document
 
 
 def _describe(path: str, operation: Document, need: Need) -> None:

@@ -40,7 +40,7 @@ NOTICED_WITHIN_S = 2.6
 OWN_WITHIN_S = 0.3
 """The same for a hold that we released: nobody has to look at anything."""
 MODE_LEFT_S = 2.0
-"""How long ago the mode may have ended because of which robot mode was dropped."""
+"""How long ago the forbidden mode, or what kept robots off (key switch, watchdog), may have ended because of which robot mode was dropped."""
 ROUNDING_S = 1e-6
 SAME_INSTANT_S = 0.05
 """A press or release that is due is on the wire within so long."""

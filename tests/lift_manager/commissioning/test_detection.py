@@ -40,6 +40,10 @@ def test_without_a_heartbeat_nobody_sees_that_registers_stand_still() -> None:
     assert "no heartbeat" in frozen.how
 
 
+def test_a_car_that_goes_to_the_wrong_floor_again_and_again_is_said_to_be_an_alarm() -> None:
+    assert "twice in a row with the same offset, are an alarm" in of("two-stop-agv")["wrong_floor"].how
+
+
 def test_a_mode_that_no_signal_tells_is_undetectable() -> None:
     assert of("generic-coils")["in_mode.fire"].within_s is not None
     assert of("robotnik-il-eth")["in_mode.fire"].within_s is None

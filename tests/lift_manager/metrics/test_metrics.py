@@ -97,7 +97,9 @@ def test_a_lift_is_told_as_it_is_published() -> None:
         mode=Mode.FIRE,
         holder=ROBOT,
         held_since_s=12.0,
-        restrictions=Restrictions(fire_latched=True, lockout="by M. Weber", maybe_aboard=ROBOT),
+        restrictions=Restrictions(
+            fire_latched=True, lockout="by M. Weber", maybe_aboard=ROBOT, distrusted="door inverted?"
+        ),
         waiting=3,
     )
 
@@ -110,6 +112,7 @@ def test_a_lift_is_told_as_it_is_published() -> None:
             "lift_fire_latched": 1,
             "lift_locked_out": 1,
             "lift_draining": 0,
+            "lift_distrusted": 1,
             "lift_maybe_occupied": 1,
             "lift_reading_age_seconds": 4.5,
             "lift_waiting": 3,

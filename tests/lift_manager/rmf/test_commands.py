@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -116,6 +117,26 @@ def test_a_door_that_closes_by_its_timer_is_told_of_where_rmf_has_the_sites_own_
     done = call("check", site, "--building-map", files / "map.yaml")
     assert (done.returncode, done.stderr) == (0, "")
     assert "caution: Lift1: map generic-registers has no hold_door.front" in done.stdout
+
+
+def test_a_hold_too_short_for_rmf_is_refused_in_the_same_words_wherever_the_site_is_used_with_rmf(files: Path) -> None:
+    site = files / "site.yaml"
+    short = SITE.replace("PORT", "5020").replace("access: control\n", "access: control\n    max_session_hold_s: 60\n")
+    site.write_text(short, "utf-8")
+    named = call("check", site)
+    assert named.returncode == 2
+    assert "lifts.main.max_session_hold_s: 60 s is less than 3 times `rmf.clear_s` (30 s)" in named.stderr
+
+    without = short.replace("rmf: {namespace: building1}\n", "")
+    without = without.replace("    rmf: {name: Lift1, floors: {G: L1, First: L2}}\n", "").replace("main:", "Lift1:")
+    site.write_text(without.replace("{G: 1, First: 2}", "{L1: 1, L2: 2}"), "utf-8")
+    assert call("check", site).returncode == 0
+    expected = named.stderr.replace(f"{site}:10", f"{site}:9").replace("lifts.main", "lifts.Lift1")
+    with socket.create_server(("127.0.0.1", 0)) as taken:  # so that nothing is served if it is not refused before
+        served = call("serve", site, "--rmf", "--port", str(taken.getsockname()[1]))
+    assert (served.returncode, served.stderr) == (2, expected)
+    compared = call("check", site, "--building-map", files / "map.yaml")
+    assert (compared.returncode, compared.stderr) == (2, expected)
 
 
 def test_a_navigation_graph_is_compared_too(files: Path) -> None:

@@ -15,12 +15,14 @@ from lift_manager.api.problem import MEDIA_TYPE
 from lift_manager.api.rides import ANY
 from lift_manager.api.rmf import RmfEndedRequest
 from lift_manager.api.sessions import CommandRequest, OpenSessionRequest
-from lift_manager.domain.access import ROUTES, Need
+from lift_manager.domain.access import ROUTES, Need, Role
+from lift_manager.domain.keys import KeyRing, Keys
 from lift_manager.domain.session_requests import Do
 from lift_manager.web.codes import CODES
 from lift_manager.web.schemas import schema_of
 from tests.lift_manager.web.fake import FakeManager, ask
 from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.keyed import bearing, ring
 
 Json = dict[str, Any]
 API = [
@@ -145,6 +147,56 @@ def test_the_schema_of_a_body_takes_what_the_manager_takes_and_nothing_else(form
     else:
         taken = True
     assert jsonschema.Draft202012Validator(schema_of(form)).is_valid(body) is taken
+
+
+WISH = {"lift": "lift", "from": "L1", "to": "L2"}
+OPENED, BEGUN = "/api/v1/lifts/{lift}/sessions", "/api/v1/rides"
+
+
+@pytest.mark.parametrize("keys", [None, ring(Role.OPERATOR)], ids=["without keys", "with keys"])
+@pytest.mark.parametrize("more", [{}, {"robot": "amr-7"}, {"robot": None}, {"idempotency_key": None}], ids=str)
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        (OPENED, {}),
+        (OPENED, {"idempotency_key": "k1"}),
+        (BEGUN, WISH),
+        (BEGUN, WISH | {"idempotency_key": "k1"}),
+        (BEGUN, WISH | {"idempotency_key": "k1", "dry_run": False}),
+        (BEGUN, WISH | {"idempotency_key": "k1", "dry_run": True}),
+    ],
+    ids=str,
+)
+def test_the_schema_needs_a_robot_beside_an_idempotency_key_exactly_where_the_manager_does(
+    path: str, body: Json, more: Json, keys: KeyRing | None
+) -> None:
+    facade, bears = FakeManager(), {} if keys is None else bearing(Role.OPERATOR)
+    wish = body | more
+    answer = ask(facade, "POST", path.format(lift="lift"), keys=keys, headers=bears, json=wish)
+    said = ask(facade, "GET", "/openapi.json", keys=keys).json()["paths"][path]["post"]
+    schema = said["requestBody"]["content"]["application/json"]["schema"]
+    assert jsonschema.Draft202012Validator(schema).is_valid(wish) is (answer.status_code != 422)
+
+
+def test_the_document_follows_the_first_key_that_a_site_makes() -> None:
+    keys = Switch()
+    assert "if" in schema_of_rides(keys)
+    keys.needed = True
+    assert "if" not in schema_of_rides(keys)
+    keys.needed = False
+    assert "if" in schema_of_rides(keys)
+
+
+class Switch(KeyRing):
+    """Keys that come and go."""
+
+    needed = False
+
+
+def schema_of_rides(keys: Keys) -> Json:
+    said = ask(FakeManager(), "GET", "/openapi.json", keys=keys).json()["paths"][BEGUN]["post"]
+    found: Json = said["requestBody"]["content"]["application/json"]["schema"]
+    return found
 
 
 def test_every_reference_leads_somewhere() -> None:

@@ -42,7 +42,11 @@ RIDING = replace(
     held_since_s=3.0,
     permissions={"robot_mode_on": True, "ready": True},
     restrictions=Restrictions(
-        fire_latched=True, lockout="by M. Weber", maybe_aboard=Holder("workshop", "r2"), waiting_for="people"
+        fire_latched=True,
+        lockout="by M. Weber",
+        maybe_aboard=Holder("workshop", "r2"),
+        distrusted="door contact inverted?",
+        waiting_for="people",
     ),
 )
 LOST = replace(IDLE, quality=Quality.OFFLINE, reason="no answer", age_s=None, robot_door=RobotDoor.MOVING)
@@ -112,7 +116,7 @@ def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
         ending=False,
         fire_latched=True,
         waiting_for="people",
-        keeps_off="locked out by M. Weber; a robot of workshop:r2 may be in the car",
+        keeps_off="locked out by M. Weber; a robot of workshop:r2 may be in the car; its signals are distrusted: door contact inverted?",
     )
     assert (lost.live, lost.reason, lost.age_s, lost.robot_mode_on) == (False, "no answer", None, None)
     assert (lost.holder, lost.keeps_off) == (None, "")
