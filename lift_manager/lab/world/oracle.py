@@ -483,7 +483,7 @@ class Oracle:
             # it was asked for over a face whose requests nobody tells the judge
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
         owed = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(state.holder, -math.inf)
-        return is_wanted(about, name, floor, truth, *asks, on_s=on_s, owes_word=owed)
+        return is_wanted(about, name, floor, truth, asks, on_s=on_s, owes_word=owed)
 
     def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
         claimed_at, pressed_at, outcome = claim

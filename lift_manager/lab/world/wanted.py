@@ -11,13 +11,14 @@ CLOSES_WITHIN_S = 10.0
 
 
 def is_wanted(
-    about: Judged, name: str, floor: int, truth: Truth, ask: Ask, before: Ask, *, on_s: float, owes_word: bool
+    about: Judged, name: str, floor: int, truth: Truth, asks: tuple[Ask, Ask], *, on_s: float, owes_word: bool
 ) -> bool:
     """Whether what the holder asked for last needs this output, which has been on for `on_s`.
 
-    `floor` is the index of that of a call; `before` is the last request for another floor. `owes_word` says that the robot
+    `floor` is the index of that of a call; `asks` are its last request and the last one for another floor. `owes_word` says that the robot
     is inside, and that the lift was not told of it.
     """
+    ask, before = asks
     kind = name.partition(".")[0]
     at_stop = truth.at == ask.floor
     match kind:

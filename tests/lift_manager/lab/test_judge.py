@@ -453,5 +453,5 @@ def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_rob
     about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
     owed = said_at is not None
     ask = Ask("lift", ROBOT, "L1", hold_door=True)
-    wanted = is_wanted(about, "call", 1, SHUT, ask, replace(ask, floor="L3"), on_s=9.0, owes_word=owed)
+    wanted = is_wanted(about, "call", 1, SHUT, (ask, replace(ask, floor="L3")), on_s=9.0, owes_word=owed)
     assert wanted is owed
