@@ -437,7 +437,7 @@ class Oracle:
             if name == "robot_mode" and not truth.standing:
                 watched.under_way_at = at
             if name == "robot_mode":
-                since = max(since, watched.under_way_at)
+                since = max(since, min(self._stands_unknown_at(watched, at), since + watched.about.arrive_within_s))
             hindered_s = watched.lost_s - unwanted.lost_s
             hindered_s += RETRIES_WITHIN_S * (failed_writes - unwanted.failed_writes)
             if at - since - hindered_s > self._limit_s(watched, name, truth):
@@ -445,6 +445,12 @@ class Oracle:
                 if not self._is_let_pass(watched, lift, name, at):
                     self.weigh(Finding(at, lift, "output on too long", text, Wrong.OUTPUT), about=name)
                 watched.unwanted[output] = _Unwanted(at, watched.lost_s, failed_writes)
+
+    @staticmethod
+    def _stands_unknown_at(watched: _Watched, at: float) -> float:
+        """Return when the manager last could not know that the car stands: it moved, readings failed, or the alive counter stood still."""
+        is_frozen = any(fault.name == "frozen_heartbeat" and at <= fault.ended_at for fault in watched.faults)
+        return at if is_frozen else max(watched.under_way_at, watched.clean_since)
 
     def _limit_s(self, watched: _Watched, name: str, truth: Truth) -> float:
         """Return how long this may stay on although nobody wants it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lift_manager.domain.asking import Ask
+from lift_manager.domain.asking import Ask, RobotWord
 from lift_manager.lab.world.judged import Judged
 from lift_manager.lab.world.truth import Truth
 
@@ -23,8 +23,9 @@ def is_wanted(
     at_stop = truth.at == ask.floor
     match kind:
         case "hold_door":
-            # behind doors that are shut a hold cannot be in the way of anything
-            return ask.hold_door and (at_stop or truth.at is None) and on_s <= about.max_session_hold_s
+            # behind doors that are shut a hold cannot be in the way of anything; for a robot inside a hold that is on may stay
+            wants = ask.hold_door or ask.robot is RobotWord.IN_PLACE
+            return wants and (at_stop or truth.at is None) and on_s <= about.max_session_hold_s
         case "close_door":
             return not (ask.hold_door and at_stop) and on_s <= CLOSES_WITHIN_S
         case "go_to" | "call" | "go":
