@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.rows import each_row
+
 ROOT = Path(__file__).resolve().parents[2]
 
 # Writes down how it was called, and makes an environment in which nothing is real.
@@ -114,7 +116,7 @@ def machine(tmp_path: Path) -> Machine:
     return machine
 
 
-@pytest.mark.parametrize("path", ["scripts/demo", "scripts/test", "scripts/pin", ".ci/run"])
+@each_row("path", ["scripts/demo", "scripts/test", "scripts/pin", ".ci/run"])
 def test_the_commands_are_executable_and_free_of_syntax_errors(path: str) -> None:
     assert os.access(ROOT / path, os.X_OK)
     for script in (ROOT / path, ROOT / "scripts" / "lib.sh"):

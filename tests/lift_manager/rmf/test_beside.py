@@ -35,6 +35,7 @@ from tests.lift_manager.rmf.beside_rig import (
     spoiled,
 )
 from tests.support.certificates import Authority
+from tests.support.rows import each_row
 from tests.support.scripted_http import (
     WITHIN_S,
     Asked,
@@ -125,7 +126,7 @@ def test_a_path_behind_the_address_that_no_manager_has_is_named() -> None:
     assert why.startswith("the manager at http://[::1]:5003 has nothing under /x: leave that out of its address")
 
 
-@pytest.mark.parametrize(("script", "why"), WRONG)
+@each_row(("script", "why"), WRONG)
 def test_whatever_answers_in_its_place_is_told_once_and_the_manager_is_found_again(script: Script, why: str) -> None:
     manager = Manager()
     with met(manager, BRISK if script is nothing else CALM) as (server, _, ears):
@@ -279,7 +280,7 @@ def test_without_a_stream_it_is_asked_all_the_same(events: Script) -> None:
             ears.next_heard()
 
 
-@pytest.mark.parametrize(
+@each_row(
     "script",
     [stream(), stream(b": half a heart"), says_and_hangs_up(STREAM), says_and_hangs_up(STREAM + event("boot-7"))],
 )
@@ -313,9 +314,7 @@ def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
 # the end, and what stays inside
 
 
-@pytest.mark.parametrize(
-    "manager", [Manager(), nothing, Manager(scripts={"events": stream()}), Manager(scripts={RMF: answers(500)})]
-)
+@each_row("manager", [Manager(), nothing, Manager(scripts={"events": stream()}), Manager(scripts={RMF: answers(500)})])
 def test_the_end_ends_every_thread_whatever_it_waits_for(manager: Script) -> None:
     with Scripted(manager) as server, beside(server.port, Pace()) as (way, ears):
         way.ask(WANTED)
