@@ -498,7 +498,7 @@ def python(*args: str, path: Path | None = None, cwd: Path = ROOT) -> subprocess
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "COV"))}
     environment |= {} if path is None else {"PYTHONPATH": str(path)}
     return subprocess.run(
-        [sys.executable, *args], cwd=cwd, env=environment, capture_output=True, text=True, timeout=50, check=False
+        [sys.executable, *args], cwd=cwd, env=environment, capture_output=True, text=True, timeout=240, check=False
     )
 
 
