@@ -118,7 +118,14 @@ def test_a_bug_in_one_part_ends_the_manager_only_after_everything_is_let_go(capl
 
     with caplog.at_level(logging.INFO), pytest.raises(ExceptionGroup, match="because of a bug"):
         asyncio.run(main())
-    assert "everything we held is let go and verified" in caplog.text
+    assert "stopping: releasing everything" in caplog.text
+    # on a busy machine the lift may be too old to be looked at, or the time for it over, and that is said
+    said = (
+        "everything we held is let go and verified",
+        "so nobody could look at what its controller holds",
+        "not every output",
+    )
+    assert any(words in caplog.text for words in said)
 
 
 class Mute:

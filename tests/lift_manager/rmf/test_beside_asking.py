@@ -4,7 +4,7 @@ import threading
 import time
 from dataclasses import replace
 
-from lift_manager.rmf.beside import CARRIERS, CLOSED_WITHIN_S
+from lift_manager.rmf.beside import CARRIERS
 from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.port import Asked as Wish
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
@@ -181,4 +181,4 @@ def test_what_is_asked_of_a_manager_that_is_lost_is_answered_in_time() -> None:
         for each in (wanted("east"), ended("west")):
             way.ask(each)
         assert {ears.next_answer().code for _ in range(2)} == {UNREACHABLE}
-        assert time.monotonic() - began < CLOSED_WITHIN_S
+        assert time.monotonic() - began < WITHIN_S
