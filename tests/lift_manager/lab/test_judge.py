@@ -27,6 +27,7 @@ from simulator.state import Parameters
 from simulator.wire_faults import Exchange, WireFault
 from tests.campaigns.playing import LIFT, loaded_site
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, answered, judge, polled, state
+from tests.support.rows import each_row
 
 WORKSHOP = Holder("workshop", "workshop")
 OTHER = Holder("fleet", "r2")
@@ -72,7 +73,7 @@ def test_another_floor_on_a_call_that_is_still_on_is_a_press() -> None:
     assert judged("seer-siemens-chengdu", check).count("pressed in a lockout") == 2
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "fault", "coil"),
     [
         ("generic-coils", None, 9),
@@ -155,7 +156,7 @@ def test_a_close_button_that_stays_on_is_not_wanted_by_a_robot_that_asks_for_an_
     assert "output on too long" in judged("adam-pushbutton", check)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("given", "hold_door", "is_found"),
     [
         (("go_to", 0), True, False),
@@ -163,7 +164,6 @@ def test_a_close_button_that_stays_on_is_not_wanted_by_a_robot_that_asks_for_an_
         (("hold_door.front", 1), True, True),
         (("robot_mode", 1), True, False),
     ],
-    ids=["its call", "a call to elsewhere", "a hold where the car is not wanted", "robot mode"],
 )
 def test_an_output_is_wanted_for_what_its_holder_asked_for(
     given: tuple[str, int], hold_door: bool, is_found: bool
@@ -197,7 +197,7 @@ def test_a_state_that_says_what_is_so_breaks_no_rule() -> None:
     assert lies(UP, standing=False, motion=Motion.MOVING, floor=None) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("truth", "said", "rule"),
     [
         (UP, {"floor": "L1", "standing": False, "motion": Motion.UP}, "said another floor"),
@@ -403,7 +403,7 @@ def test_a_visible_fire_gives_a_hold_no_more_time_because_its_session_ends(*, se
     assert len([one for one in found(oracle) if one == "output on too long"]) == 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("clear_s", "ask", "truth", "rules_broken"),
     [
         (10.0, Ask("lift", ROBOT, "L2", hold_door=True), STANDS_OPEN, ["the door fell while a robot was invited"]),
@@ -412,7 +412,6 @@ def test_a_visible_fire_gives_a_hold_no_more_time_because_its_session_ends(*, se
         (10.0, Ask("lift", ROBOT, "L2", hold_door=False), STANDS_OPEN, []),
         (10.0, Ask("lift", ROBOT, "L2", hold_door=True), replace(STANDS_OPEN, mode=Mode.FIRE), []),
     ],
-    ids=["by our own limit", "not asked of this manager", "it went on", "it let go", "in a fire"],
 )
 def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
     clear_s: float, ask: Ask, truth: object, rules_broken: list[str]

@@ -25,6 +25,7 @@ from lift_manager.metrics.lag import Lags
 from lift_manager.metrics.metrics import Metrics
 from register_maps.words import Mode, Side
 from tests.lift_manager.metrics.measured import IDLE, LINK, OPEN, FakeManager, Rig, lifts, measured
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
@@ -52,7 +53,7 @@ RIDE = Ride(
 )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("accept", "content_type"),
     [
         ("", "text/plain; version=0.0.4; charset=utf-8"),
@@ -166,7 +167,7 @@ def test_names_of_a_site_file_break_nothing() -> None:
     measured(check, FakeManager({name: replace(IDLE, lift=name)}, links=(replace(LINK, link=name),)))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("outcome", "result", "reason"),
     [
         (Outcome(GO, Result.CONFIRMED, proof=Proof.LAMP, frames=FRAMES), "confirmed", "lamp"),
@@ -353,9 +354,9 @@ def test_a_scrape_of_a_hundred_lifts_gives_the_lifts_their_turns_in_between() ->
         longest_s, ended = 0.0, asyncio.ensure_future(rig.metrics.scrape(OPEN))
         turns = 0
         while not ended.done():
-            began = time.perf_counter()
+            began = time.thread_time()
             await asyncio.sleep(0)
-            longest_s, turns = max(longest_s, time.perf_counter() - began), turns + 1
+            longest_s, turns = max(longest_s, time.thread_time() - began), turns + 1
         assert turns > 30
         assert longest_s < 0.25  # a tenth of it on an idle machine
 

@@ -45,6 +45,7 @@ from tests.support.rmf.playing import play
 from tests.support.rmf.schedules import Schedule, draw, shrink
 from tests.support.rmf.timeline import Timeline
 from tests.support.rmf.world import Setting
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 A, B = "fleet_1/robot_1", "fleet_2/robot_2"
@@ -93,7 +94,7 @@ def test_no_interleaving_breaks_a_rule(first: int) -> None:
     assert tally.schedules == 4
 
 
-@pytest.mark.parametrize("fault", CARELESS)
+@each_row("fault", CARELESS)
 def test_an_adapter_with_a_fault_is_found(fault: str) -> None:
     rule, events = FOUND_BY[fault]
     with quiet():

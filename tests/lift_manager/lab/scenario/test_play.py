@@ -297,7 +297,7 @@ def test_one_seed_gives_one_trace_in_every_process(tmp_path: Path) -> None:
         trace = tmp_path / f"{number}.jsonl"
         command = [sys.executable, "-m", "lift_manager", "scenario", "run", str(file), "--trace", str(trace)]
         environment = {**os.environ, "PYTHONHASHSEED": number}
-        subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, timeout=60, check=True)
+        subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, timeout=240, check=True)
         texts.append(trace.read_text())
     assert texts[0] == texts[1]
 
