@@ -217,13 +217,6 @@ def test_an_object_of_too_many_keys_is_refused(body: dict[str, object]) -> None:
     assert facade.asked == []
 
 
-@pytest.mark.parametrize("what", ["acknowledge", "lockout", "lockout/end", "session/force-release"])
-def test_every_route_with_a_body_has_the_same_limit(what: str) -> None:
-    url = f"http://127.0.0.1:5003/api/v1/lifts/lift/{what}"
-    assert ask(FakeManager(), "POST", url, content=b" " * (LIMIT_BYTES + 1)).status_code == 413
-    assert ask(FakeManager(), "POST", url, content=b" " * LIMIT_BYTES).status_code == 422
-
-
 def test_a_body_that_nobody_wants_is_not_waited_for() -> None:
     async def main() -> bytes:
         async with serving(make_app(FakeManager())) as port, connected(port) as (reader, writer), asyncio.timeout(5):
