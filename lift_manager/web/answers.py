@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from typing import TypeVar
 
-from fastapi import Response as ResponseHeaders
 from starlette.responses import JSONResponse, Response
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
@@ -31,11 +30,6 @@ def granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = No
     if isinstance(answer, Refused):
         raise RequestError(answer.code, answer.message, field=(fields or {}).get(answer.code), blocking=answer.blocking)
     return answer
-
-
-async def no_store(response: ResponseHeaders) -> None:
-    """Dependency of a router: no cache stores its answers."""
-    response.headers.update(NO_STORE)
 
 
 def is_workshop(path: str) -> bool:

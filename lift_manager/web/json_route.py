@@ -17,7 +17,7 @@ from lift_manager.web.errors import RequestError
 
 
 class JsonRoute(APIRoute):
-    """A route of /api/v1. A body that cannot be read is refused where a wrong value would be: after all dependencies."""
+    """A route of /api/v1, whose answers are not stored. A body that cannot be read is refused like a wrong value: after all dependencies."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return FastAPI's handler around a stricter request."""
@@ -28,9 +28,11 @@ class JsonRoute(APIRoute):
             # without a declared type FastAPI takes the body for JSON
             headers = [header for header in request.scope["headers"] if header[0] != b"content-type"]
             try:
-                return await handle(_JsonRequest({**request.scope, "headers": headers}, request.receive))
+                response = await handle(_JsonRequest({**request.scope, "headers": headers}, request.receive))
             except RequestValidationError as error:
                 raise _malformed(error, form) from error
+            response.headers.setdefault("cache-control", "no-store")
+            return response
 
         return handle_json
 

@@ -12,10 +12,9 @@ from pydantic import BaseModel
 from starlette.responses import Response
 
 from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
-from lift_manager.core.facade import Facade
 from lift_manager.domain.state import LiftState, Quality
 from lift_manager.web.body import shown
-from lift_manager.web.callers import Site
+from lift_manager.web.callers import site_of
 from lift_manager.web.errors import RequestError
 from lift_manager.web.openapi import EVERY_LIFT, LiftName, problems
 
@@ -74,7 +73,7 @@ lift_router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
 )
 async def lifts(request: Request) -> Response:
     """In the order of the site file, whether or not a lift can be read. `lift-age-s` is the age of the oldest among those that are live."""
-    site: Facade = request.app.state.site
+    site = site_of(request)
     states = [state for name in site.lift_names() if (state := site.state(name)) is not None]
     whole = Lifts(lifts=tuple(_lift(request, state) for state in states))
     ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
@@ -89,14 +88,15 @@ async def lifts(request: Request) -> Response:
     responses=_OF_A_LIFT,
     openapi_extra=_IF_NONE_MATCH,
 )
-async def capabilities(lift: LiftName, request: Request, site: Site) -> Response:
+async def capabilities(lift: LiftName, request: Request) -> Response:
     """Which floors, doors, commands and signals it has, and how long the site lets robots have it.
 
     It stays the same while the manager runs.
     """
+    site = site_of(request)
     description, state = site.describe(lift), site.state(lift)
     if description is None or state is None:
-        raise _unknown(site, lift)
+        raise _unknown(request, lift)
     whole = LiftCapabilities.of(description)
     return tagged(request, whole, whole, state.age_s)
 
@@ -108,11 +108,11 @@ async def capabilities(lift: LiftName, request: Request, site: Site) -> Response
     responses=_OF_A_LIFT,
     openapi_extra=_IF_NONE_MATCH,
 )
-async def signals(lift: LiftName, request: Request, site: Site) -> Response:
+async def signals(lift: LiftName, request: Request) -> Response:
     """As read last, with the raw value and where it is: for people who compare it with the lift. Look at the ages."""
-    found = site.signals(lift)
+    found = site_of(request).signals(lift)
     if found is None:
-        raise _unknown(site, lift)
+        raise _unknown(request, lift)
     whole = Signals.of(found)
     bare = tuple(signal.model_copy(update={"age_s": None}) for signal in whole.signals)
     return tagged(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
@@ -126,14 +126,14 @@ async def signals(lift: LiftName, request: Request, site: Site) -> Response:
     responses=_OF_A_LIFT,
     openapi_extra=_IF_NONE_MATCH,
 )
-async def one_lift(lift: LiftName, request: Request, site: Site) -> Response:
+async def one_lift(lift: LiftName, request: Request) -> Response:
     """Where it is, what its doors do, its mode, and who holds it.
 
     A robot drives on `robot_door: open` alone, and on nothing older than `max_age_s`.
     """
-    state = site.state(lift)
+    state = site_of(request).state(lift)
     if state is None:
-        raise _unknown(site, lift)
+        raise _unknown(request, lift)
     whole = _lift(request, state)
     return tagged(request, whole, timeless(whole, state), state.age_s)
 
@@ -171,5 +171,6 @@ def _lift(request: Request, state: LiftState) -> Lift:
     return Lift.of(state, max_age_s=request.app.state.max_age_s[state.lift])
 
 
-def _unknown(site: Facade, name: str) -> RequestError:
-    return RequestError("unknown_lift", f"no lift {shown(name)}; the lifts are {', '.join(site.lift_names())}")
+def _unknown(request: Request, name: str) -> RequestError:
+    lifts = ", ".join(site_of(request).lift_names())
+    return RequestError("unknown_lift", f"no lift {shown(name)}; the lifts are {lifts}")

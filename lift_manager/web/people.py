@@ -22,7 +22,7 @@ from lift_manager.api.people import (
     LockoutRequest,
 )
 from lift_manager.web.access import caller
-from lift_manager.web.answers import granted, no_store
+from lift_manager.web.answers import granted
 from lift_manager.web.callers import Site, no_foreign_page, no_other_computer
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import LiftName, errors_of
@@ -49,7 +49,7 @@ router = APIRouter(
     tags=[TAG],
     route_class=JsonRoute,
     strict_content_type=False,
-    dependencies=[Depends(no_store), Depends(no_foreign_page), Depends(no_other_computer)],
+    dependencies=[Depends(no_foreign_page), Depends(no_other_computer)],
 )
 
 

@@ -17,7 +17,7 @@ from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.ride import RideLimits, RideWord
 from lift_manager.domain.state import Holder
 from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import KEPT_WITHIN_S, NO_STORE, granted, no_store
+from lift_manager.web.answers import KEPT_WITHIN_S, NO_STORE, granted
 from lift_manager.web.body import shown
 from lift_manager.web.callers import (
     RIDE_FACE,
@@ -28,6 +28,7 @@ from lift_manager.web.callers import (
     refuse_foreign_lifts,
     refuse_foreign_page,
     refuse_shared_key,
+    site_of,
 )
 from lift_manager.web.errors import RequestError
 from lift_manager.web.json_route import JsonRoute
@@ -61,13 +62,14 @@ _OF_A_RIDE = ("unknown_ride", "unknown_lift", "no_such_path", "not_your_ride", *
 RideId = Annotated[str, in_path("The id that the answer to `POST /api/v1/rides` told.", "r-81c0")]
 
 
-async def _own_ride(ride: RideId, request: Request, site: Site) -> domain.Ride:
+async def _own_ride(ride: RideId, request: Request) -> domain.Ride:
     """Return the ride of the path, if the caller may speak for it."""
+    site = site_of(request)
     found = site.ride(ride)
-    refuse_foreign_page(request, site, "" if found is None else found.lift)
+    refuse_foreign_page(request, "" if found is None else found.lift)
     if found is None:
         raise _unknown(ride)
-    refuse_foreign_lifts(request, site, [found.lift])
+    refuse_foreign_lifts(request, [found.lift])
     if _speaker(request, found) is not None and not is_of(request, found.caller):
         code = Refusal.NOT_YOUR_RIDE
         site.turned_away(turned_away(request, code, "the ride is another caller's", found.lift))
@@ -82,7 +84,6 @@ router = APIRouter(
     tags=[TAG],
     route_class=JsonRoute,
     strict_content_type=False,
-    dependencies=[Depends(no_store)],
 )
 
 
@@ -137,11 +138,11 @@ async def begin(
     if not body.dry_run:
         refuse_shared_key(request, body.robot, body.idempotency_key)
     lifts = _commanded(request, site) if body.lift == ANY else (body.lift,)
-    refuse_foreign_lifts(request, site, lifts)
+    refuse_foreign_lifts(request, lifts)
     wanted = _wanted(body, lifts, holder_of(request, RIDE_FACE, body.robot))
     if body.dry_run:
         plan = granted(site.plan_ride(wanted), _fields(site, wanted))
-        return Response(Plan.of(plan).model_dump_json(), 200, NO_STORE, "application/json")
+        return Response(Plan.model_validate(plan).model_dump_json(), 200, NO_STORE, "application/json")
     begun = granted(site.begin_ride(wanted), _fields(site, wanted))
     ride = await _kept(site, begun.ride)
     if begun.anew:

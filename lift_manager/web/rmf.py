@@ -12,7 +12,7 @@ from lift_manager.core.keeper import STOPPING
 from lift_manager.core.rmf_site import rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.rmf import rmf_holder
-from lift_manager.web.answers import KEPT_WITHIN_S, granted, no_store
+from lift_manager.web.answers import KEPT_WITHIN_S, granted
 from lift_manager.web.callers import Site, no_foreign_page
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import EVERY_BODY, EVERY_CHANGE, EVERY_LIFT, NOT_FREE, LiftName, in_body, problems
@@ -36,7 +36,6 @@ router = APIRouter(
     tags=[TAG],
     route_class=JsonRoute,
     strict_content_type=False,
-    dependencies=[Depends(no_store)],
 )
 _changes = [Depends(no_foreign_page)]
 

@@ -21,7 +21,7 @@ from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionRequest
 from lift_manager.web.access import turned_away
-from lift_manager.web.answers import KEPT_WITHIN_S, Granted, granted, no_store
+from lift_manager.web.answers import KEPT_WITHIN_S, Granted, granted
 from lift_manager.web.callers import (
     SESSION_FACE,
     Site,
@@ -31,6 +31,7 @@ from lift_manager.web.callers import (
     no_foreign_page,
     refuse_heir,
     refuse_shared_key,
+    site_of,
 )
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import (
@@ -79,9 +80,9 @@ async def _own_session(
     lift: LiftName,
     session: Annotated[str, in_path("The id that the answer to `POST .../sessions` told.", "s-4f1d2c")],
     request: Request,
-    site: Site,
 ) -> SessionInfo:
     """Return the session of the path, if it is the caller's: its id, and the key that opened it, are what tells."""
+    site = site_of(request)
     found = _granted(site.session(lift, session, None))
     if found.holder.face == SESSION_FACE and is_of(request, found.holder):
         return found
@@ -115,7 +116,6 @@ router = APIRouter(
     tags=[TAG],
     route_class=JsonRoute,
     strict_content_type=False,
-    dependencies=[Depends(no_store)],
 )
 _changes = [Depends(no_foreign_page)]
 
@@ -133,13 +133,13 @@ async def followed(
     wait_s: WaitSeconds,
 ) -> Command:
     """As it is, or with `wait` as soon as it is no longer pending."""
-    return Command.of(await _command(site, session, command, wait_s))
+    return Command.model_validate(await _command(site, session, command, wait_s))
 
 
 @router.get("/{session}", summary="A session", response_description="As it is.", responses=problems(*_OF_A_SESSION))
 async def read(session: OwnSession) -> Session:
     """Also one that was over not long ago: `over` says why. Reading renews nothing."""
-    return Session.of(session)
+    return Session.model_validate(session)
 
 
 @router.post(
@@ -187,7 +187,7 @@ async def open_session(
         response.headers["location"] = f"sessions/{quote(opened.session.id, safe='')}"
     else:
         response.status_code = 200
-    return Session.of(opened.session)
+    return Session.model_validate(opened.session)
 
 
 @router.post(
@@ -300,7 +300,7 @@ async def command(
     taken = _granted(site.ask_within(asked), {Refusal.UNKNOWN_FLOOR: "floor"})
     await site.kept(session.lift, KEPT_WITHIN_S)
     response.headers["location"] = f"commands/{quote(taken.id, safe='')}"
-    return Command.of(await _command(site, session, taken.id, wait_s))
+    return Command.model_validate(await _command(site, session, taken.id, wait_s))
 
 
 async def _command(site: Facade, session: SessionInfo, number: str, wait_s: float) -> Followed:
@@ -312,7 +312,7 @@ async def _command(site: Facade, session: SessionInfo, number: str, wait_s: floa
 async def _kept(site: Facade, changed: SessionInfo | Refused) -> Session:
     session = _granted(changed)
     await site.kept(session.lift, KEPT_WITHIN_S)
-    return Session.of(session)
+    return Session.model_validate(session)
 
 
 def _granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = None) -> Granted:

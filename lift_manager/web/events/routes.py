@@ -14,7 +14,6 @@ from lift_manager.api.events import Links
 from lift_manager.core.facade import FrameSource
 from lift_manager.domain.keys import Keys
 from lift_manager.web.access import caller
-from lift_manager.web.answers import no_store
 from lift_manager.web.body import shown
 from lift_manager.web.callers import Site, no_other_computer
 from lift_manager.web.errors import RequestError
@@ -87,7 +86,7 @@ class Streams:
         self.frames = None if frames is None else FrameFeed(frames, self.places)
 
 
-router = APIRouter(prefix="/api/v1", tags=[TAG], route_class=JsonRoute)
+router = APIRouter(prefix="/api/v1", tags=[TAG], route_class=JsonRoute, strict_content_type=False)
 
 _LIMIT = {"maxLength": 200}
 """Said, not checked: nothing of that length is known here."""
@@ -153,7 +152,7 @@ async def events(
     "/links",
     name="names",
     summary="The links to controllers",
-    dependencies=[Depends(no_store), Depends(no_other_computer)],
+    dependencies=[Depends(no_other_computer)],
     response_description="All of them.",
     responses=errors_of({403: _OTHER_COMPUTER}),
 )
