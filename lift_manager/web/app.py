@@ -17,13 +17,13 @@ from lift_manager.domain.access import ROUTES, Route
 from lift_manager.domain.keys import KeyRing, Keys, redacted
 from lift_manager.plain.version import running_version
 from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
-from lift_manager.web.accepting import streams_limit
 from lift_manager.web.access import Gate
 from lift_manager.web.answers import answer, failed, is_workshop, not_found
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.error_table import error_table
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events import routes as events
+from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access
 from lift_manager.web.workshop import workshop_router
