@@ -24,8 +24,8 @@ from lift_manager.cli.servable import obstacles
 from lift_manager.config.load import check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
-from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
+from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
