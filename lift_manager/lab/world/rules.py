@@ -353,6 +353,9 @@ class Rules:
             self._oracle.find(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
             book.session = event.to
+            if book.invited is not None and book.invited[0] == event.holder:
+                # the robot in the door is the new holder's, who speaks for it from here on
+                book.invited = event.to, book.invited[1]
             if book.asked_since is not None and (ask := self._oracle.ask_of(event.lift, event.holder)) is not None:
                 # its holder was heard by this very word, and the session goes on with what it wants
                 book.asked_since.setdefault(event.to, set()).add(ask.floor)
