@@ -28,8 +28,8 @@ from lift_manager.store.journal.writer import SqliteJournal, opened_journal
 from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.store.place import journal_path
 from lift_manager.store.state_file import StateFile, opened
-from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
+from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
@@ -64,7 +64,7 @@ def serve(
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     allow_files()
-    loaded = loaded_site(site)
+    loaded = loaded_site(site, for_rmf=rmf)
     if loaded.unusable:
         raise refused(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):

@@ -6,17 +6,17 @@ from datetime import UTC, datetime
 
 import pytest
 
-from drivers.model import Command, CommandKind
+from drivers.model import Command, CommandKind, LiftValues
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
 from lift_manager.domain.service import Advice, EndReason, ForceReleased, Lockout, LockoutEnded
 from lift_manager.domain.state import Quality, RobotDoor
-from register_maps.words import Door, Motion
+from register_maps.words import Door, Mode, Motion
 from simulator.state import Inputs
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import PHASES, door_held, outputs, travelling
-from tests.lift_manager.core.scripted import PERMITTING, Bench, boarded, on_bench
+from tests.lift_manager.core.scripted import FRONT, PERMITTING, PLAIN, Bench, boarded, on_bench
 from tests.lift_manager.core.test_what_cannot_be_read import WITH_MODE
 from tests.support.spine import WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
@@ -273,6 +273,41 @@ def test_a_person_withdraws_open_at_once_and_the_door_is_released_clear_s_later(
         assert ended.reason is reason
 
     on_spine(check)
+
+
+def test_a_robot_in_the_door_has_clear_s_though_the_hold_was_not_answered_a_moment_ago() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.robot_door() is RobotDoor.OPEN
+        made.driver.unseen = True
+        await elapse(0.5)
+        assert made.robot_door() is RobotDoor.MOVING
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(9.0)
+        assert made.driver.on == {"hold_door.front"}
+        await elapse(2.0)
+        assert made.driver.on == set()
+
+    on_bench(check, PLAIN)
+
+
+def test_a_robot_in_the_door_has_clear_s_though_a_restart_does_not_know_yet_where_the_car_stands() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.robot_door() is RobotDoor.OPEN
+
+    async def after(made: Bench) -> None:
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(9.0)
+        assert made.driver.log == []
+        await elapse(2.0)
+        assert made.driver.log == ["let go hold_door.front"]
+
+    on_bench(before, PLAIN, memory=memory)
+    nobody_knows = LiftValues(floor=None, mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
+    on_bench(after, PLAIN, memory=memory, found=nobody_knows, left_on=frozenset({"hold_door.front"}))
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])

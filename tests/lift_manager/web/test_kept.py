@@ -11,6 +11,7 @@ from lift_manager.domain.service import Remembered
 from lift_manager.domain.state import Holder
 from lift_manager.web.app import make_app
 from tests.lift_manager.core.ride_building import building
+from tests.lift_manager.web.changes import CHANGES
 from tests.lift_manager.web.fake import FakeManager
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_session
@@ -18,20 +19,8 @@ from tests.support.virtual_time import elapse, run_virtual
 
 SESSION = "/api/v1/lifts/lift/sessions"
 WISH = {"lift": "lift", "from": "L1", "to": "L2", "robot": "amr-7"}
-WORDS = [
-    ("/api/v1/rides", WISH),
-    ("/api/v1/rides/r1/entered", None),
-    ("/api/v1/rides/r1/left", None),
-    ("/api/v1/rides/r1/here", None),
-    ("/api/v1/rides/r1/cancel", None),
-    (SESSION, None),
-    (f"{SESSION}/s1/renew", None),
-    (f"{SESSION}/s1/close", None),
-    (f"{SESSION}/s1/hand-over", {"to": "amr-8"}),
-    (f"{SESSION}/s1/commands", {"do": "go_to", "floor": "L2"}),
-    ("/api/v1/lifts/lift/rmf/wanted", {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}),
-    ("/api/v1/lifts/lift/rmf/ended", {"session_id": "fleet/amr-7", "grace_s": 3}),
-]
+WORDS = [(path, body) for path, body in CHANGES.items() if "by" not in (body or {})]
+"""All but what people say."""
 every_word = pytest.mark.parametrize(("path", "body"), WORDS)
 
 
