@@ -200,7 +200,7 @@ def test_no_cycle_and_no_heartbeat_writes_over_what_may_be_on_before_the_first_l
 def test_a_cycle_that_is_on_its_way_does_not_write_over_what_is_adopted_meanwhile(turns: int) -> None:
     device = left_on({Table.COIL: {1: 1}})
 
-    def first(lift: ModbusLift) -> None:
+    def first(lift: Caller) -> None:
         def adopt_in(turns: int) -> None:
             if turns:
                 asyncio.get_running_loop().call_soon(adopt_in, turns - 1)
