@@ -93,6 +93,8 @@ def test_no_old_end_of_a_fleet_reaches_an_adapter_that_starts(settings: RosSetti
         fleet.write(FLEETS, ORACLE.request(request("old", kind=END_SESSION)))
         fleet.has_written(FLEETS, 1)
         with adapter(settings) as (_, heard):
+            # two readers of one process that join together share what the first of them asks the writer for
+            fleet.says(lambda said: said.get("read_by", 0) >= 1)
             history = Partner(settings.domain)
             ear = history.hear(FLEETS, "request", Offer(transient=True))
             ear.wait_for(bool)
