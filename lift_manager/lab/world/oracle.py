@@ -141,7 +141,7 @@ class _Watched:
     asks: dict[Holder, tuple[Ask, Ask]] = field(default_factory=dict)
     """The last request of each holder that was accepted, and the last one before it for another floor."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
-    """When a robot of each holder last said that it is inside."""
+    """When a robot of each holder last said that it is inside, in words or by asking for another floor."""
     floor: FloorName | None = None
     """Of the last request that was accepted, and since when it is that one."""
     floor_asked_at: float = -math.inf
@@ -276,9 +276,10 @@ class Oracle:
         watched = self._lifts[ask.lift]
         if ask.floor != watched.floor:
             watched.floor, watched.floor_asked_at = ask.floor, at
-        if ask.robot is RobotWord.IN_PLACE:
-            watched.in_place_at[ask.holder] = at
         last, before = watched.asks.get(ask.holder, (ask, ask))
+        if ask.robot is RobotWord.IN_PLACE or ask.floor != last.floor:
+            # one without words says by its next floor that it is inside
+            watched.in_place_at[ask.holder] = at
         watched.asks[ask.holder] = ask, before if last.floor == ask.floor else last
 
     def struck(self, at: float, struck: Struck) -> None:

@@ -296,6 +296,8 @@ class Rules:
                 self._oracle.find(at, lift, "said open and not held", text)
             else:
                 self._oracle.let_pass(lift, "said open and not held", blinded)
+        elif self._oracle.was_blinded(lift, since, BLINDS_TO_A_HOLD) is not None:
+            return
         elif since < book.pressed_since - ROUNDING_S and at - book.fell_at > NOTICED_WITHIN_S:
             text = f"for {holder}; it was read {book.pressed_since - since:.2f} s before the hold was on"
             self._oracle.find(at, lift, "said open on a reading from before the hold", text)
@@ -407,6 +409,9 @@ def _follow(at: float, book: _Book, truth: Truth) -> None:
     elif math.isinf(book.held_since):
         book.held_since = at
     if not book.about.holds <= truth.commands:
+        if not math.isinf(book.pressed_since):
+            # cleared before the drive had obeyed it: nobody can know sooner than of one that it obeyed
+            book.fell_at = at
         book.pressed_since = math.inf
     elif math.isinf(book.pressed_since):
         book.pressed_since = at
