@@ -59,7 +59,8 @@ class Draft:
         self.events.append(Alarm(self.config.name, text, holder))
 
     def press(self, command: Command) -> PressId:
-        """Press a command once this step is on the disk."""
+        """Press a command once this step is on the disk. An earlier press of it that has no outcome yet is withdrawn."""
+        self.cancel(command)
         record = self.record
         press, session = PressId(record.presses_made + 1), record.session
         holder = "" if session is None else str(session.holder)
@@ -71,6 +72,7 @@ class Draft:
 
     def cancel(self, command: Command) -> None:
         """Withdraw what is pressed of a command and has no outcome yet."""
-        for pending in self.record.presses:
-            if pending.command.name == command.name:
-                self.actions.append(Cancel(pending.id))
+        gone = tuple(pending for pending in self.record.presses if pending.command.name == command.name)
+        if gone:
+            self.actions += [Cancel(pending.id) for pending in gone]
+            self.change(presses=tuple(pending for pending in self.record.presses if pending not in gone))

@@ -257,16 +257,21 @@ def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
     record, session = draft.record, draft.session
     draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
     draft.emit(CommandEnded(draft.config.name, outcome, None if session is None else session.holder))
+    name = outcome.command.name
+    if outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels:
+        # it stays on until the driver reports otherwise
+        on = draft.record.status(outcome.command)
+        draft.change(outputs={**draft.record.outputs, name: on if on.is_given else OutputStatus.ON})
     if record.call is not None and record.call.press == press:
         # one that its holder's end came before has not failed
         kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED
         forgiving = replace(outcome, not_granted=outcome.not_granted or kept_back)
         draft.change(call=call_answered(record.call, forgiving, draft.now))
     doors.closing_answered(draft, press, outcome)
-    for name in handshake.COMMAND_OF:
-        word = record.in_place if name == "in_place" else record.robot_left
+    for word_name in handshake.COMMAND_OF:
+        word = record.in_place if word_name == "in_place" else record.robot_left
         if word.call is not None and word.call.press == press:
-            handshake.word_answered(draft, name, outcome)
+            handshake.word_answered(draft, word_name, outcome)
 
 
 def _take_commit_failure(draft: Draft, reason: str) -> None:
