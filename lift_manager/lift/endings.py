@@ -156,9 +156,9 @@ def end_what_is_over(draft: Draft) -> None:
     session, observation = draft.session, draft.observation
     if session is not None and session.end is not None and draft.now >= session.end.at:
         _end_at_once(draft, session.end.reason, session.end.text)
-    if draft.record.released_open and observation is not None:
-        if Door.OPEN not in observation.values.doors.values():
-            draft.change(released_open=False)
+    seen_shut = observation is not None and Door.OPEN not in observation.values.doors.values()
+    if draft.record.released_open and seen_shut:
+        draft.change(released_open=False)
 
 
 def end_by_time(draft: Draft) -> None:

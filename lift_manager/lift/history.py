@@ -130,9 +130,7 @@ def command_by_key(record: LiftRecord, request: CommandRequest, moment: Moment) 
     return Refused(Refusal.KEY_REUSED, text)
 
 
-def past_session_by_key(
-    config: LiftConfig, record: LiftRecord, request: OpenSession, moment: Moment
-) -> SessionInfo | Refused | None:
+def past_session_by_key(record: LiftRecord, request: OpenSession, moment: Moment) -> SessionInfo | Refused | None:
     """Return the newest session of a holder that was opened with this key and is over; refuse another lease with it."""
     found = [past for past in record.past_sessions if (past.info.holder, past.key) == (request.holder, request.key)]
     if not request.key or not found or _past(record, found[-1].info.id, moment.now) is None:

@@ -61,8 +61,7 @@ def blocked_by(
         return why_no_robot_left(config, record, moment)
     if is_press and session is not None and session.end is not None:
         end = session.end
-        ended = f"the session is over: {end.text}" if end.is_announced else f"{session.holder} has ended its session"
-        return ended
+        return f"the session is over: {end.text}" if end.is_announced else f"{session.holder} has ended its session"
     if command.kind is CommandKind.ROBOT_MODE:
         return why_no_robot_mode(config, record, moment)
     if session is None:

@@ -243,30 +243,25 @@ class Stop:
     """The manager stops: everything is released, and the session rests until the next start."""
 
 
-Input = (
+Request = LiftRequest | EndSession | OpenSession | RenewSession | CloseSession | HandOver | GiveCommand
+"""What callers request; each has a reply."""
+OperatorAction = Restrict | Unrestrict | ForceRelease | Acknowledge
+"""What people decide; each has a reply."""
+News = (
     Reading
     | ReadFailed
     | OutputChanged
     | PressEnded
     | Committed
     | CommitFailed
-    | LiftRequest
-    | EndSession
-    | OpenSession
-    | RenewSession
-    | CloseSession
-    | HandOver
-    | GiveCommand
     | JoinQueue
     | LeaveQueue
-    | Restrict
-    | Unrestrict
-    | ForceRelease
-    | Acknowledge
     | Tick
     | AnnounceStop
     | Stop
 )
+"""What the driver, the store, the rides and the runtime report; nobody waits for a reply."""
+Input = Request | OperatorAction | News
 
 
 # -- what a step asks for

@@ -120,6 +120,7 @@ def end_own_session(draft: Draft, request: EndSession) -> Accepted | Refused:
     if session.holder != request.holder:
         return held_by_another(session, draft.moment)
     end_after_grace(draft, session, request.grace_s)
+    advance(draft)
     return Accepted()
 
 
@@ -293,6 +294,8 @@ def close_session(draft: Draft, request: CloseSession) -> SessionInfo | Refused:
     floor = found.floor or config.floors[0]
     if isinstance(found, Session) or (draft.session is None and word is RobotWord.LEFT):
         release_session(draft, holder, floor, word)
+        if not isinstance(found, Session):
+            advance(draft)
     return history.read_session(config, draft.record, request.session, holder, draft.moment)
 
 
@@ -316,9 +319,10 @@ def hand_over(draft: Draft, request: HandOver) -> Accepted | SessionInfo | Refus
     draft.change(session=after, abandoned_by=abandoned_by)
     if request.to != found.holder:
         draft.emit(HandedOver(config.name, found.holder, request.to))
+    advance(draft)
     if request.session is None:
         return Accepted()
-    return history.session_info(config, draft.record, after, moment)
+    return history.read_session(config, draft.record, request.new_id, None, moment)
 
 
 def _session_by_key(draft: Draft, request: OpenSession) -> SessionInfo | Refused | None:
@@ -331,7 +335,7 @@ def _session_by_key(draft: Draft, request: OpenSession) -> SessionInfo | Refused
         draft.change(session=session)
         info = history.session_info(draft.config, draft.record, session, draft.moment)
         return history.key_reused(request, session.key_ttl_s) or info
-    return history.past_session_by_key(draft.config, draft.record, request, draft.moment)
+    return history.past_session_by_key(draft.record, request, draft.moment)
 
 
 def _why_not_opened(draft: Draft, request: OpenSession) -> Refused | None:

@@ -33,6 +33,7 @@ from lift_manager.lift.inputs import (
     JoinQueue,
     LeaveQueue,
     LiftRequest,
+    News,
     OpenSession,
     OutputChanged,
     Outputs,
@@ -41,6 +42,7 @@ from lift_manager.lift.inputs import (
     ReadFailed,
     Reading,
     RenewSession,
+    Request,
     Restrict,
     Stop,
     Tick,
@@ -50,7 +52,7 @@ from lift_manager.lift.observation import Moment, Observation, is_fresh, observe
 from lift_manager.lift.record import DurableRecord, LiftRecord
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.requests import SessionBegun
-from lift_manager.lift.session import invites_until, longest_until, releases_at
+from lift_manager.lift.session import Session, invites_until, longest_until, releases_at
 from lift_manager.lift.trust import OPEN_FOR_S, OwnCommands, judge
 
 Reply = (
@@ -115,60 +117,81 @@ def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, momen
     return _note_door_held(config, replace(record, outputs=outputs, robot_mode=mode), moment)
 
 
-def _take(draft: Draft, happened: Input) -> Reply | None:  # noqa: C901, PLR0912 - one line for each input
-    reply: Reply | None = None
+def _take(draft: Draft, happened: Input) -> Reply | None:
+    """Take one input; return the reply to whoever made it."""
+    match happened:
+        case (
+            LiftRequest() | EndSession() | OpenSession() | RenewSession() | CloseSession() | HandOver() | GiveCommand()
+        ):
+            return _take_request(draft, happened)
+        case Restrict():
+            return operator_actions.restrict(draft, happened)
+        case Unrestrict():
+            return operator_actions.unrestrict(draft, happened)
+        case ForceRelease():
+            return operator_actions.force_release(draft, happened)
+        case Acknowledge():
+            return operator_actions.acknowledge(draft, happened)
+        case _:
+            _take_news(draft, happened)
+            return None
+
+
+def _take_request(draft: Draft, request: Request) -> Reply:
+    """Take what a caller requests."""
+    match request:
+        case LiftRequest():
+            return requests.request_lift(draft, request)
+        case EndSession():
+            return requests.end_own_session(draft, request)
+        case OpenSession():
+            return requests.open_session(draft, request)
+        case RenewSession():
+            return requests.renew_session(draft, request)
+        case CloseSession():
+            return requests.close_session(draft, request)
+        case HandOver():
+            return requests.hand_over(draft, request)
+        case GiveCommand():
+            return requests.give_command(draft, request)
+
+
+def _take_news(draft: Draft, happened: News) -> None:
+    """Take what the driver, the store, the rides and the runtime report."""
+    match happened:
+        case Committed(sequence):
+            draft.change(committed=max(draft.record.committed, sequence), disk_trouble="")
+        case JoinQueue(holder):
+            draft.change(queue=queue.join(draft.record.queue, holder, draft.now))
+        case LeaveQueue(holder):
+            draft.change(queue=queue.leave(draft.record.queue, holder))
+        case AnnounceStop(clear_s):
+            endings.announce_stop(draft, clear_s)
+        case Stop():
+            endings.stop(draft)
+        case _:
+            _take_change(draft, happened)
+            advance(draft)
+
+
+def _take_change(
+    draft: Draft, happened: Reading | ReadFailed | OutputChanged | PressEnded | CommitFailed | Tick
+) -> None:
+    """Take what may change what is pressed and held."""
     match happened:
         case Reading(reading, outputs):
             _note(draft, outputs)
             _take_reading(draft, reading)
         case ReadFailed(fault):
             draft.change(fault=fault)
-            advance(draft)
         case OutputChanged(outputs):
             _note(draft, outputs)
-            advance(draft)
         case PressEnded(press, outcome):
             _take_outcome(draft, press, outcome)
-            advance(draft)
-        case Committed(sequence):
-            draft.change(committed=max(draft.record.committed, sequence), disk_trouble="")
         case CommitFailed(reason):
             _take_commit_failure(draft, reason)
-        case LiftRequest():
-            reply = requests.request_lift(draft, happened)
-        case EndSession():
-            reply = requests.end_own_session(draft, happened)
-            advance(draft)
-        case OpenSession():
-            reply = requests.open_session(draft, happened)
-        case RenewSession():
-            reply = requests.renew_session(draft, happened)
-        case CloseSession():
-            reply = requests.close_session(draft, happened)
-        case HandOver():
-            reply = requests.hand_over(draft, happened)
-            advance(draft)
-        case GiveCommand():
-            reply = requests.give_command(draft, happened)
-        case JoinQueue(holder):
-            draft.change(queue=queue.join(draft.record.queue, holder, draft.now))
-        case LeaveQueue(holder):
-            draft.change(queue=queue.leave(draft.record.queue, holder))
-        case Restrict():
-            reply = operator_actions.restrict(draft, happened)
-        case Unrestrict():
-            reply = operator_actions.unrestrict(draft, happened)
-        case ForceRelease():
-            reply = operator_actions.force_release(draft, happened)
-        case Acknowledge():
-            reply = operator_actions.acknowledge(draft, happened)
         case Tick():
-            advance(draft)
-        case AnnounceStop(clear_s):
-            endings.announce_stop(draft, clear_s)
-        case Stop():
-            endings.stop(draft)
-    return reply
+            pass
 
 
 def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
@@ -199,7 +222,6 @@ def _take_reading(draft: Draft, reading: LiftReading) -> None:
     )
     for alarm in alarms:
         draft.alarm(alarm, draft.session.holder if draft.session is not None else None)
-    advance(draft)
 
 
 def _judged(draft: Draft, observation: Observation, at: float) -> tuple[Observation, tuple[str, ...]]:
@@ -282,7 +304,6 @@ def _take_commit_failure(draft: Draft, reason: str) -> None:
         draft.cancel(pending.command)
         outcome = Outcome(pending.command, Result.REJECTED, f"not recorded: {reason}")
         _take_outcome(draft, pending.id, outcome)
-    advance(draft)
 
 
 # -- when to look again
@@ -290,29 +311,38 @@ def _take_commit_failure(draft: Draft, reason: str) -> None:
 
 def _moments(config: LiftConfig, record: LiftRecord, moment: Moment) -> Iterator[float]:
     """Yield every moment at which something changes without an input."""
-    session, observation, capabilities = record.session, record.observation, config.capabilities
-    if observation is not None and is_fresh(capabilities, moment):
-        yield math.nextafter(moment.read_at + capabilities.max_age_s, math.inf)
-        yield from (since + capabilities.door_closes_within_s for since in observation.not_open_since.values())
-        yield observation.floor_since + capabilities.evidence_for_s
-        if record.track.opened_at is not None:
-            yield record.track.opened_at + OPEN_FOR_S
     yield queue.next_lapse(record.queue)
+    yield from _moments_of_reading(config, record, moment)
     if record.fire_release_at is not None:
         yield record.fire_release_at
     if record.robot_mode.kept_until is not None:
         yield record.robot_mode.kept_until
     if record.repeats_robot_left and record.robot_left.call is not None:
         yield record.robot_left.call.not_before
-    if session is None:
+    if record.session is not None:
+        yield from _moments_of_session(config, record, record.session)
+
+
+def _moments_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) -> Iterator[float]:
+    observation, capabilities = record.observation, config.capabilities
+    if observation is None or not is_fresh(capabilities, moment):
         return
+    yield math.nextafter(moment.read_at + capabilities.max_age_s, math.inf)
+    yield observation.floor_since + capabilities.evidence_for_s
+    yield from (since + capabilities.door_closes_within_s for since in observation.not_open_since.values())
+    if record.track.opened_at is not None:
+        yield record.track.opened_at + OPEN_FOR_S
+
+
+def _moments_of_session(config: LiftConfig, record: LiftRecord, session: Session) -> Iterator[float]:
+    capabilities, call = config.capabilities, record.call
     yield record.people_until
     yield releases_at(session, config)
     yield invites_until(session, config)
     yield longest_until(session, config) + capabilities.arrive_within_s
-    if record.call is not None:
-        yield record.call.since + capabilities.arrive_within_s
-        yield record.call.since + capabilities.granted_within_s
+    if call is not None:
+        yield call.since + capabilities.arrive_within_s
+        yield call.since + capabilities.granted_within_s
     if record.ungranted is not None:
         yield record.ungranted[2] + doors.UNGRANTED_S
     yield record.closing.since + DOOR_WITHIN_S

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
-from drivers.model import Capabilities, Command, LiftReading, LiftValues, Outcome, Proof, Result
+from drivers.model import Capabilities, Command, CommandKind, LiftReading, LiftValues, Outcome, Proof, Result
 from lift_manager.lift.commands import CommandRequest, CommandStatus, CommandType, SessionInfo
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm, Event
@@ -277,7 +277,6 @@ class PaperLift:
 
 def command(name: str, floor: str | None = None) -> Command:
     """Return a command by its name in the map."""
-    from drivers.model import CommandKind
 
     kind, _, side = name.partition(".")
     return Command(CommandKind(kind), floor, Side(side) if side else None)
