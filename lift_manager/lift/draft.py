@@ -42,7 +42,12 @@ class Draft:
 
     def change(self, **fields: Any) -> None:
         """Go on with another record. The names are those of `LiftRecord`; the rules' tests see to the rest."""
-        self.record = replace(self.record, **fields)
+        record = self.record
+        for name, value in fields.items():
+            known = getattr(record, name)
+            if known is not value and known != value:
+                self.record = replace(record, **fields)
+                return
 
     def change_durable(self, **fields: Any) -> None:
         """Go on with a record that remembers something else over a restart."""
