@@ -29,12 +29,12 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.steps import Phase
 from drivers.model import Command, CommandKind, LiftReading, Outcome
 from lift_manager.core.lift import LiftTask
-from lift_manager.domain import asking, events, service, session_requests
+from lift_manager.domain import asking, events, journal_rows, service, session_requests
 from lift_manager.domain import state as states
 from lift_manager.lab.world.world import World
+from lift_manager.lift import audit, inputs, step
 from lift_manager.lift import commands as lift_commands
 from lift_manager.lift import events as lift_events
-from lift_manager.lift import inputs, step
 from lift_manager.lift.call import PressId
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Cause, Restriction, RestrictionKind
@@ -328,6 +328,13 @@ class Shadow:
         self.stepped = []
         presses = [action for action in actions if isinstance(action, Press)]
         self.same("events", [told(one) for one in self.heard if told(one)], [told(one) for one in made])
+        heard: list[Any] = self.heard
+        old_rows = [row for row in map(journal_rows.row_of, heard) if row is not None]
+        new_rows = [row for row in map(audit.row_of, made) if row is not None]
+        recorded = [row for row in old_rows if str(row.kind) != "request"]  # some commands have no row of their own
+        self.same(
+            "rows", [row_words(row) for row in recorded], [row_words(row) for row in new_rows if row.kind != "request"]
+        )
         if asked:
             self.same("reply", plain(answer), plain(done.reply))
         self.same("presses", [str(one) for one, _ in self.pressed], [str(one.command) for one in presses])
@@ -341,7 +348,7 @@ class Shadow:
         self.compare_states(self.task.state(), moment)
         old = replace(durable_of(self.config.name, self.task.remembered()), session=None)
         new = replace(self.record.durable, session=None)
-        self.same("durable", plain_durable(old), plain_durable(new))
+        self.same("durable", plain_durable(old, new), plain_durable(new, old))
         self.same(
             "saved session",
             plain_saved(durable_of(self.config.name, self.task.remembered()).session),
@@ -556,10 +563,23 @@ def plain_fields(value: Any) -> dict[str, Json]:
     return {_SAME_FIELDS.get(one.name, one.name): plain(getattr(value, one.name)) for one in fields(value)}
 
 
-def plain_durable(durable: DurableRecord) -> Json:
+def row_words(row: Any) -> Json:
+    return [str(row.kind), row.text, row.lift, row.caller, plain(dict(row.data))]
+
+
+def plain_durable(durable: DurableRecord, other: DurableRecord) -> Json:
+    """Return what outlives the manager, without what differs from `other` by design.
+
+    A robot that was in the car, out of it and perhaps in it again within one step has been there all the time. Until when robot
+    mode is kept is written again only if it moves by a second, and at once when a fire drops it, not one reading later.
+    """
     shown = plain_fields(durable)
-    until = durable.robot_mode_until
-    shown["robot_mode_until"] = None if until is None else round(until.timestamp())
+    if durable.occupied is not None and other.occupied is not None:
+        shown["occupied"] = [str(durable.occupied.holder), durable.occupied.aboard]
+    one, two = durable.robot_mode_until, other.robot_mode_until
+    close = one is not None and two is not None and abs((one - two).total_seconds()) < 1.5
+    if close or durable.fire_since is not None:
+        shown["robot_mode_until"] = None
     return shown
 
 
