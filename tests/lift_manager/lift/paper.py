@@ -152,6 +152,8 @@ class PaperLift:
     def take(self, happened: Input) -> Reply | None:
         """Step the record by one input."""
         self._did(step(self.config, self.record, happened, self.moment))
+        if isinstance(happened, Reading):
+            self.read_at = happened.reading.at
         if self.commits and not isinstance(happened, Committed):
             self._did(step(self.config, self.record, Committed(self.record.sequence), self.moment), replies=False)
         return self.newest.reply
