@@ -1,6 +1,7 @@
 """What waits for the disk, what does not, and what becomes of it when the disk fails."""
 
 import pytest
+from pydantic import TypeAdapter
 
 from lift_manager.lift.events import CommandEnded, RestrictionKind
 from lift_manager.lift.inputs import (
@@ -14,6 +15,7 @@ from lift_manager.lift.inputs import (
 )
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.refusals import Accepted
 from register_maps.words import Door, Motion
 from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, PaperLift
@@ -184,3 +186,11 @@ def test_stopping_holds_a_crossed_door_for_a_moment_and_keeps_the_session_for_th
     lift.wait(3.5)
     assert lift.holds == {}
     assert lift.restarted().holder is not None
+
+
+def test_what_outlives_the_manager_is_plain_data() -> None:
+    lift = PaperLift(HANDSHAKE)
+    lift.called_to("L2")
+    lift.take(Restrict(RestrictionKind.DRAIN, "ann", "moving"))
+    form = TypeAdapter(DurableRecord)
+    assert form.validate_json(form.dump_json(lift.record.durable)) == lift.record.durable
