@@ -571,15 +571,15 @@ def plain_durable(durable: DurableRecord, other: DurableRecord) -> Json:
     """Return what outlives the manager, without what differs from `other` by design.
 
     A robot that was in the car, out of it and perhaps in it again within one step has been there all the time. Until when robot
-    mode is kept is written again only if it moves by a second, and at once when a fire drops it, not one reading later.
+    mode is kept follows the monotonic clock, should the two drift apart. What a fire changes is written at once, and not one
+    reading later.
     """
     shown = plain_fields(durable)
     if durable.occupied is not None and other.occupied is not None:
         shown["occupied"] = [str(durable.occupied.holder), durable.occupied.aboard]
-    one, two = durable.robot_mode_until, other.robot_mode_until
-    close = one is not None and two is not None and abs((one - two).total_seconds()) < 1.5
-    if close or durable.fire_since is not None:
-        shown["robot_mode_until"] = None
+    shown["robot_mode_until"] = durable.robot_mode_until is None
+    if durable.fire_since is not None:
+        shown["robot_mode_until"] = shown["occupied"] = None
     return shown
 
 
