@@ -25,7 +25,12 @@ SESSIONS, SESSIONS_FOR_S = 32, 3600.0
 """How many sessions are remembered once they are over, and for how long. Chosen: a caller that lost its answer asks again within
 minutes, and a busy lift has thirty sessions an hour."""
 
+SAVED_COMMANDS, SAVED_SESSIONS = 16, 8
+"""Commands of a session, and sessions that are over, whose idempotency keys outlive the manager. Chosen: a ride needs ten commands, and
+a caller that lost its answer over a restart asks again within minutes."""
+
 REPLACED = "another request took its place"
+RESTARTED = "the manager was restarted, and nobody watches what comes of it; ask again"
 
 
 @unique
@@ -248,6 +253,47 @@ class PastSession:
     key_ttl_s: float | None
     over_at: float
     commands: tuple[CommandEntry, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SavedCommand:
+    """A command that was given with an idempotency key, as it outlives the manager."""
+
+    request: CommandRequest
+    status: CommandStatus
+    pressed: bool
+    """Something was given to the lift for it, or may have been."""
+
+
+@dataclass(frozen=True, slots=True)
+class SavedPast:
+    """A session that is over and was opened with an idempotency key, as it outlives the manager."""
+
+    info: SessionInfo
+    key: str
+    key_ttl_s: float | None
+    commands: tuple[SavedCommand, ...]
+
+
+def saved_commands(entries: tuple[CommandEntry, ...]) -> tuple[SavedCommand, ...]:
+    """Return the newest commands that have keys: a caller that lost the answer over a restart asks again with the same key."""
+    keyed = [entry for entry in entries if entry.request.key][-SAVED_COMMANDS:]
+    return tuple(
+        SavedCommand(entry.request, entry.status, entry.pending is not None and entry.pending.pressed)
+        for entry in keyed
+    )
+
+
+def restored_commands(saved: tuple[SavedCommand, ...], at: datetime) -> tuple[CommandEntry, ...]:
+    """Return saved commands at the next start; nobody follows those any more that had not ended."""
+    entries = []
+    for one in saved:
+        entry = CommandEntry(one.request, one.status, None, is_recorded=True)
+        if one.status.state is CommandState.PENDING:
+            pending = PendingCommand(one.request.kind, one.request.floor, pressed=one.pressed)
+            entry = ended_entry(entry, broken_off(pending, RESTARTED), at)
+        entries.append(entry)
+    return tuple(entries)
 
 
 def judge_command(pending: PendingCommand, lift: SessionOnLift, now: float) -> PendingCommand | Verdict:

@@ -9,7 +9,7 @@ from datetime import datetime
 
 from drivers.model import Command, FloorName
 from lift_manager.lift.call import Call, CallOutput, CallPhase, PressId
-from lift_manager.lift.commands import CommandEntry, CommandProgress, PastSession
+from lift_manager.lift.commands import CommandEntry, CommandProgress, PastSession, SavedCommand, SavedPast
 from lift_manager.lift.events import Acknowledged, Restriction, RestrictionKind
 from lift_manager.lift.inputs import Outputs, OutputStatus
 from lift_manager.lift.observation import Observation
@@ -70,6 +70,10 @@ class DurableRecord:
     """The newest one."""
     session: SavedSession | None = None
     """Who holds the lift."""
+    commands: tuple[SavedCommand, ...] = ()
+    """Of that session, those with idempotency keys."""
+    past_sessions: tuple[SavedPast, ...] = ()
+    """The newest of those that are over and were opened with idempotency keys."""
     trust: Trust = field(default_factory=Trust)
     """What its readings have proved, and what they contradicted."""
 

@@ -10,14 +10,21 @@ from operator import attrgetter
 from lift_manager.lift import handshake, history
 from lift_manager.lift.call import CallOutput, call_after_restart, call_command, ends_call
 from lift_manager.lift.call_press import robot_is_aboard, take_call_output
-from lift_manager.lift.commands import SessionOver
+from lift_manager.lift.commands import (
+    SAVED_SESSIONS,
+    PastSession,
+    SavedPast,
+    SessionOver,
+    restored_commands,
+    saved_commands,
+)
 from lift_manager.lift.config import ROBOT_LEFT, ROBOT_MODE, LiftConfig
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.endings import advice_now, alarm_of_robot, release_given
 from lift_manager.lift.events import RestrictionKind, SessionEnded, SessionRestored
 from lift_manager.lift.inhibits import restriction_text
 from lift_manager.lift.occupancy import Occupancy, Parting, SavedBoarding
-from lift_manager.lift.record import DoorHold, DurableRecord, Occupied, RobotModeHold, SavedSession
+from lift_manager.lift.record import DoorHold, DurableRecord, LiftRecord, Occupied, RobotModeHold, SavedSession
 from lift_manager.lift.robot_mode import kept_after
 from lift_manager.lift.session import BY_HOLDER, EndReason, Holder, Session, lease_ends_at, lease_of, policy_for
 
@@ -43,9 +50,20 @@ def save(draft: Draft) -> None:
     if owed is not (durable.robot_left_owed_since is not None):
         after = replace(after, robot_left_owed_since=clock if owed else None)
     if not draft.record.is_stopping:
-        after = replace(after, robot_mode_until=_robot_mode_until(draft, durable), session=_saved(draft, durable))
+        after = replace(
+            after,
+            robot_mode_until=_robot_mode_until(draft, durable),
+            session=_saved(draft, durable),
+            commands=saved_commands(draft.record.commands),
+            past_sessions=_saved_past(draft.record),
+        )
     if after != durable:
         draft.change(durable=after)
+
+
+def _saved_past(record: LiftRecord) -> tuple[SavedPast, ...]:
+    keyed = [past for past in record.past_sessions if past.key][-SAVED_SESSIONS:]
+    return tuple(SavedPast(past.info, past.key, past.key_ttl_s, saved_commands(past.commands)) for past in keyed)
 
 
 def _left_behind(draft: Draft) -> tuple[tuple[Holder, bool] | None, bool]:
@@ -139,6 +157,7 @@ def restore(draft: Draft) -> None:
     may have let go of it meanwhile, and a holder that still needs it asks within seconds.
     """
     handshake.restore_occupied(draft)
+    draft.change(past_sessions=tuple(_past(draft, past) for past in draft.record.durable.past_sessions))
     saved = draft.record.durable.session
     session = None if saved is None else _restored(draft.config, saved, draft)
     over = None if session is None else _why_not_restored(draft, session)
@@ -147,7 +166,8 @@ def restore(draft: Draft) -> None:
         if session is not None and saved is not None and over is not None:
             _end_unrestored(draft, session, *over)
         return
-    draft.change(session=session, sessions_opened=session.number, used_by=session.number)
+    commands = restored_commands(draft.record.durable.commands, draft.moment.clock)
+    draft.change(session=session, sessions_opened=session.number, used_by=session.number, commands=commands)
     if session.floor is not None:
         _restore_outputs(draft, session, saved, session.floor)
     if draft.config.has(ROBOT_MODE):
@@ -156,6 +176,14 @@ def restore(draft: Draft) -> None:
     text = f"to {session.floor}, {call}; what is found off stays off until it asks again"
     text = text if session.floor is not None else "and asked for no floor yet"
     draft.emit(SessionRestored(draft.config.name, session.holder, session.floor, text))
+
+
+def _past(draft: Draft, saved: SavedPast) -> PastSession:
+    """Return a session that was over before this start, as old as the wall clock says."""
+    over = saved.info.over
+    gone_s = 0.0 if over is None else max(0.0, (_utc(draft.moment.clock) - _utc(over.at)).total_seconds())
+    commands = restored_commands(saved.commands, draft.moment.clock)
+    return PastSession(saved.info, saved.key, saved.key_ttl_s, draft.now - gone_s, commands)
 
 
 def _restored(config: LiftConfig, saved: SavedSession, draft: Draft) -> Session:

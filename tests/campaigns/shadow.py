@@ -347,7 +347,8 @@ class Shadow:
         self.record = step.note_outputs(self.config, self.record, after, moment)
         self.compare_states(self.task.state(), moment)
         old = replace(durable_of(self.config.name, self.task.remembered()), session=None)
-        new = replace(self.record.durable, session=None)
+        # the core of today forgets the idempotency keys of commands and of sessions that are over
+        new = replace(self.record.durable, session=None, commands=(), past_sessions=())
         self.same("durable", plain_durable(old, new), plain_durable(new, old))
         self.same(
             "saved session",

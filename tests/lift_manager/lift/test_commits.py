@@ -3,11 +3,14 @@
 import pytest
 from pydantic import TypeAdapter
 
+from lift_manager.lift.commands import CommandStatus, CommandType
 from lift_manager.lift.events import CommandEnded, RestrictionKind
 from lift_manager.lift.inputs import (
     AnnounceStop,
+    CloseSession,
     CommitFailed,
     Committed,
+    OpenSession,
     OutputChanged,
     Press,
     Restrict,
@@ -17,6 +20,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.refusals import Accepted
+from lift_manager.lift.requests import SessionBegun
 from register_maps.words import Door, Motion
 from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, PaperLift
 
@@ -194,3 +198,23 @@ def test_what_outlives_the_manager_is_plain_data() -> None:
     lift.take(Restrict(RestrictionKind.DRAIN, "ann", "moving"))
     form = TypeAdapter(DurableRecord)
     assert form.validate_json(form.dump_json(lift.record.durable)) == lift.record.durable
+
+
+def test_keys_give_the_same_session_and_command_after_a_restart() -> None:
+    lift = PaperLift()
+    lift.read()
+    over = lift.open(key="first")
+    lift.take(CloseSession(over.id, OTHER))
+    info = lift.open(key="second")
+    made = lift.command(CommandType.GO_TO, "L2", key="k")
+    assert isinstance(made, CommandStatus)
+    after = lift.restarted()
+    after.read()
+    same = after.take(OpenSession(OTHER, "first", new_id="another"))
+    assert isinstance(same, SessionBegun)
+    assert (same.session.id, same.is_new) == (over.id, False)
+    assert after.open(key="second").id == info.id
+    again = after.command(CommandType.GO_TO, "L2", key="k")
+    assert isinstance(again, CommandStatus)
+    assert (again.id, again.state) == (made.id, "unconfirmed")
+    assert after.log == []
