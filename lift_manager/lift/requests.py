@@ -8,20 +8,13 @@ differs is the `SessionPolicy`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 from drivers.model import FloorName
 from lift_manager.lift import call_press, doors, handshake, history, queue
 from lift_manager.lift.advance import advance
 from lift_manager.lift.call import CallPhase, call_after_restart, call_holds_door, want_call, want_call_again
 from lift_manager.lift.commands import (
-    ROBOT_WORDS,
-    CommandRequest,
-    CommandStatus,
-    CommandType,
-    PendingCommand,
     SessionInfo,
     SessionOver,
 )
@@ -37,12 +30,10 @@ from lift_manager.lift.inhibits import (
     robot_words_needed,
     unknown_floor,
     unreachable_floor,
-    why_no_close,
 )
 from lift_manager.lift.inputs import (
     CloseSession,
     EndSession,
-    GiveCommand,
     HandOver,
     LiftRequest,
     OpenSession,
@@ -58,13 +49,11 @@ from lift_manager.lift.session import (
     Session,
     hand_session_over,
     hold_again,
-    may_hold_again,
     policy_for,
     renew,
     set_target,
 )
 from lift_manager.lift.state import reported_floor
-from register_maps.words import Side
 
 RECENT_FLOOR_S = 3.0
 """How long a client may act on a floor that we reported: the workshop adapter polls every 0.5 s, publishes every 1 s and waits 1 s for
@@ -76,11 +65,6 @@ longer, and a caller that wants another floor 900 times a second wears out neith
 
 PASSING = frozenset({Refusal.OFFLINE, Refusal.OCCUPANCY_UNKNOWN, Refusal.TOO_OFTEN})
 """Why a request may be refused that is taken when it comes again a little later."""
-
-_RELEASES = frozenset({CommandType.LET_GO_DOOR, CommandType.ROBOT_LEFT})
-"""What the holder of a session may still command whose end was announced."""
-
-Reply = TypeVar("Reply")
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +85,13 @@ def request_lift(draft: Draft, request: LiftRequest) -> Accepted | Refused:
     is_release = not request.hold_door and not request.stays and _is_release(draft, request)
     if not is_release and (refused := not_recorded(config, record, draft.moment)) is not None:
         return refused
-    is_new = not is_release and _is_new(draft, request.holder, request.floor, hold_door=request.hold_door)
-    too_often = _too_often(draft, request.holder) if is_new else None
-    reply = too_often or _take_request(draft, request, is_release=is_release)
+    is_new_request = not is_release and is_new(draft, request.holder, request.floor, hold_door=request.hold_door)
+    refused = too_often(draft, request.holder) if is_new_request else None
+    reply = refused or _take_request(draft, request, is_release=is_release)
     if isinstance(reply, Refused):
         _forgive_end(draft, request, reply)
-    elif is_new:
-        _take_turn(draft, request.holder)
+    elif is_new_request:
+        take_turn(draft, request.holder)
     return reply
 
 
@@ -257,7 +241,7 @@ def open_session(draft: Draft, request: OpenSession) -> SessionBegun | Refused:
     config, moment = draft.config, draft.moment
     if (known := _session_by_key(draft, request)) is not None:
         return known if isinstance(known, Refused) else SessionBegun(known, is_new=False)
-    refused = not_recorded(config, draft.record, moment) or _too_often(draft, request.holder)
+    refused = not_recorded(config, draft.record, moment) or too_often(draft, request.holder)
     if refused is not None:
         return refused
     if (refused := _why_not_opened(draft, request)) is not None:
@@ -269,7 +253,7 @@ def open_session(draft: Draft, request: OpenSession) -> SessionBegun | Refused:
     lease_s = config.lease_for(request.ttl_s)
     session = replace(session, lease_s=lease_s, key=request.key, key_ttl_s=key_ttl_s)
     go_on_with(draft, session)
-    _take_turn(draft, request.holder)
+    take_turn(draft, request.holder)
     # what goes on with it may have ended it by now
     info = history.read_session(config, draft.record, session.id, None, moment)
     return info if isinstance(info, Refused) else SessionBegun(info, is_new=True)
@@ -277,7 +261,7 @@ def open_session(draft: Draft, request: OpenSession) -> SessionBegun | Refused:
 
 def renew_session(draft: Draft, request: RenewSession) -> SessionInfo | Refused:
     """Begin the lease again; `ttl_s` None leaves its length. The call of a session from before a restart goes on."""
-    found = _live_session(draft, request.session, request.holder)
+    found = live_session(draft, request.session, request.holder)
     if isinstance(found, Refused):
         return found
     lease_s = found.lease_s if request.ttl_s is None else draft.config.lease_for(request.ttl_s)
@@ -307,7 +291,7 @@ def hand_over(draft: Draft, request: HandOver) -> Accepted | SessionInfo | Refus
     if request.session is None:
         found = session_of(draft, request.holder)
     else:
-        found = _live_session(draft, request.session, request.holder)
+        found = live_session(draft, request.session, request.holder)
     if isinstance(found, Refused):
         return found
     config, record, moment = draft.config, draft.record, draft.moment
@@ -354,149 +338,12 @@ def _why_not_opened(draft: Draft, request: OpenSession) -> Refused | None:
     return refused or queued or robot_of_another(config, draft.record, holder)
 
 
-def _live_session(draft: Draft, session_id: str, holder: Holder) -> Session | Refused:
+def live_session(draft: Draft, session_id: str, holder: Holder) -> Session | Refused:
     found = history.find_session(draft.config, draft.record, session_id, holder, draft.moment)
     if isinstance(found, SessionInfo):
         why = found.over.text if found.over is not None else "over"
         return Refused(Refusal.SESSION_OVER, f"the session on {draft.config.name} is over: {why}")
     return STOPPING if isinstance(found, Session) and draft.record.is_stopping else found
-
-
-# -- commands within a session
-
-
-def give_command(draft: Draft, request: GiveCommand) -> CommandStatus | Refused:
-    """Decide on a command of a session's holder and act on it."""
-    config, command = draft.config, request.request
-    if (known := known_command(draft, command)) is not None:
-        return known
-    is_new = _changes_session(draft, command)
-    if is_new and (too_often := _too_often(draft, command.holder)) is not None:
-        return too_often
-    session = _live_session(draft, command.session, command.holder)
-    if isinstance(session, Refused):
-        return session
-    session = replace(session, contacted_at=draft.now)
-    draft.change(session=session)
-    history.judge_commands(draft)
-    is_given = command.kind is CommandType.LET_GO_DOOR and _door_is_given(draft, session)
-    over = None if command.kind in _RELEASES else over_soon(session, draft.moment)
-    refused = over or _COMMANDS[command.kind](draft, session, command)
-    if refused is not None:
-        return refused
-    if is_new:
-        _take_turn(draft, command.holder)
-    floor = command.floor if command.kind is CommandType.GO_TO else session.floor
-    pending = PendingCommand(command.kind, floor, pressed=is_given)
-    history.take_command(draft, command, pending, request.new_id, is_recorded=request.is_recorded)
-    advance(draft)
-    return history.read_command(config, draft.record, command.session, command.holder, request.new_id, draft.moment)
-
-
-def known_command(draft: Draft, command: CommandRequest) -> CommandStatus | Refused | None:
-    """Return the command that the holder has given with this key before; refuse another one with it."""
-    found = history.find_session(draft.config, draft.record, command.session, command.holder, draft.moment)
-    return None if isinstance(found, Refused) else history.command_by_key(draft.record, command, draft.moment)
-
-
-def _go_to(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
-    floor = command.floor or ""
-    refused = unknown_floor(draft.config, floor)
-    return refused or _want_floor(draft, session, floor, command.kind, hold_door=command.hold_door)
-
-
-def _hold_door(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
-    config = draft.config
-    if session.floor is None:
-        return _not_now(draft, "it was asked for no floor yet: ask for one with go_to, and hold_door with it")
-    if session.hold_spent and not may_hold_again(session, config, draft.now):
-        return _not_now(
-            draft,
-            f"the door was held at {session.floor} for {config.max_session_hold_s:g} s, as long as the site allows; it is held"
-            f" again once it has been shut for {config.between_sessions_s:g} s",
-        )
-    if (why := doors.why_no_hold(config, session.floor)) is not None:
-        return Refused(Refusal.NOT_POSSIBLE, f"{config.name}: {why}")
-    return _want_floor(draft, session, session.floor, command.kind, hold_door=True)
-
-
-def _let_go_door(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
-    # a release: nothing forbids it, and nothing is called by it
-    _release_door(draft, session, command.kind)
-    return None
-
-
-def _close_door(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
-    config, floor, name = draft.config, session.floor, draft.config.name
-    here = config.doors_at.get(floor, ()) if floor is not None else ()
-    sides = here if command.side is None else (command.side,)
-    missing = [side for side in sides if not config.has(doors.close_command(side))]
-    has_button = any(config.has(doors.close_command(side)) for side in Side)
-    if missing or not has_button:
-        which = f"close_door.{missing[0]}" if has_button else "close_door"
-        return Refused(Refusal.NOT_POSSIBLE, f"{name} has no {which}: its map has no such button")
-    if floor is not None and command.side not in (None, *here):
-        return Refused(Refusal.NOT_POSSIBLE, f"{name} has no {command.side} door at {floor}")
-    if (refused := command_refusal(config, draft.record, draft.moment, goes_on=True)) is not None:
-        return refused
-    if (why_not := why_no_close(config, draft.record, draft.moment, hold_door=False)) is not None:
-        return _not_now(draft, why_not)
-    _release_door(draft, session, command.kind)
-    doors.want_closing(draft, sides)
-    return None
-
-
-def _robot_word(draft: Draft, session: Session, command: CommandRequest) -> Refused | None:
-    config, observation, word = draft.config, draft.observation, ROBOT_WORDS[command.kind]
-    refused = command_refusal(config, draft.record, draft.moment, goes_on=True)
-    # that it left wants nothing of the lift: nothing but the robot's own history forbids it
-    if refused is not None and word is RobotWord.IN_PLACE:
-        return refused
-    here = observation.floor if observation is not None else None
-    floor = session.floor or here or config.floors[0]
-    if (refused := handshake.take_request(draft, session, session.holder, floor, word)) is not None:
-        return refused
-    history.replace_commands(draft, command.kind, session.floor, hold_door=session.hold_door)
-    go_on_with(draft, renew(session, draft.now), is_wanted=session.is_restored)
-    return None
-
-
-def _want_floor(
-    draft: Draft, session: Session, floor: FloorName, kind: CommandType, *, hold_door: bool
-) -> Refused | None:
-    """Want a floor as a face without sessions wants it."""
-    refused = command_refusal(draft.config, draft.record, draft.moment, goes_on=True)
-    refused = refused or handshake.take_request(draft, session, session.holder, floor, None)
-    if refused is None:
-        after = set_target(session, floor, draft.now, hold_door=hold_door)
-        history.replace_commands(draft, kind, after.floor, hold_door=after.hold_door)
-        go_on_with(draft, after)
-    return refused
-
-
-def _release_door(draft: Draft, session: Session, kind: CommandType) -> None:
-    after = replace(renew(session, draft.now), hold_door=False, holding_since=None)
-    history.replace_commands(draft, kind, after.floor, hold_door=after.hold_door)
-    draft.change(session=after)
-    doors.release_door_at_request(draft)
-
-
-def _door_is_given(draft: Draft, session: Session) -> bool:
-    return history.session_on_lift(draft.config, draft.record, session, draft.moment).door_is_given
-
-
-def _not_now(draft: Draft, why: str) -> Refused:
-    return Refused(Refusal.NOT_NOW, f"{draft.config.name}: {why}")
-
-
-_COMMANDS: Mapping[CommandType, Callable[[Draft, Session, CommandRequest], Refused | None]] = {
-    CommandType.GO_TO: _go_to,
-    CommandType.HOLD_DOOR: _hold_door,
-    CommandType.LET_GO_DOOR: _let_go_door,
-    CommandType.CLOSE_DOOR: _close_door,
-    CommandType.ROBOT_IN_PLACE: _robot_word,
-    CommandType.ROBOT_LEFT: _robot_word,
-}
 
 
 # -- what both kinds share
@@ -558,24 +405,13 @@ def _new_session(draft: Draft, holder: Holder, session_id: str, *, stays: bool) 
 # -- turns
 
 
-def _is_new(draft: Draft, holder: Holder, floor: FloorName | None, *, hold_door: bool) -> bool:
+def is_new(draft: Draft, holder: Holder, floor: FloorName | None, *, hold_door: bool) -> bool:
     """Whether a request wants something else than what goes on."""
     session = draft.session
     return session is None or (session.holder, session.floor, session.hold_door) != (holder, floor, hold_door)
 
 
-def _changes_session(draft: Draft, command: CommandRequest) -> bool:
-    """Whether a command changes what is wanted. Releasing is free: nothing may stand in its way."""
-    session = draft.session
-    if session is None or session.id != command.session or session.holder != command.holder:
-        return False
-    if command.kind is CommandType.GO_TO:
-        return _is_new(draft, command.holder, command.floor, hold_door=command.hold_door)
-    holds = command.kind is CommandType.HOLD_DOOR and not session.hold_door
-    return command.kind is CommandType.CLOSE_DOOR or holds
-
-
-def _too_often(draft: Draft, holder: Holder) -> Refused | None:
+def too_often(draft: Draft, holder: Holder) -> Refused | None:
     """Refuse a caller that has used up its turns."""
     wait_s = max(0.0, (_turns_used(draft, holder) - (TURNS - 1)) * TURN_EVERY_S)
     if wait_s <= 0:
@@ -584,7 +420,7 @@ def _too_often(draft: Draft, holder: Holder) -> Refused | None:
     return Refused(Refusal.TOO_OFTEN, text)
 
 
-def _take_turn(draft: Draft, holder: Holder) -> None:
+def take_turn(draft: Draft, holder: Holder) -> None:
     """Count a turn of a caller; of more than `CALLERS` the one that was silent for longest is forgotten."""
     used = _turns_used(draft, holder) + 1
     turns = {other: turn for other, turn in draft.record.turns.items() if other != holder}

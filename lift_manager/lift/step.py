@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from drivers.model import LiftReading, Outcome, Result
-from lift_manager.lift import doors, endings, handshake, operator_actions, queue, requests, restart
+from lift_manager.lift import command_requests, doors, endings, handshake, operator_actions, queue, requests, restart
 from lift_manager.lift.advance import advance
 from lift_manager.lift.call import PressId, call_answered
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandStatus, SessionInfo
@@ -153,7 +153,7 @@ def _take_request(draft: Draft, request: Request) -> Reply:
         case HandOver():
             return requests.hand_over(draft, request)
         case GiveCommand():
-            return requests.give_command(draft, request)
+            return command_requests.give_command(draft, request)
 
 
 def _take_news(draft: Draft, happened: News) -> None:
