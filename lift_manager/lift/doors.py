@@ -73,6 +73,12 @@ def may_be_crossed(config: LiftConfig, record: LiftRecord) -> bool:
     return record.session is not None and record.call_has_arrived and door_is_held(config, record)
 
 
+def is_released_open(config: LiftConfig, record: LiftRecord) -> bool:
+    """Whether ending the session now releases a door that may be open: also one that a call keeps whose outcome is still to come."""
+    kept_by_call = call_press.call_keeps_door(record) and not call_press.call_is_lost(record)
+    return may_be_crossed(config, record) or (record.call_has_arrived and kept_by_call)
+
+
 def is_clearing(config: LiftConfig, record: LiftRecord, observation: Observation | None, now: float) -> bool:
     """Whether the door of a session whose end was announced is held for a robot in it; never on a lift that cannot be read."""
     session = record.session

@@ -64,7 +64,7 @@ def end_session(draft: Draft, reason: EndReason, text: str, *, release: Release 
     holder, advice = session.holder, advice_now(draft)
     release = release or release_given(config, session)
     info = history.session_info(config, draft.record, session, draft.moment)
-    is_open = draft.record.released_open or doors.may_be_crossed(config, draft.record)
+    is_open = draft.record.released_open or doors.is_released_open(config, draft.record)
     draft.change(session=None, fire_release_at=None, released_open=is_open, call=None, waiting_for="")
     doors.forget_closing(draft)
     doors.release_doors(draft)

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.model import Result
 from lift_manager.lift.events import SessionEnded, SessionOpened
-from lift_manager.lift.inputs import EndSession
+from lift_manager.lift.inputs import EndSession, OutputStatus
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason
@@ -172,3 +172,14 @@ def test_a_session_that_ends_with_its_robot_aboard_alarms_and_keeps_others_off()
     assert any("aboard_abandoned" in text for text in lift.alarms)
     assert lift.refused("L1", holder=OTHER) == "occupancy_unknown"
     assert lift.state.restrictions.maybe_aboard == ROBOT
+
+
+def test_a_session_that_ends_on_arrival_invites_nobody_through_the_door_that_its_call_still_kept() -> None:
+    lift = PaperLift(HANDSHAKE)
+    lift.read()
+    lift.accept("L2", hold=False)
+    lift.status["call"] = OutputStatus.ON
+    lift.read(None, Door.CLOSED, motion=Motion.UP)
+    lift.read("L2", Door.OPEN, motion=Motion.STOPPED)
+    assert lift.holder is None, "the car is there before its press has an outcome"
+    assert lift.door is RobotDoor.MOVING
