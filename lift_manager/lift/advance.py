@@ -45,6 +45,8 @@ def _advance(draft: Draft) -> None:
         _rest(draft)
     elif (observation := draft.observation) is not None:
         _serve(draft, draft.session, observation)
+    else:
+        doors.hold_unread(draft, draft.session)
 
 
 def _rest(draft: Draft) -> None:

@@ -162,6 +162,15 @@ def stay_at_target(
     return session
 
 
+def hold_unread(draft: Draft, session: Session) -> None:
+    """Release the doors once the site's limit of a hold has come: that needs no reading."""
+    after = spend_hold(draft, session)
+    if after is not session:
+        draft.change(session=after)
+        release_doors(draft)
+        call_press.release_call_of_door(draft)
+
+
 def spend_hold(draft: Draft, session: Session) -> Session:
     """End a hold that has lasted for as long as the site allows."""
     if session.hold_spent or draft.now < hold_ends_at(session, draft.config):

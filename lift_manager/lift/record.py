@@ -15,7 +15,7 @@ from lift_manager.lift.inputs import Outputs, OutputStatus
 from lift_manager.lift.observation import Observation
 from lift_manager.lift.occupancy import Boarding, Occupancy, SavedBoarding
 from lift_manager.lift.queue import Queue
-from lift_manager.lift.session import Holder, Session
+from lift_manager.lift.session import EndReason, Holder, Session
 from lift_manager.lift.trust import Track, Trust
 from register_maps.words import Side
 
@@ -51,6 +51,10 @@ class SavedSession:
     lease_s: float | None = None
     key: str = field(default="", repr=False)
     key_ttl_s: float | None = None
+    ends_at: datetime | None = None
+    """When it ends whatever its holder wants: a person has ended it, and a robot may still be in its doorway."""
+    ends_for: tuple[EndReason, str] | None = None
+    """Why it ends then, as a code and in words."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,16 @@ from lift_manager.lift.inhibits import restriction_text
 from lift_manager.lift.occupancy import Occupancy, Parting, SavedBoarding
 from lift_manager.lift.record import DoorHold, DurableRecord, LiftRecord, Occupied, RobotModeHold, SavedSession
 from lift_manager.lift.robot_mode import kept_after
-from lift_manager.lift.session import BY_HOLDER, EndReason, Holder, Session, lease_ends_at, lease_of, policy_for
+from lift_manager.lift.session import (
+    BY_HOLDER,
+    EndReason,
+    Holder,
+    Session,
+    SessionEnd,
+    lease_ends_at,
+    lease_of,
+    policy_for,
+)
 
 RENEWED_EVERY_S = 10.0
 """A lease that is merely renewed is saved at most so often, and four times in its length, but never more than once a second: a
@@ -102,9 +111,12 @@ def _robot_mode_until(draft: Draft, durable: DurableRecord) -> datetime | None:
 
 
 def _saved(draft: Draft, durable: DurableRecord) -> SavedSession | None:
-    """Return the session as it is saved; one that is about to end is over for a restart, or it would come back for as long as it may last."""
+    """Return the session as it is saved.
+
+    One that its holder has ended is over for a restart: it would come back for as long as a session may last.
+    """
     session, record, now = draft.session, draft.record, draft.now
-    if session is None or session.is_ending:
+    if session is None or session.ended_by_holder:
         if record.saved_as is not None:
             draft.change(saved_as=None)
         return None
@@ -115,7 +127,7 @@ def _saved(draft: Draft, durable: DurableRecord) -> SavedSession | None:
         in_place_taken=record.in_place.call is not None and not record.in_place.is_owed,
     )
     saved_as = (session, boarding, record.call is not None and record.call.was_pressed)
-    every_s = min(RENEWED_EVERY_S, max(1.0, lease_of(session, draft.config) / 4))
+    every_s = _saved_every_s(session, draft.config)
     before = record.saved_as
     is_same = before is not None and before[1:] == saved_as[1:] and _LASTING(before[0]) == _LASTING(session)
     if is_same and before is not None and session.lease_from - before[0].lease_from < every_s:
@@ -144,7 +156,14 @@ def _saved(draft: Draft, durable: DurableRecord) -> SavedSession | None:
         lease_s=session.lease_s,
         key=session.key,
         key_ttl_s=session.key_ttl_s,
+        ends_at=None if session.end is None else wall(session.end.at),
+        ends_for=None if session.end is None else (session.end.reason, session.end.text),
     )
+
+
+def _saved_every_s(session: Session, config: LiftConfig) -> float:
+    """Return how often the renewal of a lease is saved: what is on the disk may be that much older than the newest one."""
+    return min(RENEWED_EVERY_S, max(1.0, lease_of(session, config) / 4))
 
 
 # -- the next start
@@ -166,6 +185,7 @@ def restore(draft: Draft) -> None:
         if session is not None and saved is not None and over is not None:
             _end_unrestored(draft, session, *over)
         return
+    session = _with_time_to_clear(session, draft)
     commands = restored_commands(draft.record.durable.commands, draft.moment.clock)
     draft.change(session=session, sessions_opened=session.number, used_by=session.number, commands=commands)
     if session.floor is not None:
@@ -199,6 +219,10 @@ def _restored(config: LiftConfig, saved: SavedSession, draft: Draft) -> Session:
     def monotonic(at: datetime) -> float:
         return now - gone_s - max(0.0, (saved_at - _utc(at)).total_seconds())
 
+    end = None
+    if saved.ends_at is not None and saved.ends_for is not None:
+        ends_at = now - gone_s + (_utc(saved.ends_at) - saved_at).total_seconds()
+        end = SessionEnd(*saved.ends_for, at=ends_at, is_announced=True)
     return Session(
         number=draft.record.sessions_opened + 1,
         holder=saved.holder,
@@ -217,6 +241,7 @@ def _restored(config: LiftConfig, saved: SavedSession, draft: Draft) -> Session:
         lease_s=saved.lease_s,
         key=saved.key,
         key_ttl_s=saved.key_ttl_s,
+        end=end,
     )
 
 
@@ -227,16 +252,26 @@ def _why_not_restored(draft: Draft, session: Session) -> tuple[EndReason, str] |
         return EndReason.NOT_RESTORED, "the site file no longer says `access: control`"
     if session.floor is not None and session.floor not in config.floors:
         return EndReason.NOT_RESTORED, f"the site file no longer has its floor {session.floor}"
-    if lockout := restriction_text(record, RestrictionKind.LOCKOUT, draft.moment):
+    lockout = restriction_text(record, RestrictionKind.LOCKOUT, draft.moment)
+    if lockout and session.end is None:
         return EndReason.LOCKOUT, f"the lift is locked out {lockout}"
     if record.durable.fire_since is not None:
         return EndReason.FIRE, "there was a fire"
-    if draft.now >= lease_ends_at(session, config):
+    if session.end is not None:
+        # a lockout releases only then: its robot may be in the doorway
+        return None if draft.now < session.end.at else (session.end.reason, session.end.text)
+    if draft.now >= lease_ends_at(session, config) + _saved_every_s(session, config):
         return (
             EndReason.LEASE,
             f"the lease of {lease_of(session, config):g} s ran out while the manager was not running",
         )
     return None
+
+
+def _with_time_to_clear(session: Session, draft: Draft) -> Session:
+    """Let the lease last for `clear_s` at least: the robot may have been invited until the restart, by a renewal that was not saved."""
+    missing_s = draft.now + session.policy.clear_s - lease_ends_at(session, draft.config)
+    return session if missing_s <= 0 else replace(session, lease_from=session.lease_from + missing_s)
 
 
 def _restore_outputs(draft: Draft, session: Session, saved: SavedSession, floor: str) -> None:

@@ -46,7 +46,7 @@ from lift_manager.lift.outputs import outputs
 from lift_manager.lift.record import DurableRecord, LiftRecord, Occupied, SavedSession
 from lift_manager.lift.refusals import Refused
 from lift_manager.lift.requests import SessionBegun
-from lift_manager.lift.session import Holder
+from lift_manager.lift.session import EndReason, Holder
 from lift_manager.lift.state import state
 from lift_manager.lift.trust import Contradiction, Distrust, Trust
 from register_maps.words import Side
@@ -502,6 +502,8 @@ def saved_of(old: service.Remembered) -> SavedSession | None:
         lease_s=kept.lease_s,
         key=kept.key,
         key_ttl_s=kept.key_ttl_s,
+        ends_at=kept.closes_at,
+        ends_for=None if kept.closing is None else (EndReason(kept.closing[0].value), kept.closing[1]),
     )
 
 
