@@ -310,6 +310,8 @@ class SessionKeeper:
                 self.serving.close(self._permit_to_close, now)
             else:
                 self.end(*served, now)
+        else:
+            self.session = self.serving.unread(self.session, now)
         self.note(now)
 
     def _end_what_is_over(self, now: float) -> None:

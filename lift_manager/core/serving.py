@@ -210,6 +210,14 @@ class Serving:
             return self._keep_found(session, call, sight, permit, now)
         return session
 
+    def unread(self, session: Session, now: float) -> Session:
+        """Let go of the doors once the site's limit of a hold has come: that needs no reading."""
+        after = self._spent(session, now)
+        if after is not session:
+            self._let_go_of_doors()
+            self._button.let_go_of_door()
+        return after
+
     def _call_is_hold(self, session: Session) -> bool:
         """Whether nothing but the call to the session's floor keeps the door open there."""
         if session.floor is None:

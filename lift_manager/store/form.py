@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.contradictions import Contradiction, Distrust, Trust
-from lift_manager.domain.service import Acknowledged, Cause, Drain, Lockout, Occupied, Remembered
+from lift_manager.domain.service import Acknowledged, Cause, Drain, EndReason, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
 from lift_manager.store.form_part import Moment, Part
@@ -82,6 +82,8 @@ class SessionForm(SessionFormV2):
     lease_s: float | None
     key: str
     key_ttl_s: float | None = None
+    closes_at: Moment | None = None
+    closing: tuple[EndReason, str] | None = None
 
     @classmethod
     def of(cls, kept: KeptSession) -> SessionForm:

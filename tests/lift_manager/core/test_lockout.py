@@ -2,7 +2,7 @@
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
@@ -234,12 +234,12 @@ def test_robot_mode_waits_for_a_word_that_cannot_be_given_while_the_lift_cannot_
     on_bench(check, REPORTING)
 
 
-def withdraw_by_lockout(made: Spine) -> EndReason:
+def withdraw_by_lockout(made: Spine | Bench) -> EndReason:
     assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
     return EndReason.LOCKOUT
 
 
-def withdraw_by_release(made: Spine) -> EndReason:
+def withdraw_by_release(made: Spine | Bench) -> EndReason:
     released = made.task.force_release("M. Weber", "it blocks the lift")
     assert isinstance(released, ForceReleased)
     assert released.clear_s == 10.0
@@ -308,6 +308,33 @@ def test_a_robot_in_the_door_has_clear_s_though_a_restart_does_not_know_yet_wher
     on_bench(before, PLAIN, memory=memory)
     nobody_knows = LiftValues(floor=None, mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
     on_bench(after, PLAIN, memory=memory, found=nobody_knows, left_on=frozenset({"hold_door.front"}))
+
+
+@pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
+def test_a_robot_in_the_door_has_clear_s_from_a_persons_word_also_over_a_crash(
+    withdraw: Callable[[Bench], EndReason],
+) -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.robot_door() is RobotDoor.OPEN
+        withdraw(made)
+        await elapse(4)
+        assert made.driver.on == {"hold_door.front"}
+
+    async def after(made: Bench) -> None:
+        assert made.robot_door() is not RobotDoor.OPEN
+        await elapse(5)
+        assert made.driver.log == []
+        await elapse(2)
+        assert made.driver.log == ["let go hold_door.front"]
+        assert made.state.holder is None
+
+    on_bench(before, PLAIN, memory=memory, clock=lambda: AT)
+    at_l1 = LiftValues(floor="L1", mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
+    at = AT + timedelta(seconds=4)
+    on_bench(after, PLAIN, memory=memory, clock=lambda: at, found=at_l1, left_on=frozenset({"hold_door.front"}))
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
