@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Door, Part, Seconds, Words
+from lift_manager.api.parts import Answer, Door, Part, Recorded, Seconds, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
 from lift_manager.domain import ride as rides
 from lift_manager.domain.ride import Guidance, Phase, RidePlan
@@ -80,6 +80,7 @@ class Ride(Answer):
     maybe_aboard: bool = Field(description="The robot may be in the car.")
     begun_at: AwareDatetime
     changed_at: AwareDatetime
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, ride: rides.Ride) -> Ride:

@@ -39,8 +39,8 @@ ANSWER_S = 2.0
 second or two, and what a press was decided on counts no more after it (`max_age_s`, 1 s when not said)."""
 
 LINGER_S = 0.005
-"""How long rows and records that nothing waits for wait for company. Chosen by measurement (benchmarks/README.md): the press that follows
-a request is ready 1 to 3 ms after it, and then shares one flush with its session and the rows of the request."""
+"""How long rows and records that no press waits for wait for company. Chosen: the press that follows a request is ready 1 to 3 ms after it
+on an idle computer, and then shares one flush with its session and the rows of the request (benchmarks/README.md)."""
 
 RETRY_S = (1.0, 30.0)
 """First and longest pause after a commit that failed. Chosen: presses are back within half a minute after room was made."""
@@ -131,7 +131,7 @@ class Committer:
         self._news = asyncio.Event()
         """Something is to be committed."""
         self._urgent = asyncio.Event()
-        """Somebody waits for it."""
+        """A press waits for it, or the end of the manager."""
         self._pause_s = RETRY_S[0]
         self._hears: Hears = _nobody
         self._outage: DiskOutage | None = None
@@ -188,6 +188,7 @@ class Committer:
         """Return once everything so far is on the disk, and told is what was lost."""
         reached = self._reached(self._number + bool(self._lost))
         if reached is not None:
+            self._urgent.set()
             await reached
 
     async def run(self, hears: Hears) -> None:
@@ -251,7 +252,6 @@ class Committer:
             return None
         future: Future[None] = asyncio.get_running_loop().create_future()
         self._waiting.append((number, future))
-        self._urgent.set()
         return future
 
     async def _work(self, jobs: Jobs) -> None:
@@ -274,7 +274,7 @@ class Committer:
                         await self._news.wait()
 
     async def _linger(self) -> None:
-        """Wait for company as long as nobody waits."""
+        """Wait for company as long as no press waits."""
         if not self.trouble and not self._urgent.is_set():
             with suppress(TimeoutError):
                 async with asyncio.timeout(LINGER_S):

@@ -27,7 +27,7 @@ from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.asking import Refused
 from lift_manager.web import people_docs as docs
 from lift_manager.web.access import caller
-from lift_manager.web.answers import yes
+from lift_manager.web.answers import recorded, yes
 from lift_manager.web.bodies import Body, taken
 from lift_manager.web.guards import no_foreign_page, no_other_computer
 from lift_manager.web.problem import refused
@@ -105,4 +105,6 @@ async def _answer(
     if isinstance(body, Response):
         return body
     answer = act(body)
-    return refused(answer) if isinstance(answer, Refused) else yes(answer)
+    if isinstance(answer, Refused):
+        return refused(answer)
+    return yes(answer, recorded=await recorded(facade, lift))

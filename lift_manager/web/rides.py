@@ -18,7 +18,7 @@ from lift_manager.domain.ride import RideLimits, RideWord
 from lift_manager.domain.state import Holder
 from lift_manager.web import rides_docs as docs
 from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import KEPT_WITHIN_S, yes
+from lift_manager.web.answers import recorded, yes
 from lift_manager.web.bodies import taken
 from lift_manager.web.body import shown
 from lift_manager.web.callers import RIDE_FACE, holder_of, is_of, no_shared_key
@@ -68,8 +68,7 @@ class _Rides:
         said = self._facade.begin_ride(wish)
         if isinstance(said, Refused):
             return self._no(said, wish)
-        ride = Ride.of(await self._kept(said.ride))
-        return yes(ride, 201, location=f"rides/{quote(ride.id, safe='')}") if said.anew else yes(ride)
+        return await self._once_recorded(said.ride, anew=said.anew)
 
     def says(self, word: RideWord) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the route that takes a robot's word; a body is not looked at."""
@@ -93,12 +92,15 @@ class _Rides:
         return await self._changed(self._facade.cancel_ride(ride.id, _speaker(request, ride), body.reason))
 
     async def _changed(self, said: domain.Ride | Refused) -> Response:
-        return refused(said) if isinstance(said, Refused) else yes(Ride.of(await self._kept(said)))
+        return refused(said) if isinstance(said, Refused) else await self._once_recorded(said)
 
-    async def _kept(self, ride: domain.Ride) -> domain.Ride:
-        """Return a ride as it is once what was said of it would be known after a crash."""
-        await self._facade.kept(ride.lift, KEPT_WITHIN_S)
-        return self._facade.ride(ride.id) or ride
+    async def _once_recorded(self, ride: domain.Ride, *, anew: bool = False) -> Response:
+        """Answer with a ride as it is once what was said of it would be known after a crash."""
+        on_disk = await recorded(self._facade, ride.lift)
+        answer = Ride.of(self._facade.ride(ride.id) or ride)
+        if not anew:
+            return yes(answer, recorded=on_disk)
+        return yes(answer, 201, location=f"rides/{quote(answer.id, safe='')}", recorded=on_disk)
 
     def _to_speak_for(self, request: Request) -> domain.Ride | Response:
         found = self._find(request)

@@ -14,7 +14,7 @@ from lift_manager.core.rmf_site import rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.rmf import rmf_holder
 from lift_manager.web import rmf_docs as docs
-from lift_manager.web.answers import KEPT_WITHIN_S, yes
+from lift_manager.web.answers import yes
 from lift_manager.web.bodies import Body, taken
 from lift_manager.web.guards import no_foreign_page
 from lift_manager.web.problem import refused
@@ -66,6 +66,4 @@ class _Rmf:
         if isinstance(said, Refused):
             return refused(said, "floor" if said.code is Refusal.UNKNOWN_FLOOR else None)
         self._facade.freshen(lift)
-        answer = RmfTaken(boot=self._facade.boot, event=self._facade.newest)
-        await self._facade.kept(lift, KEPT_WITHIN_S)
-        return yes(answer)
+        return yes(RmfTaken(boot=self._facade.boot, event=self._facade.newest))

@@ -22,7 +22,7 @@ from lift_manager.domain.keys import Keys
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionRequest
 from lift_manager.web import sessions_docs as docs
 from lift_manager.web.access import turned_away
-from lift_manager.web.answers import KEPT_WITHIN_S, yes
+from lift_manager.web.answers import recorded, yes
 from lift_manager.web.bodies import taken
 from lift_manager.web.callers import SESSION_FACE, holder_of, is_of, named, no_shared_key, no_such_heir
 from lift_manager.web.guards import no_foreign_page
@@ -68,11 +68,11 @@ class _Sessions:
         said = self._facade.open_session(OpenSession(lift, holder, body.idempotency_key or "", body.ttl_s))
         if isinstance(said, Refused):
             return refused(said)
-        await self._facade.kept(lift, KEPT_WITHIN_S)
+        on_disk = await recorded(self._facade, lift)
         session = Session.of(said.session)
         if not said.anew:
-            return yes(session)
-        return yes(session, 201, location=f"sessions/{quote(session.id, safe='')}")
+            return yes(session, recorded=on_disk)
+        return yes(session, 201, location=f"sessions/{quote(session.id, safe='')}", recorded=on_disk)
 
     async def read(self, request: Request) -> Response:
         own = self._own(request)
@@ -132,8 +132,8 @@ class _Sessions:
         )
         if isinstance(said, Refused):
             return _no(said, "floor" if said.code is Refusal.UNKNOWN_FLOOR else None)
-        await self._facade.kept(own.lift, KEPT_WITHIN_S)
-        return await self._once_ended(own, said.id, within_s, status=202)
+        on_disk = await recorded(self._facade, own.lift)
+        return await self._once_ended(own, said.id, within_s, status=202, on_disk=on_disk)
 
     async def followed(self, request: Request) -> Response:
         own = self._own(request)
@@ -144,7 +144,9 @@ class _Sessions:
             return within_s
         return await self._once_ended(own, request.path_params["command"], within_s, status=200)
 
-    async def _once_ended(self, own: SessionInfo, number: str, within_s: float, *, status: int) -> Response:
+    async def _once_ended(
+        self, own: SessionInfo, number: str, within_s: float, *, status: int, on_disk: bool = True
+    ) -> Response:
         said: Followed | Refused
         if within_s > 0:
             said = await self._facade.until_ended(own.lift, own.id, own.holder, number, within_s)
@@ -153,13 +155,12 @@ class _Sessions:
         if isinstance(said, Refused):
             return _no(said)
         location = f"commands/{quote(said.id, safe='')}" if status == 202 else ""
-        return yes(Command.of(said), status, location=location)
+        return yes(Command.of(said), status, location=location, recorded=on_disk)
 
     async def _session(self, said: SessionInfo | Refused) -> Response:
         if isinstance(said, Refused):
             return _no(said)
-        await self._facade.kept(said.lift, KEPT_WITHIN_S)
-        return yes(Session.of(said))
+        return yes(Session.of(said), recorded=await recorded(self._facade, said.lift))
 
     def _own_to_change(self, request: Request) -> SessionInfo | Response:
         lift: str = request.path_params["lift"]

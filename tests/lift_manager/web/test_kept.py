@@ -14,6 +14,7 @@ from tests.lift_manager.core.ride_building import building
 from tests.lift_manager.web.fake import FakeManager
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_session
+from tests.lift_manager.web.test_people import SAYINGS
 from tests.support.virtual_time import elapse, run_virtual
 
 SESSION = "/api/v1/lifts/lift/sessions"
@@ -29,8 +30,12 @@ WORDS = [
     (f"{SESSION}/s1/close", None),
     (f"{SESSION}/s1/hand-over", {"to": "amr-8"}),
     (f"{SESSION}/s1/commands", {"do": "go_to", "floor": "L2"}),
+    *((f"/api/v1/lifts/lift/{what}", body) for what, body in SAYINGS),
+]
+NEVER_WAIT = [
     ("/api/v1/lifts/lift/rmf/wanted", {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}),
     ("/api/v1/lifts/lift/rmf/ended", {"session_id": "fleet/amr-7", "grace_s": 3}),
+    ("/open-rmf/demo-lift/lift_request?lift_name=lift", {"floor": "L2", "door_state": 2}),
 ]
 every_word = pytest.mark.parametrize(("path", "body"), WORDS)
 
@@ -65,12 +70,44 @@ def test_a_word_is_taken_at_once_and_answered_when_it_is_written_or_after_half_a
             began = asyncio.get_running_loop().time()
             asking = asyncio.ensure_future(ask.post(path, json=body) if body else ask.post(path))
             await elapse(0.1)
-            assert facade.changes, "it was not taken before it was written"
+            assert facade.changes or facade.said, "it was not taken before it was written"
             assert not asking.done()
-            assert (await asking).is_success
+            answer = await asking
+            assert answer.is_success
+            # said only where a crash would forget what was taken
+            assert answer.json().get("recorded", True) is (disk_s == answered_s)
             assert asyncio.get_running_loop().time() - began == pytest.approx(answered_s, abs=0.01)
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(("path", "body"), NEVER_WAIT)
+def test_neither_the_workshop_nor_rmf_waits_for_the_disk(path: str, body: object) -> None:
+    async def main() -> None:
+        async with client(make_app(holding(60.0))) as ask:
+            began = asyncio.get_running_loop().time()
+            assert (await ask.post(path, json=body)).is_success
+            assert asyncio.get_running_loop().time() == began
+
+    run_virtual(main)
+
+
+def test_a_lockout_an_acknowledgement_and_a_drain_are_known_after_a_crash_right_behind_their_answer() -> None:
+    async def main() -> None:
+        memory = SlowMemory()
+        async with building("lift", memory=memory) as made, client(make_app(made.manager)) as ask:
+            lift = "/api/v1/lifts/lift"
+            await ask.post(f"{lift}/lockout", json={"by": "M. Weber", "reason": "new ropes"})
+            after_lockout = memory.crashed()
+            await ask.post(f"{lift}/drain", json={"by": "M. Weber", "reason": "new ropes"})
+            after_drain = memory.crashed()
+            await ask.post(f"{lift}/lockout/end", json={"by": "M. Weber"})
+            after_end = memory.crashed()
+        assert after_lockout.recall("lift").lockout is not None
+        assert after_drain.recall("lift").drain is not None
+        assert after_end.recall("lift").lockout is None
+
+    run_virtual(main, limit_s=9000)
 
 
 def test_what_is_answered_with_no_or_changes_nothing_waits_for_no_disk() -> None:
