@@ -197,6 +197,7 @@ class DiskJobs:
             return
         if self._disk.has(DiskFault.FULL):
             done.set_exception(commit_failed(Path(_WHERE), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+            done.exception()  # a manager that ends looks at it no more
         else:
             done.set_result(work())
         self._begin_next()
