@@ -11,9 +11,10 @@ from lift_manager.domain.service import Remembered
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.disk import DiskFault, DiskJobs, DiskJournal, Pace, SimulatedDisk
 from lift_manager.lab.world.world import BEGAN_AT
-from lift_manager.store.committer import ANSWER_S
+from lift_manager.store.committer import ANSWER_S, LINGER_S
 
 ROW = Row(RowKind.PRESS, "go_to L2 is to be pressed", "lift", data={"command": "go_to"})
+REQUEST = Row(RowKind.REQUEST, "asks for L2", "lift")
 FIRE = Remembered(fire_since=BEGAN_AT)
 QUICK = Pace(0.01, 0.01)
 
@@ -70,6 +71,36 @@ def test_a_press_waits_for_its_commit_and_no_longer() -> None:
             assert (answer.done(), disk.rows) == (False, [])
             await elapse(0.006)
             assert (answer.result(), disk.rows) == (None, [ROW])
+
+    on_disk(check)
+
+
+def test_a_press_shares_the_commit_of_the_request_that_led_to_it() -> None:
+    commits: list[list[Row]] = []
+
+    async def check(disk: SimulatedDisk) -> None:
+        journal = DiskJournal(disk)
+        async with running(journal):
+            disk.on_committed.append(lambda rows: commits.append(list(rows)))
+            journal.memory.keep("lift", FIRE)
+            journal.note(REQUEST)
+            await elapse(LINGER_S / 2)
+            answer = journal.before(ROW)
+            await elapse(0.011)
+            assert answer.result() is None
+            assert disk.store.records == {"lift": FIRE}
+
+    on_disk(check)
+    assert commits == [[REQUEST, ROW]]
+
+
+def test_what_no_press_waits_for_is_committed_a_moment_later() -> None:
+    async def check(disk: SimulatedDisk) -> None:
+        journal = DiskJournal(disk)
+        async with running(journal):
+            journal.note(REQUEST)
+            await elapse(LINGER_S + 0.011)
+            assert disk.rows == [REQUEST]
 
     on_disk(check)
 
