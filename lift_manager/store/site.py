@@ -99,7 +99,7 @@ def _keeping_out(path: Path, lifts: Collection[str]) -> Iterator[tuple[Path, str
 
 def _tell_others(path: Path) -> None:
     """Say which stores lie beside one that begins: it may be of a site that has another name since."""
-    if others := ", ".join(map(str, _others(path))):
+    if others := ", ".join(str(other) for other in _others(path) if kept_of_another(other) is not None):
         text = "the store %s begins; another lies beside it: %s; `lift-manager audit --journal FILE` reads its journal"
         _log.warning(text, path, others)
 
