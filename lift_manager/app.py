@@ -49,9 +49,9 @@ from lift_manager.rmf.run import Running
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
-from lift_manager.web.accepting import connections_limit
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
+from lift_manager.web.limits import connections_limit
 from lift_manager.web.server import serve
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.codec import compile_map

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,11 @@ import pytest
 import yaml
 
 from tests.support.dds_rig import settings_of_test
-from tests.support.programs import LIFT_MANAGER, ROOT, Program, Started, eventually, free_port, started
+from tests.support.programs import HANGS_S, LIFT_MANAGER, ROOT, Program, Started, eventually, free_port, run, started
 
 README = (ROOT / "README.md").read_text("utf-8")
 DEMO_PORT, CONTROLLER_PORT = "5003", "5020"
-DONE = b'{"data":{},"success":true,"msg":""}'
+ANSWERED = b'{"data":{},"success":true,"msg":""}'
 
 
 @pytest.fixture
@@ -42,14 +42,28 @@ def commands(start: str) -> list[str]:
 def with_interpreter(command: str) -> str:
     """The same command with the interpreter of this test run, for a checkout need not have a `.venv`."""
     program = shlex.join(LIFT_MANAGER)
-    return command.replace("./scripts/demo", f"{program} demo", 1).replace(".venv/bin/lift-manager", program, 1)
+    return command.replace("./scripts/demo", f"{program} demo", 1)
+
+
+def words(command: str) -> list[str]:
+    """What a command of the program has after its name: what need not be started anew by the shell is forked."""
+    program, *arguments = shlex.split(command)
+    assert program == ".venv/bin/lift-manager"
+    return arguments
+
+
+def done(*arguments: str, cwd: Path | None = None, env: Mapping[str, str] | None = None) -> str:
+    """What the program prints, at whose end nothing is wrong."""
+    ended = run(*arguments, cwd=cwd, env=env)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
 
 
 def shell(command: str) -> bytes:
     """What a command prints that is typed into bash."""
-    done = subprocess.run(["bash", "-c", command], capture_output=True, timeout=30, check=False)
-    assert done.returncode == 0, done.stderr.decode()
-    return done.stdout
+    ended = subprocess.run(["bash", "-c", command], capture_output=True, timeout=HANGS_S, check=False)
+    assert ended.returncode == 0, ended.stderr.decode()
+    return ended.stdout
 
 
 def ride_by(call: str, look: str, release: str) -> None:
@@ -62,11 +76,11 @@ def ride_by(call: str, look: str, release: str) -> None:
         return data
 
     assert state()["current_floor"] == "L1"
-    assert shell(call) == DONE
+    assert shell(call) == ANSWERED
     assert state()["destination_floor"] == "L2"
-    eventually(lambda: (state()["current_floor"], state()["door_state"]) == ("L2", 2), 10)
-    assert shell(release) == DONE
-    eventually(lambda: state()["door_state"] == 0, 10)
+    eventually(lambda: (state()["current_floor"], state()["door_state"]) == ("L2", 2))
+    assert shell(release) == ANSWERED
+    eventually(lambda: state()["door_state"] == 0)
 
 
 def test_every_command_of_the_readme_is_run_by_some_test() -> None:
@@ -90,11 +104,11 @@ def test_the_curl_lines_of_the_readme_and_of_the_demos_guide_make_the_ride_that_
     assert f"http://127.0.0.1:{DEMO_PORT}/docs" in README
     assert b"<title>" in shell(f"curl http://{address}/docs")
     ride = commands(".venv/bin/lift-manager ride ")[0]
-    ridden = shell(f"{with_interpreter(ride)} --manager http://{address}").decode()
+    ridden = done(*words(ride), "--manager", f"http://{address}")
     assert ridden.index("enter") < ridden.index("stay") < ridden.index("leave")
     three_lines = textwrap.indent(blocks("python")[0].replace("Client()", f"Client('http://{address}')"), "    ")
     code = f"import asyncio\nfrom lift_manager.client import LiftManagerClient\nasync def main():\n{three_lines}\nasyncio.run(main())"
-    looked = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=20)
+    looked = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANGS_S)
     assert [line.split()[0] for line in looked.stdout.splitlines()] == ["lift", "tower", "goods"]
 
 
@@ -107,12 +121,11 @@ def test_the_readmes_lift_of_its_own_is_simulated_checked_and_served(start: Star
         assert known.count(CONTROLLER_PORT) == 1
     site.write_text(site.read_text("utf-8").replace(CONTROLLER_PORT, port), "utf-8")
 
-    controller = typed(start, with_interpreter(simulate).replace(CONTROLLER_PORT, port))
+    controller = start(*words(simulate.replace(CONTROLLER_PORT, port)))
     controller.says("Ctrl-C ends it")
     assert "Floors: G = 1, First = 2, Second = 3" in controller.out
-    checked = shell(f"cd {shlex.quote(str(tmp_path))} && {with_interpreter(check)}").decode()
-    assert checked.splitlines()[-1] == "examples/first-site.yaml: no mistakes"
-    manager = typed(start, f"{with_interpreter(serve)} --port 0", cwd=tmp_path)
+    assert done(*words(check), cwd=tmp_path).splitlines()[-1] == "examples/first-site.yaml: no mistakes"
+    manager = start(*words(serve), "--port", "0", cwd=tmp_path)
     base = manager.says(r"(http://127\.0\.0\.1:\d+)/docs")[1] + "/open-rmf/demo-lift"
     answer = json.loads(shell(f"curl '{base}/lift_state?lift_name=main'"))
     assert answer["data"] == {
@@ -124,7 +137,7 @@ def test_the_readmes_lift_of_its_own_is_simulated_checked_and_served(start: Star
     }
     assert (
         shell(f"""curl -X POST '{base}/lift_request?lift_name=main' -d '{{"floor": "First", "door_state": 0}}'""")
-        == DONE
+        == ANSWERED
     )
     assert manager.stop()[0] == 0
     assert controller.stop()[0] == 0
@@ -136,29 +149,27 @@ def test_the_readmes_lift_is_named_as_on_the_building_map_and_moved_by_rmf(start
     site, port = tmp_path / "examples" / "rmf" / "site.yaml", str(free_port())
     assert blocks("yaml")[1] in site.read_text("utf-8")
     site.write_text(site.read_text("utf-8").replace(CONTROLLER_PORT, port), "utf-8")
-    compared = subprocess.run(
-        ["bash", "-c", with_interpreter(compare)], capture_output=True, timeout=20, check=False, cwd=tmp_path
-    )
+    compared = run(*words(compare), cwd=tmp_path)
     assert compared.returncode == 2
-    suggested = yaml.safe_load(compared.stdout.decode().partition("# to be written")[2].partition("\n")[2])
+    suggested = yaml.safe_load(compared.stdout.partition("# to be written")[2].partition("\n")[2])
     rmf = yaml.safe_load(site.read_text("utf-8"))["lifts"]["main"]["rmf"]
     assert suggested == {"lifts": {"main": {"rmf": rmf}}}
 
     simulate = commands(".venv/bin/lift-manager simulate ")[0]
-    controller = typed(start, f"{with_interpreter(simulate).replace(CONTROLLER_PORT, port)} --speed 10")
+    controller = start(*words(simulate.replace(CONTROLLER_PORT, port)), "--speed", "10")
     controller.says("Ctrl-C ends it")
     own = settings_of_test()
-    uri = shlex.quote(own.cyclonedds_uri)
-    here = f"env ROS_DOMAIN_ID={own.domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST CYCLONEDDS_URI={uri} "
-    manager = typed(start, f"{here}{with_interpreter(serve)} --port 0", cwd=tmp_path)
+    here = {
+        "ROS_DOMAIN_ID": str(own.domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "CYCLONEDDS_URI": own.cyclonedds_uri,
+    }
+    manager = start(*words(serve), "--port", "0", cwd=tmp_path, env=here)
     manager.says("/docs")
-    watching = typed(start, here + with_interpreter(watch))
+    watching = start(*words(watch), env=here)
     watching.says("Lift1: at L1, door closed, stopped, HUMAN, free")
     for ask in asks:
-        done = subprocess.run(
-            ["bash", "-c", here + with_interpreter(ask)], capture_output=True, timeout=40, check=False, cwd=tmp_path
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
+        done(*words(ask), cwd=tmp_path, env=here)
     watching.says("Lift1: at L3, door open, stopped, AGV, held by lift-manager")
     for program in (watching, manager, controller):
         program.stop()
@@ -169,7 +180,7 @@ def test_the_mbpoll_line_of_the_readme_reads_the_simulated_lift(start: Started) 
     (line,) = re.findall(r"`(mbpoll [^`]*)`", README)
     port = str(free_port())
     simulate = commands(".venv/bin/lift-manager simulate ")[0]
-    typed(start, with_interpreter(simulate).replace(CONTROLLER_PORT, port)).says("Ctrl-C ends it")
+    start(*words(simulate.replace(CONTROLLER_PORT, port))).says("Ctrl-C ends it")
     assert line.count(CONTROLLER_PORT) == 1
     assert re.search(rb"\[1\]:\s+1\s", shell(line.replace(CONTROLLER_PORT, port))), "the car stands at code 1"
 
@@ -192,4 +203,4 @@ def test_every_relative_link_of_the_readme_leads_to_a_file() -> None:
 
 def test_the_readmes_scenario_ends_as_it_should() -> None:
     (scenario,) = commands(".venv/bin/lift-manager scenario ")
-    assert b"FAILED" not in shell(f"cd {shlex.quote(str(ROOT))} && {with_interpreter(scenario)}")
+    assert "FAILED" not in done(*words(scenario), cwd=ROOT)

@@ -215,7 +215,10 @@ class Watch:
         elif output.only_kept:
             output.release()
         else:
-            output.fall(now, pause_s=0.0, excused=False)
+            if output.codec.is_call:
+                output.release()
+            else:
+                output.fall(now, pause_s=0.0, excused=False)
             self._found_off(name, where)
 
     def _found_off(self, name: str, where: str) -> None:

@@ -115,7 +115,8 @@ class Output:
     @property
     def is_looked_at_first(self) -> bool:
         """Whether it is read back before each refresh: a refresh that finds it off would be a press that nobody noticed."""
-        refreshed = self.is_written_again and self.spec.repeat_pulse_s is None and not math.isinf(self.every_s)
+        is_level = self.spec.action == "hold" and self.spec.repeat_pulse_s is None
+        refreshed = is_level and not math.isinf(self.every_s)
         # of what the controller grants, its grant is the judge
         return refreshed and self.shows and self.spec.granted_by is None
 
@@ -249,7 +250,10 @@ class Output:
             self.pause_at = now + (self.spec.width_s or math.inf)
 
     def found(self, *, holds: bool, now: float, excused: bool) -> bool:
-        """It was read back before a refresh. Returns whether it is to be refreshed: what is off is pressed again, or kept off."""
+        """It was read back before a refresh. Returns whether it is to be refreshed: what is off is pressed again, or kept off.
+
+        A call that is off is never pressed again: whoever needs the car asks again.
+        """
         if holds:
             # after a write without an answer only the read-back of the next one counts
             self.verified, self.was_seen = self.answered, True
@@ -258,7 +262,7 @@ class Output:
         if self.was_taken(now):
             self.set_at = now
             return True
-        if self.only_kept:
+        if self.only_kept or self.codec.is_call:
             self.release()
             return False
         self.fall(now, pause_s=0.0 if self.verified or not self.was_seen else LOOK_S, excused=excused)

@@ -14,7 +14,7 @@ from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
 from drivers.model import LiftValues, Result
 from register_maps.codec import Codec
 
-_OF_ITSELF = frozenset({StepKind.BEAT, StepKind.RESET, StepKind.CYCLE})
+_OF_ITSELF = frozenset({StepKind.BEAT, StepKind.RESET})
 
 READ_WITHIN_S = 1.0
 """So long after a connection was made a release that covers wanted neighbours waits for the first reading. Chosen: `max_age_s`."""
@@ -87,6 +87,8 @@ class Permissions:
         if step.kind not in NEED_PERMIT:
             if step.kind in ONLY_LOOK:
                 return None
+            if step.kind is StepKind.CYCLE:
+                return self._unless_unread
             if step.kind in _OF_ITSELF:
                 return self._unless_looked_at(step)
             self._drop_refused(step)
@@ -107,12 +109,16 @@ class Permissions:
 
         return allowed
 
+    def _unless_unread(self) -> str | None:
+        """Say why a block at rest is not written now: before the first reading nobody knows what of it a session still wants."""
+        return "the connection is new and has not been read yet" if self._is_unread() else None
+
     def _unless_looked_at(self, step: Step) -> Permit | None:
         """Return what is asked of a write that nobody wished for: it presses no neighbour again that may not be pressed.
 
         And what it says of them is as old as its beginning: a look that found one on since then has overtaken it.
         """
-        neighbours = self._outputs.neighbours(step) if step.kind is not StepKind.CYCLE else ()
+        neighbours = self._outputs.neighbours(step)
         early = self._is_unread() and bool(self._outputs.beside(step))
         if not neighbours and not early:
             return None

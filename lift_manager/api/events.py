@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, Field
 
+from lift_manager.api.fields import Answer, Seconds
 from lift_manager.api.lifts import Lift
-from lift_manager.api.parts import Answer, Seconds
 from lift_manager.api.rides import Ride
 from lift_manager.domain.service import Advice, EndReason
 from lift_manager.domain.session_requests import Do, Status

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from lift_manager.api.parts import Answer, Seconds
+from lift_manager.api.fields import Answer, Seconds
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.state import LiftState, Quality, RobotDoor
 from register_maps.words import Door, Mode, Motion, Side
@@ -240,8 +240,5 @@ class Signals(Answer):
     @classmethod
     def of(cls, lift: LiftSignals) -> Signals:
         """Return them as read."""
-        signals = tuple(
-            Signal(name=one.name, value=one.value, raw=one.raw, addresses=one.addresses, age_s=one.age_s)
-            for one in lift.signals
-        )
+        signals = tuple(Signal.model_validate(signal) for signal in lift.signals)
         return cls(name=lift.lift, age_s=lift.age_s, max_age_s=lift.max_age_s, signals=signals)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AwareDatetime, Field
 
-from lift_manager.api.parts import Part, Recorded, ShortName, Words
+from lift_manager.api.fields import Answer, Recorded, RequestModel, ShortName, Words
 from lift_manager.domain.service import Acknowledged, Cause, Drain, DrainEnded, ForceReleased, Lockout, LockoutEnded
 
 Name = Annotated[ShortName, Field(description="The person who says so.", examples=["M. Weber"])]
@@ -24,13 +24,13 @@ Now = Annotated[
 ]
 
 
-class AcknowledgeRequest(Part):
+class AcknowledgeRequest(RequestModel):
     """The lift was checked after a fire, or its car was looked into."""
 
     by: Name
 
 
-class LockoutRequest(Part):
+class LockoutRequest(RequestModel):
     """No robot may command the lift."""
 
     by: Name
@@ -38,26 +38,26 @@ class LockoutRequest(Part):
     now: Now = False
 
 
-class EndLockoutRequest(Part):
+class EndLockoutRequest(RequestModel):
     """Robots may command the lift again."""
 
     by: Name
 
 
-class DrainRequest(Part):
+class DrainRequest(RequestModel):
     """No new session begins; the present one goes on to its end."""
 
     by: Name
     reason: Reason
 
 
-class EndDrainRequest(Part):
+class EndDrainRequest(RequestModel):
     """Sessions may begin again."""
 
     by: Name
 
 
-class ForceReleaseRequest(Part):
+class ForceReleaseRequest(RequestModel):
     """The session ends, whoever holds the lift."""
 
     by: Name
@@ -65,7 +65,7 @@ class ForceReleaseRequest(Part):
     now: Now = False
 
 
-class AcknowledgedAnswer(Part):
+class AcknowledgedAnswer(Answer):
     """What was acknowledged."""
 
     lift: str
@@ -83,7 +83,7 @@ class AcknowledgedAnswer(Part):
         return cls(lift=lift, by=said.by, at=said.at, acknowledged=said.what)
 
 
-class LockoutAnswer(Part):
+class LockoutAnswer(Answer):
     """A lockout that is in force."""
 
     lift: str
@@ -98,7 +98,7 @@ class LockoutAnswer(Part):
         return cls(lift=lift, by=lockout.by, reason=lockout.reason, since=lockout.since)
 
 
-class LockoutEndedAnswer(Part):
+class LockoutEndedAnswer(Answer):
     """A lockout that is over."""
 
     lift: str
@@ -113,7 +113,7 @@ class LockoutEndedAnswer(Part):
         return cls(lift=lift, by=ended.by, at=ended.at, lockout=LockoutAnswer.of(lift, ended.lockout))
 
 
-class DrainAnswer(Part):
+class DrainAnswer(Answer):
     """A drain that is in force."""
 
     lift: str
@@ -128,7 +128,7 @@ class DrainAnswer(Part):
         return cls(lift=lift, by=drain.by, reason=drain.reason, since=drain.since)
 
 
-class DrainEndedAnswer(Part):
+class DrainEndedAnswer(Answer):
     """A drain that is over."""
 
     lift: str
@@ -143,7 +143,7 @@ class DrainEndedAnswer(Part):
         return cls(lift=lift, by=ended.by, at=ended.at, drain=DrainAnswer.of(lift, ended.drain))
 
 
-class ForceReleasedAnswer(Part):
+class ForceReleasedAnswer(Answer):
     """A session that a person ended."""
 
     lift: str

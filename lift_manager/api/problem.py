@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from typing import Annotated
 
-from lift_manager.api.parts import to_ms
+from pydantic import BaseModel, ConfigDict, ValidatorFunctionWrapHandler, WrapValidator
+
+from lift_manager.api.fields import to_ms
 from lift_manager.domain.asking import Blocking
 from register_maps.words import Mode
 
 MEDIA_TYPE = "application/problem+json"
 
 
+def _known_mode(value: object, validate: ValidatorFunctionWrapHandler) -> object:
+    try:
+        return validate(value)
+    except ValueError:  # a mode that only a newer manager knows
+        return None
+
+
 class Problem(BaseModel):
     """Why a request was not carried out."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="ignore")  # a newer manager may say more
 
     type: str
     """A name of the kind of problem, made of its code; nothing is to be found there."""
@@ -28,7 +37,7 @@ class Problem(BaseModel):
     """The key of the body that is wrong."""
     holder: str | None = None
     """Who holds the lift."""
-    mode: Mode | None = None
+    mode: Annotated[Mode | None, WrapValidator(_known_mode)] = None
     """The mode in which the lift takes no robots."""
     since_s: float | None = None
     """For how long the holder has held it, or the mode has lasted."""

@@ -7,10 +7,10 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Door, Part, Recorded, Seconds, Words
+from lift_manager.api.fields import Answer, Door, Recorded, RequestModel, Seconds, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
 from lift_manager.domain import ride as rides
-from lift_manager.domain.ride import Guidance, Phase, RidePlan
+from lift_manager.domain.ride import Guidance, Phase
 from lift_manager.domain.service import Advice
 from register_maps.words import Side
 
@@ -21,7 +21,7 @@ ANY = "any"
 """Any lift that serves both floors. A lift of that name cannot be asked for by name."""
 
 
-class Limits(Part):
+class Limits(RequestModel):
     """How long each phase may take, in seconds."""
 
     queued_s: _Limit = 600.0
@@ -31,7 +31,7 @@ class Limits(Part):
     alighting_s: _Limit = 300.0
 
 
-class RideRequest(Part):
+class RideRequest(RequestModel):
     """Bring a robot from one floor to another."""
 
     lift: str = Field(
@@ -54,7 +54,7 @@ class RideRequest(Part):
         return self
 
 
-class CancelRequest(Part):
+class CancelRequest(RequestModel):
     """The ride is not wanted any more."""
 
     reason: Words = Field(default="no reason given", examples=["the order was withdrawn"])
@@ -120,8 +120,3 @@ class Plan(Answer):
     lift: str
     ahead: int
     reason: str = Field(description="Why it would have to wait; empty where it would begin at once.")
-
-    @classmethod
-    def of(cls, plan: RidePlan) -> Plan:
-        """Return it."""
-        return cls(lift=plan.lift, ahead=plan.ahead, reason=plan.reason)

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
+from lift_manager.api.fields import ON_ONE_LINE, Answer, RequestModel, ShortName
 from lift_manager.api.lifts import Age
-from lift_manager.api.parts import ON_ONE_LINE, Answer, Part, ShortName
 from lift_manager.domain.rmf import (
     ADAPTER_ID,
     ADAPTER_ID_LIMIT,
     FACE,
     LONGEST_GRACE_S,
-    RmfLift,
-    RmfRules,
     RmfSite,
     rmf_session,
 )
@@ -60,13 +58,12 @@ class RmfHolder(Answer):
         default="", description="With the face `rmf`: the id of its adapter.", examples=["", "5/building1"]
     )
 
-    @classmethod
-    def of(cls, holder: Holder) -> RmfHolder:
-        """Return it as it is."""
-        if holder.face != FACE:
-            return cls(face=holder.face, name=holder.name)
-        session, adapter = rmf_session(holder)
-        return cls(face=FACE, name=session, adapter=adapter)
+
+def _rmf_holder(value: object) -> object:
+    if not isinstance(value, Holder) or value.face != FACE:
+        return value
+    session, adapter = rmf_session(value)
+    return RmfHolder(face=FACE, name=session, adapter=adapter)
 
 
 class RmfLiftAnswer(Answer):
@@ -86,37 +83,11 @@ class RmfLiftAnswer(Answer):
     motion: Motion
     mode: Mode
     robot_mode_on: bool | None = Field(description="null where the lift has no such signal.")
-    holder: RmfHolder | None = Field(description="null while it is free.")
+    holder: Annotated[RmfHolder | None, BeforeValidator(_rmf_holder)] = Field(description="null while it is free.")
     ending: bool = Field(description="The holder has ended its session; door and robot mode stay for a moment.")
     fire_latched: bool = Field(description="There was a fire, and no person has acknowledged it.")
     waiting_for: str = Field(description="What the session waits for before anything is pressed.")
     keeps_off: str = Field(description="Why robots are kept off, in words; empty where they are not.")
-
-    @classmethod
-    def of(cls, lift: RmfLift) -> RmfLiftAnswer:
-        """Return it as it is."""
-        holder = lift.holder
-        return cls(
-            lift=lift.lift,
-            name=lift.name,
-            floors=lift.floors,
-            live=lift.live,
-            reason=lift.reason,
-            age_s=lift.age_s,
-            max_age_s=lift.max_age_s,
-            floor=lift.floor,
-            standing=lift.standing,
-            destination=lift.destination,
-            door=lift.door,
-            motion=lift.motion,
-            mode=lift.mode,
-            robot_mode_on=lift.robot_mode_on,
-            holder=None if holder is None else RmfHolder.of(holder),
-            ending=lift.ending,
-            fire_latched=lift.fire_latched,
-            waiting_for=lift.waiting_for,
-            keeps_off=lift.keeps_off,
-        )
 
 
 class RmfAlarms(Answer):
@@ -126,16 +97,6 @@ class RmfAlarms(Answer):
     emergency_signal: bool = Field(description="And on `emergency_signal`.")
     emergency_fleets: tuple[str, ...] = Field(description="Whom that names.")
     clear_on_acknowledge: bool = Field(description="Once that it is over, when a person has acknowledged.")
-
-    @classmethod
-    def of(cls, rules: RmfRules) -> RmfAlarms:
-        """Return what the site says."""
-        return cls(
-            fire_alarm=rules.fire_alarm,
-            emergency_signal=rules.emergency_signal,
-            emergency_fleets=rules.emergency_fleets,
-            clear_on_acknowledge=rules.clear_on_acknowledge,
-        )
 
 
 class RmfSiteAnswer(Answer):
@@ -153,13 +114,13 @@ class RmfSiteAnswer(Answer):
         return cls(
             boot=site.boot,
             event=site.event,
-            lifts=tuple(RmfLiftAnswer.of(lift) for lift in site.lifts),
+            lifts=tuple(RmfLiftAnswer.model_validate(lift) for lift in site.lifts),
             end_grace_s=site.rules.end_grace_s,
-            alarms=RmfAlarms.of(site.rules),
+            alarms=RmfAlarms.model_validate(site.rules),
         )
 
 
-class RmfWantedRequest(Part):
+class RmfWantedRequest(RequestModel):
     """A session of RMF wants the lift at a floor: the first one opens it, each further one changes or repeats what is wanted."""
 
     session_id: SessionId
@@ -168,7 +129,7 @@ class RmfWantedRequest(Part):
     adapter: AdapterId = ""
 
 
-class RmfEndedRequest(Part):
+class RmfEndedRequest(RequestModel):
     """A session of RMF is over."""
 
     session_id: SessionId

@@ -8,11 +8,11 @@ from pydantic import AwareDatetime, BeforeValidator, ConfigDict, Field, JsonValu
 from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.parts import Answer, Door, Part, Recorded, Seconds, ShortName, Token
+from lift_manager.api.fields import Answer, Door, HolderName, Recorded, RequestModel, Seconds, ShortName, Token
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.service import Advice, EndReason
-from lift_manager.domain.session_requests import Do, Followed, SessionInfo, Status
+from lift_manager.domain.session_requests import Do, Status
 
 Ttl = Annotated[
     float | None,
@@ -54,7 +54,7 @@ def _said(value: object) -> object:
 _Clear = Annotated[Literal[True] | None, BeforeValidator(_said)]
 
 
-class OpenSessionRequest(Part):
+class OpenSessionRequest(RequestModel):
     """The lift for one caller alone. Nothing is called by it."""
 
     robot: RobotName
@@ -62,7 +62,7 @@ class OpenSessionRequest(Part):
     idempotency_key: IdempotencyKey
 
 
-class RenewRequest(Part):
+class RenewRequest(RequestModel):
     """The lease begins anew."""
 
     ttl_s: float | None = Field(
@@ -75,7 +75,7 @@ class RenewRequest(Part):
     )
 
 
-class CloseRequest(Part):
+class CloseRequest(RequestModel):
     """The session is over."""
 
     robot: RobotWord | None = Field(
@@ -85,7 +85,7 @@ class CloseRequest(Part):
     )
 
 
-class HandOverRequest(Part):
+class HandOverRequest(RequestModel):
     """Another caller goes on with it."""
 
     to: ShortName = Field(
@@ -121,7 +121,7 @@ def _conditions() -> JsonDict:
     return {"allOf": rules}
 
 
-class CommandRequest(Part):
+class CommandRequest(RequestModel):
     """One thing to do within a session."""
 
     model_config = ConfigDict(json_schema_extra=_conditions())
@@ -164,7 +164,7 @@ class Session(Answer):
 
     id: str = Field(description="Whoever knows it, and has the holder's key, commands the lift.")
     lift: str
-    holder: str = Field(examples=["api:amr-7"])
+    holder: HolderName = Field(examples=["api:amr-7"])
     floor: str | None
     hold_door: bool
     opened_at: AwareDatetime
@@ -186,29 +186,6 @@ class Session(Answer):
     over: Over | None = Field(description="null while it goes on.")
     recorded: Recorded = True
 
-    @classmethod
-    def of(cls, info: SessionInfo) -> Session:
-        """Return it as the manager has it."""
-        over = info.over
-        return cls(
-            id=info.id,
-            lift=info.lift,
-            holder=str(info.holder),
-            floor=info.floor,
-            hold_door=info.hold_door,
-            opened_at=info.opened_at,
-            lease_ends_in_s=info.lease_ends_in_s,
-            ends_in_s=info.ends_in_s,
-            hold_ends_in_s=info.hold_ends_in_s,
-            releases_in_s=info.releases_in_s,
-            arrived=info.arrived,
-            door_held=info.door_held,
-            robot=info.robot,
-            waiting_for=info.waiting_for,
-            restored=info.restored,
-            over=None if over is None else Over(reason=over.reason, text=over.text, advice=over.advice, at=over.at),
-        )
-
 
 class Command(Answer):
     """A request within a session, and what has become of it."""
@@ -226,18 +203,3 @@ class Command(Answer):
     asked_at: AwareDatetime
     ended_at: AwareDatetime | None
     recorded: Recorded = True
-
-    @classmethod
-    def of(cls, followed: Followed) -> Command:
-        """Return it as it is now."""
-        return cls(
-            id=followed.id,
-            lift=followed.lift,
-            do=followed.do,
-            floor=followed.floor,
-            status=followed.status,
-            reason=followed.reason,
-            proof=followed.proof,
-            asked_at=followed.asked_at,
-            ended_at=followed.ended_at,
-        )

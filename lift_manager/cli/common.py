@@ -73,10 +73,10 @@ def loaded_map(name: str) -> LoadedMap:
         raise refused(error) from error
 
 
-def loaded_site(path: Path) -> LoadedSite:
-    """Load a site, or say what is wrong with it and exit with 2."""
+def loaded_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
+    """Load a site, one that is used with RMF where `for_rmf` says so, or say what is wrong with it and exit with 2."""
     try:
-        return load_site(path)
+        return load_site(path, for_rmf=for_rmf)
     except MapFileError as error:
         raise refused(error) from error
 

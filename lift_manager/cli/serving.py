@@ -29,8 +29,8 @@ from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
-from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
+from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 

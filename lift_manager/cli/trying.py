@@ -24,8 +24,8 @@ from lift_manager.cli.servable import obstacles
 from lift_manager.config.load import check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
-from lift_manager.web.accepting import allow_files
 from lift_manager.web.errors import ListenError
+from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
@@ -77,7 +77,7 @@ def check(
             "give the building map that it was made of, too, with --building-map", param_hint="--nav-graph"
         )
     try:
-        say(check_file(file, obstacles))
+        say(check_file(file, obstacles, for_rmf=building_map is not None))
         if building_map is not None:
             check_names(file, building_map, nav_graph)
     except MapFileError as error:

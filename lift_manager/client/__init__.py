@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from lift_manager.client.client import LiftManagerClient
-    from lift_manager.client.conditions import open_at
     from lift_manager.client.errors import (
         ClientError,
         Held,
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from lift_manager.client.ride import RideInHand
     from lift_manager.client.ride_step import Step
     from lift_manager.client.session import SessionInHand
-    from lift_manager.client.states import States
+    from lift_manager.client.states import States, open_at
     from lift_manager.client.stream import Connected, Disconnected, EventStream
 
 _PLACES = {
@@ -46,7 +45,7 @@ _PLACES = {
     "States": "states",
     "Step": "ride_step",
     "Unreachable": "errors",
-    "open_at": "conditions",
+    "open_at": "states",
 }
 """Module of this package by the name that it defines."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import ssl
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
@@ -13,7 +12,6 @@ from typing import Any, Literal, TypeVar
 
 import httpx
 from pydantic import BaseModel, ValidationError
-from pydantic_core import from_json
 
 from lift_manager.api.problem import Problem
 from lift_manager.client.errors import ClientError, NotAManager, Unreachable, refusal
@@ -109,8 +107,8 @@ class Http:
     def read(self, reply: Reply, form: type[Form]) -> Form:
         """Return what a reply says. Raises NotAManager for what does not fit."""
         try:
-            return form.model_validate_json(known(reply.content, form))
-        except ValueError as error:
+            return form.model_validate_json(reply.content)
+        except ValidationError as error:
             raise NotAManager(f"its answer is no {form.__name__}", url=self.url, status=reply.status) from error
 
     async def reply(self, call: Call) -> Reply:
@@ -173,32 +171,11 @@ class Http:
         return refusal(said)
 
 
-def known(content: bytes, form: type[BaseModel]) -> bytes | str:
-    """Return an answer without what this client does not know of it: a newer manager may say more. Raises ValueError."""
-    if form.model_config.get("extra") != "forbid":
-        return content
-    said = from_json(content)
-    if not isinstance(said, dict):
-        return content
-    return json.dumps({name: value for name, value in said.items() if name in form.model_fields})
-
-
 def _problem(content: bytes) -> Problem | None:
     try:
-        said = from_json(content)
-    except ValueError:
+        return Problem.model_validate_json(content)
+    except ValidationError:
         return None
-    if not isinstance(said, dict) or not all(isinstance(said.get(name), str) for name in ("code", "detail")):
-        return None
-    told = {name: said[name] for name in Problem.model_fields if name in said}
-    basic = {name: told[name] for name in ("type", "title", "status", "detail", "code") if name in told}
-    for members in (told, basic):
-        try:
-            return Problem.model_validate(members)
-        except ValidationError:
-            # such as a mode that only a newer manager knows
-            continue
-    return None
 
 
 def _context(url: str, tls: ssl.SSLContext | Path | str | None) -> ssl.SSLContext:

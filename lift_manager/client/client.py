@@ -7,7 +7,7 @@ import logging
 import random
 import ssl
 import uuid
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Coroutine, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,8 +17,8 @@ from typing import Any, Self
 import httpx
 
 from lift_manager.api.events import Links
+from lift_manager.api.fields import Answer
 from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
-from lift_manager.api.parts import Answer
 from lift_manager.api.people import (
     AcknowledgedAnswer,
     DrainAnswer,
@@ -29,13 +29,11 @@ from lift_manager.api.people import (
 )
 from lift_manager.api.rides import Limits, Plan, Ride, RideRequest, Rides
 from lift_manager.api.sessions import Command, CommandRequest, Session
-from lift_manager.client.beside import beside
 from lift_manager.client.call import WITHIN_S, Call, Form, Http, Reply
 from lift_manager.client.errors import ClientError, NotFound, Refused
-from lift_manager.client.lift_cache import KnownLift
 from lift_manager.client.ride import RideInHand
 from lift_manager.client.session import SessionInHand
-from lift_manager.client.states import States
+from lift_manager.client.states import KnownLift, States
 from lift_manager.client.stream import EventStream
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.keys import Secret
@@ -254,7 +252,7 @@ class LiftManagerClient:
     async def states(self, lift: str | None = None) -> AsyncIterator[States]:
         """One lift or all of them as they are now, offline as soon as nothing is heard."""
         states = States(self, lift)
-        async with beside(states.follow(), states.listen()):
+        async with _background(states.follow(), states.listen()):
             yield states
 
     @asynccontextmanager
@@ -265,7 +263,7 @@ class LiftManagerClient:
         asked_at = _now()
         held = SessionInHand(self, await self.open_session(lift, robot=robot, ttl_s=ttl_s), asked_at, ttl_s)
         try:
-            async with beside(held.follow(), held.listen()):
+            async with _background(held.follow(), held.listen()):
                 yield held
         except BaseException:
             await self._quietly(held)
@@ -299,7 +297,7 @@ class LiftManagerClient:
         asked_at = _now()
         ride = RideInHand(self, await self._post(f"{API}/rides", wish, Ride, repeat=key is not None), asked_at)
         try:
-            async with beside(ride.follow(), ride.listen()):
+            async with _background(ride.follow(), ride.listen()):
                 yield ride
         except BaseException:
             await self._quietly(ride)
@@ -393,3 +391,23 @@ def _now() -> float:
 def _at_once(*, now: bool) -> dict[str, bool]:
     """Return what a manager is told that is not to wait; an older one knows no such field, and never waits."""
     return {"now": True} if now else {}
+
+
+@asynccontextmanager
+async def _background(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
+    """Run work for as long as the block lasts. What the block raises comes out as it is, and not in a group.
+
+    The work itself raises nothing but bugs; those end the block.
+    """
+    failure: Exception | None = None
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(each) for each in work]
+        try:
+            yield
+        except Exception as error:  # noqa: BLE001  raised again below, once the group has ended
+            failure = error
+        finally:
+            for task in tasks:
+                task.cancel()
+    if failure is not None:
+        raise failure

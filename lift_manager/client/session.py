@@ -9,10 +9,9 @@ from typing import Any, Protocol
 from lift_manager.api.events import AdviceEvent, SessionEvent
 from lift_manager.api.lifts import Lift
 from lift_manager.api.sessions import Command, CommandRequest, Session
-from lift_manager.client.conditions import Condition
 from lift_manager.client.errors import ClientError, Refused, SessionLost, Unreachable
+from lift_manager.client.states import Condition, States
 from lift_manager.client.states import Manager as StatesManager
-from lift_manager.client.states import States
 from lift_manager.client.stream import Connected
 from lift_manager.domain.asking import Refusal, RobotWord
 from lift_manager.domain.session_requests import Do, Status

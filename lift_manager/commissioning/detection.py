@@ -76,7 +76,9 @@ def detections(codec: Codec, *, max_age_s: float) -> tuple[Detection, ...]:
 def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     for fault in ("stuck_door", "reopening_door", "nudging_door"):
         yield _harmless(fault)
-    yield _late(codec, "wrong_floor", "the floor that the car tells is where it is", _SETS_OUT)
+    yield _late(
+        codec, "wrong_floor", f"the floor that the car tells is where it is; {_ALARMED}", f"{_SETS_OUT}; {_ALARMED}"
+    )
     yield _harmless("relevelling")
     yield _late(codec, "homing", "the car tells no floor, or one with its doors shut", _HOMES)
     yield _late(codec, "calls_cancelled", "the call disappears, or the car does not come in time", _ELSEWHERE)
@@ -138,6 +140,7 @@ _FLAGS_OF_SIMULATOR = frozenset({"fire", "emergency_power", "inspection", "indep
 
 
 _SETS_OUT = "a car that sets out the right way has taken the call; where it stops is the floor that it tells"
+_ALARMED = "confirmed calls that end at rest elsewhere, twice in a row with the same offset, are an alarm"
 _ELSEWHERE = (
     "a car that moves for somebody else looks like the answer to a call that was forgotten; it does not come in time"
 )

@@ -23,8 +23,10 @@ def check_site(
     maps: Mapping[str, LoadedMap],
     unchanged: Mapping[str, LoadedMap],
     spare: Mapping[str, LoadedMap],
+    *,
+    for_rmf: bool = False,
 ) -> list[Problem]:
-    """Return every problem. `maps` are by lift, as far as they could be read.
+    """Return every problem. `maps` are by lift, as far as they could be read; `for_rmf`: used with RMF whatever the file says of it.
 
     `unchanged` has the maps of lifts whose changes have mistakes, as they are without; `spare` the maps of controllers
     that no lift is on. Lifts on a controller that is not there are left out: `references` finds these in the raw file.
@@ -43,7 +45,7 @@ def check_site(
             problems += check_floors(key, lift, codec)
             problems += check_use(key, lift, plain[name])
             problems += _timing(key, site, lift, plain[name], needs)
-        problems += _clearing(key, site, lift)
+        problems += _clearing(key, site, lift, for_rmf=for_rmf)
     problems += check_outputs(site, {name: maps[name] for name in known if name in maps})
     return problems
 
@@ -66,9 +68,9 @@ def _controllers(site: Site) -> Iterator[Problem]:
         at.setdefault(address, name)
 
 
-def _clearing(key: Key, site: Site, lift: Lift) -> Iterator[Problem]:
+def _clearing(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> Iterator[Problem]:
     """Yield limits of the door hold that leave robots too little time before OPEN is withdrawn."""
-    uses_rmf = bool(site.rmf.model_fields_set or lift.rmf.model_fields_set)
+    uses_rmf = for_rmf or bool(site.rmf.model_fields_set or lift.rmf.model_fields_set)
     of_rmf = ("rmf.clear_s", site.rmf.clear_s if uses_rmf else 0.0)
     limits = {
         "lease_s": ("clear_s", lift.clear_s),

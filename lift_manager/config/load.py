@@ -98,8 +98,8 @@ class LoadedSite:
         return devices(self.site, self.site.lifts[lift], self.maps[lift].map).values()
 
 
-def load_site(path: Path) -> LoadedSite:
-    """Read and check a site file. Raises MapFileError with every finding."""
+def load_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
+    """Read and check a site file; `for_rmf`: one that is used with RMF, whatever it says of it. Raises MapFileError with every finding."""
     source = read(path, number_keys=is_value_table)
     tried = try_validate(source, Site, stand_ins=_STAND_INS)
     site = tried.model
@@ -107,7 +107,7 @@ def load_site(path: Path) -> LoadedSite:
     findings = [*tried.findings, *references(source), *maps.findings]
     unusable: tuple[Finding, ...] = ()
     if site is not None:
-        problems = check_site(site, maps.lifts, maps.unchanged, maps.spare)
+        problems = check_site(site, maps.lifts, maps.unchanged, maps.spare, for_rmf=for_rmf)
         own = (problem for problem in problems if not _follows(problem, tried.replaced))
         findings += [source.finding(problem.key, problem.message) for problem in own]
         unusable = tuple(source.finding(fault.key, fault.message) for fault in tls_problems(site, path.parent))
@@ -148,11 +148,14 @@ def _named_controllers(data: object) -> Iterator[tuple[KeyPath, object]]:
 
 
 def check_file(
-    path: Path, obstacles: Callable[[LoadedSite], Iterable[Finding]] = lambda loaded: loaded.unusable
+    path: Path,
+    obstacles: Callable[[LoadedSite], Iterable[Finding]] = lambda loaded: loaded.unusable,
+    *,
+    for_rmf: bool = False,
 ) -> list[str]:
     """Check a site file or a map; returns what there is to say about a good one. Raises MapFileError.
 
-    `obstacles` finds what keeps a good site file from being used.
+    `obstacles` finds what keeps a good site file from being used, `for_rmf` is as for `load_site`.
     """
     data = read(path, number_keys=lambda _: True).data
     if isinstance(data, dict) and data.keys() & _MAP_KEYS and "lifts" not in data:
@@ -161,7 +164,7 @@ def check_file(
             *(f"caution: {warning}" for warning in loaded.warnings),
             f"{path}: {_map_line(loaded.map)}: no mistakes",
         ]
-    loaded_site = load_site(path)
+    loaded_site = load_site(path, for_rmf=for_rmf)
     if in_the_way := tuple(obstacles(loaded_site)):
         raise MapFileError(in_the_way)
     lines = [f"caution: {line}" for line in loaded_site.cautions()]

@@ -1,4 +1,4 @@
-"""When the lift's robot mode is asked for, and when it is dropped: never under way, except in fire."""
+"""When the lift's robot mode is asked for, and when it is dropped: under way only where the lift itself lets no robot command it."""
 
 from __future__ import annotations
 

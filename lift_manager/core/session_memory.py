@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import UTC, timedelta
 from operator import attrgetter
 
@@ -18,7 +18,7 @@ from lift_manager.domain.session import KeptSession, Session
 RENEWED_EVERY_S = 10.0
 """A lease that is merely renewed is written at most so often, and four times in its length, but never more than once a second: a
 caller may renew it several times a second, and a memory card wears out. Chosen: after a restart a lease ends at most that much
-early."""
+early, and no sooner than `clear_s` after the restart."""
 
 _LASTING = attrgetter(*(one.name for one in fields(Session) if one.name not in ("lease_from", "heard_at")))
 
@@ -52,9 +52,13 @@ class SessionMemory:
             return EndReason.LOCKOUT, f"the lift is locked out {people.lockout}"
         if people.fire_latched:
             return EndReason.FIRE, "there was a fire"
-        if now >= sessions.lease_ends_at(session, options.lease_s):
-            lease_s = sessions.lease_of(session, options.lease_s)
+        lease_s, ends_at = sessions.lease_of(session, options.lease_s), sessions.lease_ends_at(session, options.lease_s)
+        if now >= ends_at + _written_every_s(lease_s):
             return EndReason.LEASE, f"the lease of {lease_s:g} s ran out while the manager was not running"
+        # its robot may have been invited until the restart, by a lease that was renewed and not written down any more
+        soonest = now + options.limits(session.holder).clear_s
+        if ends_at < soonest:
+            session = replace(session, lease_from=session.lease_from + soonest - ends_at)
         return session
 
     def robot_mode_until(self, now: float, most_s: float) -> float | None:
@@ -96,9 +100,14 @@ class SessionMemory:
             self._people.note_session(None)
             return
         noted = (_LASTING(session), boarding, pressed)
-        every_s = min(RENEWED_EVERY_S, max(1.0, sessions.lease_of(session, self._options.lease_s) / 4))
+        every_s = _written_every_s(sessions.lease_of(session, self._options.lease_s))
         if noted == self._noted and session.lease_from - self._lease_from < every_s:
             return
         self._noted, self._lease_from = noted, session.lease_from
         at = self._people.clock()
         self._people.note_session(sessions.kept(session, boarding, pressed=pressed, at=at, now=now))
+
+
+def _written_every_s(lease_s: float) -> float:
+    """Return how often the renewal of a lease is written down: what is kept may be that much older than the newest one."""
+    return min(RENEWED_EVERY_S, max(1.0, lease_s / 4))

@@ -124,5 +124,6 @@ def _keeps_off(told: Restrictions) -> str:
         f"locked out {told.lockout}" if told.lockout else "",
         f"no new session begins: drain {told.drain}" if told.drain else "",
         f"a robot of {told.maybe_aboard} may be in the car" if told.maybe_aboard is not None else "",
+        f"its signals are distrusted: {told.distrusted}" if told.distrusted else "",
     )
     return "; ".join(word for word in words if word)

@@ -13,6 +13,7 @@ _FLAGS = {
     "locked_out": "Whether a person keeps robots off the lift.",
     "draining": "Whether a person lets sessions end and no new one begin.",
     "maybe_occupied": "Whether a robot may be in the car: others are refused while it holds no session.",
+    "distrusted": "Whether signals of the lift contradicted each other: no door counts as open for robots.",
 }
 
 
@@ -41,6 +42,7 @@ class LiftFamilies:
             "locked_out": bool(told.lockout),
             "draining": bool(told.drain),
             "maybe_occupied": told.maybe_aboard is not None,
+            "distrusted": bool(told.distrusted),
         }
         for name, is_so in flags.items():
             self._flags[name].add(label, int(is_so))

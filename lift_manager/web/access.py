@@ -1,7 +1,9 @@
-"""Who asks, and whether they may: every request passes here before any route sees it."""
+"""Who sends a request, and whether they may: every request passes here before any route sees it."""
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 from urllib.parse import unquote_plus
@@ -15,9 +17,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from lift_manager.domain.access import LiftIn, Need, Route, refusal
 from lift_manager.domain.asking import TurnedAway
 from lift_manager.domain.keys import Key, Keys, Secret, holds_key
-from lift_manager.web.attempts import Attempts
+from lift_manager.web.answers import answer, is_workshop, not_found, wrong_method
 from lift_manager.web.body import LingeringResponse
-from lift_manager.web.faces import No, answer, is_workshop, not_found, wrong_method
+from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import by_a_foreign_name
 from lift_manager.web.query import read_query
 
@@ -36,6 +38,11 @@ LIFT_NAME = "lift_name"
 """What names the lift in a query."""
 _CHALLENGE = 'Bearer realm="lift-manager"'
 _CALLER = "lift_manager.caller"
+REFUSED_LINES = 10
+REFUSED_WINDOW_S = 60.0
+"""Chosen: a client with a wrong key polls for weeks; ten lines a minute at the most, one for each address and reason."""
+
+_log = logging.getLogger(__name__)
 
 
 def caller(request: Request) -> Key | None:
@@ -68,46 +75,44 @@ class Gate:
         self._keys = keys
         self._note = note
         self._routes = [(compile_path(route.path)[0], route) for route in routes]
-        self._attempts = Attempts()
+        self._log = RefusalLog()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
-            no = self._judge(scope)
-            if no is None:
-                await self._app(scope, receive, send)
+            try:
+                self._check(scope)
+            except RequestError as error:
+                await answer(scope["path"], error, _kind(scope))(scope, receive, send)
             else:
-                await answer(scope["path"], no, _kind(scope))(scope, receive, send)
+                await self._app(scope, receive, send)
         else:
             # there is no websocket here; should there be one, it needs a check of its own
             await send({"type": "websocket.close", "code": 1008, "reason": ""})
 
-    def _judge(self, scope: Scope) -> No | None:
+    def _check(self, scope: Scope) -> None:
+        """Note the caller in the scope. Raises RequestError for who may not."""
         path: str = scope["path"]
         if holds_key(path) or holds_key(unquote_plus(scope["query_string"].decode("latin-1"))):
-            return self._turned_away(scope, No(400, "key_in_address", KEY_IN_ADDRESS), "a key in its address")
+            raise self._refused(scope, RequestError("key_in_address", KEY_IN_ADDRESS), "a key in its address")
         route, lift, methods = self._find(path, scope["method"])
         if not self._keys.needed and by_a_foreign_name(Request(scope), self._host_names):
-            no = No(403, "another_site", BY_NAME)
-            return self._turned_away(scope, no, "it names a host that is not known to be the manager", lifts=[lift])
+            error = RequestError("another_site", BY_NAME)
+            raise self._refused(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
         if route is not None and route.need is Need.NOTHING:
-            return None
+            return
         if self._keys.needed:
-            key = self._caller(scope)
-            if isinstance(key, No):
-                return key
-            scope[_CALLER] = key
-            lifts = [] if route is None else _asked(route, lift, scope, key)
+            key = scope[_CALLER] = self._caller(scope)
+            lifts = [] if route is None else _lifts_of(route, lift, scope, key)
             if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
                 about = f"the key {key.name} may not do this"
-                return self._turned_away(scope, No(403, "not_allowed", why), about, key=key, lifts=lifts)
+                raise self._refused(scope, RequestError("not_allowed", why), about, key=key, lifts=lifts)
         elif _shows_a_key(scope):
-            caller = self._caller(scope)  # without keys of the site no key is one of its own
-            return caller if isinstance(caller, No) else None
+            self._caller(scope)  # without keys of the site no key is one of its own
+            return
         if route is None:
-            return wrong_method(path, methods) if methods else not_found(path)
-        return None
+            raise wrong_method(path, methods) if methods else not_found(path)
 
     def _find(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
         """Return the route, the lift in its path, and which methods the path takes where it is not this one.
@@ -121,26 +126,27 @@ class Gate:
         others = [method for _, route in self._routes if route.path == addressed for method in route.methods]
         return None, "", tuple(dict.fromkeys(others))
 
-    def _caller(self, scope: Scope) -> Key | No:
+    def _caller(self, scope: Scope) -> Key:
         sent = Headers(scope=scope).getlist("authorization")
         if not sent:
-            no = No(401, "key_needed", NO_KEY, {"www-authenticate": _CHALLENGE})
-            return self._turned_away(scope, no, "it has no key")
+            error = RequestError("key_needed", NO_KEY, headers={"www-authenticate": _CHALLENGE})
+            raise self._refused(scope, error, "it has no key")
         scheme, _, token = sent[0].partition(" ")
         if len(sent) == 1 and scheme.lower() == "bearer" and (key := self._keys.find(Secret(token.strip()))):
             return key
         challenge = f'{_CHALLENGE}, error="invalid_token"'
-        return self._turned_away(
-            scope, No(401, "bad_key", BAD_KEY, {"www-authenticate": challenge}), "its key does not count"
-        )
+        error = RequestError("bad_key", BAD_KEY, headers={"www-authenticate": challenge})
+        raise self._refused(scope, error, "its key does not count")
 
-    def _turned_away(self, scope: Scope, no: No, why: str, *, key: Key | None = None, lifts: Sequence[str] = ()) -> No:
+    def _refused(
+        self, scope: Scope, error: RequestError, why: str, *, key: Key | None = None, lifts: Sequence[str] = ()
+    ) -> RequestError:
         client = scope.get("client")
         address = str(client[0]) if client else ""
-        self._attempts.refused(address or "an unknown address", why)
+        self._log.refused(address or "an unknown address", why)
         name = "" if key is None else caller_name(scope["path"], key)
-        self._note(TurnedAway(no.code, why, "".join(lifts[:1]), name, address))
-        return no
+        self._note(TurnedAway(error.code, why, "".join(lifts[:1]), name, address))
+        return error
 
 
 def caller_name(path: str, key: Key) -> str:
@@ -153,7 +159,7 @@ def _shows_a_key(scope: Scope) -> bool:
     return any(one.partition(" ")[0].lower() == "bearer" for one in sent)
 
 
-def _asked(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
+def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
     match route.lift_in:
         case LiftIn.PATH:
             return [lift]
@@ -170,3 +176,27 @@ def _kind(scope: Scope) -> type[Response]:
     headers: Mapping[str, Any] = Headers(scope=scope)
     has_body = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
     return LingeringResponse if has_body else Response
+
+
+class RefusalLog:
+    """Logs refused requests without letting their senders fill the log."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._began_at = -REFUSED_WINDOW_S
+        self._logged: set[tuple[str, str]] = set()
+        self._suppressed = 0
+
+    def refused(self, address: str, why: str) -> None:
+        """Log this, or count it where enough was logged. `why` is ours: nothing that a caller sent belongs in it."""
+        now = self._clock()
+        if now - self._began_at >= REFUSED_WINDOW_S:
+            if self._suppressed:
+                _log.warning("%d more requests were refused since, and not logged each", self._suppressed)
+            self._began_at, self._suppressed = now, 0
+            self._logged.clear()
+        if (address, why) in self._logged or len(self._logged) >= REFUSED_LINES:
+            self._suppressed += 1
+            return
+        self._logged.add((address, why))
+        _log.warning("a request from %s was refused: %s", address, why)

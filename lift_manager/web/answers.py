@@ -1,36 +1,104 @@
-"""The answer yes of /api/v1, and what it waits for."""
+"""The answers of each face: the envelope of the workshop API, problem+json under /api, `{"detail": ...}` elsewhere."""
 
 from __future__ import annotations
 
-from typing import Protocol
+import json
+from collections.abc import Mapping
+from typing import TypeVar
 
 from pydantic import BaseModel
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
+
+from lift_manager.api.problem import MEDIA_TYPE, Problem
+from lift_manager.core.facade import Facade
+from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.web.codes import title
+from lift_manager.web.errors import RequestError
+
+NO_STORE = {"cache-control": "no-store"}
+"""An answer that was stored is out of date."""
 
 KEPT_WITHIN_S = 0.5
-"""A word that was taken is answered once it is on the disk, or after this: a slow disk delays nobody for longer. Chosen: below the time
-that robots wait for an answer, and some fifty times what a write takes."""
+"""A request that was taken is answered once it is on the disk, or after this: a slow disk delays nobody for longer. Chosen: below the
+time that robots wait for an answer, and some fifty times what a write takes."""
+
+Granted = TypeVar("Granted")
+Model = TypeVar("Model", bound=BaseModel)
+
+_encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 
 
-class Keeps(Protocol):
-    """Knows whether what it remembers of a lift is on the disk."""
+def granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = None) -> Granted:
+    """Return the manager's answer. Raises RequestError for a refusal; `fields` names the key of the body that a code is about."""
+    if isinstance(answer, Refused):
+        raise RequestError(answer.code, answer.message, field=(fields or {}).get(answer.code), blocking=answer.blocking)
+    return answer
 
-    async def kept(self, lift: str, within_s: float) -> bool:
-        """Wait until that is so; False where it takes longer than `within_s`."""
-        ...
 
-
-async def recorded(facade: Keeps, lift: str) -> bool:
+async def recorded(site: Facade, lift: str) -> bool:
     """Wait until everything that was taken so far for a lift is on the disk, for KEPT_WITHIN_S at the most, and say whether it is."""
-    return await facade.kept(lift, KEPT_WITHIN_S)
+    return await site.kept(lift, KEPT_WITHIN_S)
 
 
-def yes(said: BaseModel, status: int = 200, *, location: str = "", recorded: bool = True) -> Response:
-    """Return it as JSON that nobody keeps. `location` is relative to the request, so that it holds behind a proxy that adds a prefix.
+def marked(changed: Model, *, recorded: bool) -> Model:
+    """Return the answer to a change, one with a field `recorded`, that tells whether the change is on the disk."""
+    return changed.model_copy(update={"recorded": recorded})
 
-    `recorded` tells whether the change that it answers is on the disk.
-    """
-    if not recorded:
-        said = said.model_copy(update={"recorded": False})
-    headers = {"cache-control": "no-store"} | ({"location": location} if location else {})
-    return Response(said.model_dump_json(by_alias=True), status, headers, "application/json")
+
+def is_workshop(path: str) -> bool:
+    """Whether a path belongs to the workshop API."""
+    return path == "/open-rmf" or path.startswith("/open-rmf/")
+
+
+def is_api(path: str) -> bool:
+    """Whether a path belongs to /api."""
+    return path == "/api" or path.startswith("/api/")
+
+
+def succeeded(data: Mapping[str, object]) -> Response:
+    """Return the workshop API's answer to a request that was carried out."""
+    return _envelope({"data": data, "success": True, "msg": ""}, 200, Response)
+
+
+def failed(message: str, kind: type[Response] = Response, *, status: int = 200) -> Response:
+    """Return the workshop API's answer to one that was not: HTTP 200, because its clients look at `success` alone."""
+    return _envelope({"data": {}, "success": False, "msg": message}, status, kind)
+
+
+def answer(path: str, error: RequestError, kind: type[Response] = Response) -> Response:
+    """Return the answer to a request that is not carried out, in the form of the face that was addressed."""
+    if is_workshop(path):
+        made = failed(error.message, kind, status=error.status)
+    elif is_api(path):
+        made = _problem(error, kind)
+    else:
+        made = kind(JSONResponse({"detail": error.message}).body, error.status, None, "application/json")
+    made.headers.update(error.headers or {})
+    return made
+
+
+def not_found(path: str) -> RequestError:
+    """Return the error for a path that does not exist."""
+    return RequestError("no_such_path", _hint(path, "Not Found"))
+
+
+def wrong_method(path: str, methods: tuple[str, ...]) -> RequestError:
+    """Return the error for a path that takes other methods."""
+    return RequestError("wrong_method", _hint(path, "Method Not Allowed"), headers={"allow": ", ".join(methods)})
+
+
+def _hint(path: str, text: str) -> str:
+    routes = "GET lift_names, GET lift_state?lift_name=, POST lift_request?lift_name="
+    return f"{text}; under /open-rmf/demo-lift/ there are: {routes}" if is_workshop(path) else text
+
+
+def _problem(error: RequestError, kind: type[Response]) -> Response:
+    heading = title(error.code, error.status)
+    problem = Problem.of(error.status, error.code, heading, error.message, error.field, error.blocking)
+    return kind(problem.model_dump_json(exclude_none=True).encode(), error.status, NO_STORE, MEDIA_TYPE)
+
+
+def _envelope(content: Mapping[str, object], status: int, kind: type[Response]) -> Response:
+    # surrogates from a caller's JSON have no UTF-8; a backslash escape is what JSON would have written for them
+    body = _encode(content).encode("utf-8", "backslashreplace")
+    return kind(body, status, NO_STORE, "application/json")

@@ -16,21 +16,16 @@ from lift_manager.core.facade import Facade, FrameSource
 from lift_manager.domain.access import ROUTES, Route
 from lift_manager.domain.keys import KeyRing, Keys, redacted
 from lift_manager.plain.version import running_version
-from lift_manager.web import health, lifts_docs, people_docs, rides_docs, rmf_docs, sessions_docs, workshop_docs
-from lift_manager.web.accepting import streams_limit
+from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
 from lift_manager.web.access import Gate
+from lift_manager.web.answers import answer, failed, is_workshop, not_found
+from lift_manager.web.body import LingeringResponse
 from lift_manager.web.error_table import error_table
-from lift_manager.web.events import docs as events_docs
-from lift_manager.web.events.routes import events_router
-from lift_manager.web.faces import No, answer, not_found
-from lift_manager.web.lifts import lift_router, lifts_router
-from lift_manager.web.measured import Scrape, metrics_router
+from lift_manager.web.errors import RequestError
+from lift_manager.web.events import routes as events
+from lift_manager.web.limits import streams_limit
 from lift_manager.web.offline_docs import add_docs
 from lift_manager.web.openapi import describe_access
-from lift_manager.web.people import people_router
-from lift_manager.web.rides import rides_router
-from lift_manager.web.rmf import rmf_router
-from lift_manager.web.sessions import sessions_router
 from lift_manager.web.workshop import workshop_router
 
 DESCRIPTION = """
@@ -50,7 +45,7 @@ def make_app(
     routes: Sequence[Route] = ROUTES,
     *,
     frames: FrameSource | None = None,
-    metrics: Scrape | None = None,
+    metrics: health.Scrape | None = None,
     streams: int | None = None,
     host_names: Collection[str] = (),
 ) -> FastAPI:
@@ -64,38 +59,38 @@ def make_app(
         version=running_version(),
         description=DESCRIPTION,
         openapi_tags=[
-            {"name": workshop_docs.TAG, "description": workshop_docs.TAG_DESCRIPTION},
-            {"name": lifts_docs.TAG, "description": lifts_docs.TAG_DESCRIPTION},
-            {"name": rides_docs.TAG, "description": rides_docs.TAG_DESCRIPTION},
-            {"name": sessions_docs.TAG, "description": sessions_docs.TAG_DESCRIPTION},
-            {"name": rmf_docs.TAG, "description": rmf_docs.TAG_DESCRIPTION},
-            {"name": events_docs.TAG, "description": events_docs.TAG_DESCRIPTION},
-            {"name": people_docs.TAG, "description": people_docs.TAG_DESCRIPTION},
-            {"name": health.TAG, "description": health.TAG_DESCRIPTION},
+            {"name": section.TAG, "description": section.TAG_DESCRIPTION}
+            for section in (workshop_docs, lifts, rides, sessions, rmf, events, people, health)
         ],
         docs_url=None,  # FastAPI's own pages load their scripts from the internet
         redoc_url=None,
         root_path_in_servers=False,
         redirect_slashes=False,  # a redirect would name the host that the caller claims to have asked
+        separate_input_output_schemas=False,
     )
     app.add_exception_handler(HTTPException, _explain)
+    app.add_exception_handler(RequestError, _refuse)
     keys = keys or KeyRing()
+    app.state.site, app.state.keys = facade, keys
+    app.state.streams = events.Streams(facade, frames, streams or streams_limit())
+    described = (facade.describe(name) for name in facade.lift_names())
+    app.state.max_age_s = {lift.lift: lift.able.max_age_s for lift in described if lift is not None}
     app.add_middleware(Gate, routes=routes, keys=keys, note=facade.turned_away, host_names=host_names)
     app.add_middleware(LastResort)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
     app.include_router(workshop_router(facade))
-    app.include_router(lifts_router(facade))
-    app.include_router(sessions_router(facade, keys))
-    app.include_router(rmf_router(facade))
-    app.include_router(lift_router(facade))  # takes every GET below the lifts: what else is there comes before it
-    app.include_router(rides_router(facade))
-    app.include_router(people_router(facade))
-    app.include_router(events_router(facade, frames, keys, streams or streams_limit()))
+    app.include_router(lifts.router)
+    app.include_router(sessions.router)
+    app.include_router(rmf.router)
+    app.include_router(lifts.lift_router)  # takes every GET below the lifts: what else is there comes before it
+    app.include_router(rides.router)
+    app.include_router(people.router)
+    app.include_router(events.router)
     app.include_router(health.health_router(facade))
-    app.include_router(metrics_router(metrics))
-    describe_access(app, routes, facade.lift_names())
+    app.include_router(health.metrics_router(metrics))
+    describe_access(app, routes, keys, facade.lift_names())
     return app
 
 
@@ -109,12 +104,21 @@ async def _errors() -> Response:
 
 
 async def _explain(request: Request, error: Exception) -> Response:
-    """404 and the like, in the words of the face that was asked."""
+    """Return 404 and the like in the form of the face that was addressed."""
     assert isinstance(error, HTTPException)  # noqa: S101  the type of a handler is wider than what it is given
     path = request.url.path
     if error.status_code == HTTPStatus.NOT_FOUND:
         return answer(path, not_found(path))
-    return answer(path, No(error.status_code, "http_error", str(error.detail), error.headers))
+    return answer(path, RequestError("http_error", str(error.detail), headers=error.headers, status=error.status_code))
+
+
+async def _refuse(request: Request, error: Exception) -> Response:
+    """A request that a route does not carry out. Clients of the workshop API look at `success`, so that one has HTTP 200."""
+    assert isinstance(error, RequestError)  # noqa: S101  as above
+    kind = LingeringResponse if error.code == "too_long" else Response
+    if is_workshop(path := request.url.path):
+        return failed(error.message, kind)
+    return answer(path, error, kind)
 
 
 class LastResort:
@@ -144,5 +148,5 @@ class LastResort:
             logger.exception("%s %s failed", scope["method"], redacted(scope["path"]))
             # an answer that has begun cannot be taken back: the server sees it unfinished and closes the connection
             if not started:
-                bug = No(500, "internal_error", INTERNAL_ERROR)
+                bug = RequestError("internal_error", INTERNAL_ERROR)
                 await answer(scope["path"], bug)(scope, receive, send)

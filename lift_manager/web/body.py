@@ -11,7 +11,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from lift_manager.domain.keys import holds_key
-from lift_manager.web.errors import BodyTooLongError, InputError
+from lift_manager.web.errors import RequestError
 
 LIMIT_BYTES = 64 * 1024
 """Chosen: a request is about 40 bytes."""
@@ -27,7 +27,7 @@ LINGER_BYTES = 4 * 1024 * 1024
 async def read_body(request: Request) -> bytes:
     """The whole body, at most `LIMIT_BYTES` of it.
 
-    Raises InputError when it is too long, too late or cut off. A declared length is only believed when it is too long.
+    Raises RequestError when it is too long, too late or cut off. A declared length is only believed when it is too long.
     """
     declared = request.headers.get("content-length", "")
     if declared.isdecimal() and (len(declared) > 18 or int(declared) > LIMIT_BYTES):
@@ -40,59 +40,60 @@ async def read_body(request: Request) -> bytes:
                 if len(body) > LIMIT_BYTES:
                     raise _too_long()
     except TimeoutError as late:
-        raise InputError(f"the body did not arrive within {ARRIVES_WITHIN_S:g} s") from late
+        raise RequestError("malformed", f"the body did not arrive within {ARRIVES_WITHIN_S:g} s") from late
     except ClientDisconnect as gone:
-        raise InputError("the connection ended before the body did") from gone
+        raise RequestError("malformed", "the connection ended before the body did") from gone
     return bytes(body)
 
 
-def _too_long() -> BodyTooLongError:
-    return BodyTooLongError(f"the body is too long; at most {LIMIT_BYTES} bytes are read")
+def _too_long() -> RequestError:
+    return RequestError("too_long", f"the body is too long; at most {LIMIT_BYTES} bytes are read")
 
 
 def decode_object(body: bytes) -> dict[str, object]:
     """The JSON object that the body holds, whatever content type was declared for it.
 
-    Raises InputError for anything else, ambiguity (the same key twice, NaN) and an API key included: what is said here is quoted
+    Raises RequestError for anything else, ambiguity (the same key twice, NaN) and an API key included: what is said here is quoted
     in answers and written down.
     """
     if not body.strip():
-        raise InputError("the body is empty")
+        raise RequestError("malformed", "the body is empty")
     try:
         # utf-8-sig: some Windows tools put a byte order mark in front
         value = json.loads(body.decode("utf-8-sig"), object_pairs_hook=_unique_keys, parse_constant=_no_constant)
         has_key = holds_key(json.dumps(value, ensure_ascii=False))
     except UnicodeDecodeError as error:
-        raise InputError(f"the body is not UTF-8 (byte {error.start})") from error
+        raise RequestError("malformed", f"the body is not UTF-8 (byte {error.start})") from error
     except json.JSONDecodeError as error:
-        raise InputError(f"the body is not JSON ({error.msg}, character {error.pos})") from error
+        raise RequestError("malformed", f"the body is not JSON ({error.msg}, character {error.pos})") from error
     except ValueError as error:  # an integer of thousands of digits
-        raise InputError("the body holds a number that is too long") from error
+        raise RequestError("malformed", "the body holds a number that is too long") from error
     except RecursionError as error:
-        raise InputError("the body is nested too deeply") from error
+        raise RequestError("malformed", "the body is nested too deeply") from error
     if has_key:
-        raise InputError(
+        raise RequestError(
+            "malformed",
             "the body holds what looks like an API key; revoke that one, and send the next in the header"
-            " `Authorization: Bearer ...` alone"
+            " `Authorization: Bearer ...` alone",
         )
     if not isinstance(value, dict):
-        raise InputError(f"the body must be a JSON object, not {shown(value)}")
+        raise RequestError("malformed", f"the body must be a JSON object, not {shown(value)}")
     return value
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     if len(pairs) > KEYS_LIMIT:
-        raise InputError(f"an object in the body has {len(pairs)} keys; at most {KEYS_LIMIT} are read")
+        raise RequestError("malformed", f"an object in the body has {len(pairs)} keys; at most {KEYS_LIMIT} are read")
     found: dict[str, object] = {}
     for key, value in pairs:
         if key in found:
-            raise InputError(f"the key {shown(key)} is in the body twice")
+            raise RequestError("malformed", f"the key {shown(key)} is in the body twice")
         found[key] = value
     return found
 
 
 def _no_constant(name: str) -> NoReturn:
-    raise InputError(f"{name} is not JSON")
+    raise RequestError("malformed", f"{name} is not JSON")
 
 
 def shown(value: object) -> str:

@@ -1,11 +1,12 @@
-"""One lift, one session, one ride: the examples that /docs shows."""
+"""The examples that /docs shows: one of each object."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 
-from lift_manager.api.lifts import ClosedEvidence, Held, Lift, LiftCapabilities, Restricted, Signal, Signals
-from lift_manager.api.rides import Plan, Ride
+from lift_manager.api.lifts import ClosedEvidence, Held, Lift, LiftCapabilities, Lifts, Restricted, Signal, Signals
+from lift_manager.api.rides import Plan, Ride, Rides
+from lift_manager.api.rmf import RmfAlarms, RmfHolder, RmfLiftAnswer, RmfSiteAnswer, RmfTaken
 from lift_manager.api.sessions import Command, Session
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.ride import Guidance, Phase
@@ -81,7 +82,7 @@ SESSION = Session(
     restored=False,
     over=None,
 )
-PENDING = Command(
+_PENDING = Command(
     id="7",
     lift="east",
     do=Do.GO_TO,
@@ -92,7 +93,7 @@ PENDING = Command(
     asked_at=_AT,
     ended_at=None,
 )
-CONFIRMED = PENDING.model_copy(
+COMMAND = _PENDING.model_copy(
     update={"status": Status.CONFIRMED, "proof": "lamp", "ended_at": _AT + timedelta(seconds=0.4)}
 )
 RIDE = Ride.model_validate(
@@ -116,4 +117,30 @@ RIDE = Ride.model_validate(
         "changed_at": _AT + timedelta(seconds=20),
     }
 )
+LIFTS = Lifts(lifts=(LIFT,))
+RIDES = Rides(rides=(RIDE,))
 PLAN = Plan(lift="east", ahead=1, reason="1 waits before it")
+_RMF_LIFT = RmfLiftAnswer(
+    lift="east",
+    name="east_lift",
+    floors={"L1": "L1", "L2": "L2", "L3": "level 3"},
+    live=True,
+    reason="",
+    age_s=0.12,
+    max_age_s=2.0,
+    floor="L1",
+    standing=True,
+    destination="L1",
+    door=RobotDoor.OPEN,
+    motion=Motion.STOPPED,
+    mode=Mode.NORMAL,
+    robot_mode_on=True,
+    holder=RmfHolder(face="rmf", name="fleet/amr-7"),
+    ending=False,
+    fire_latched=False,
+    waiting_for="",
+    keeps_off="",
+)
+_ALARMS = RmfAlarms(fire_alarm=False, emergency_signal=False, emergency_fleets=(), clear_on_acknowledge=False)
+RMF_SITE = RmfSiteAnswer(boot="18c2f3a90b", event=412, lifts=(_RMF_LIFT,), end_grace_s=3.0, alarms=_ALARMS)
+RMF_TAKEN = RmfTaken(boot="18c2f3a90b", event=413)

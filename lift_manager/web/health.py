@@ -1,14 +1,16 @@
-"""Whether the process lives, and whether it can do its work: for service managers and load balancers, without a key."""
+"""For whatever watches the process: whether it lives and can do its work, without a key, and measurements for Prometheus."""
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from typing import Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from starlette.responses import JSONResponse, Response
 
 from lift_manager.core.facade import LiftFacade
 from lift_manager.domain.state import Quality
+from lift_manager.web.answers import NO_STORE, answer, not_found
 
 TAG = "health"
 
@@ -20,6 +22,19 @@ _ALIVE = {"status": "ok"}
 _WRITTEN = "written"
 _NOT_WRITTEN = "not written: nothing is pressed; the manager's log says why"
 _EXAMPLE = {"ready": True, "journal": _WRITTEN, "state": _WRITTEN, "lifts": 3, "live": 3}
+
+
+Scrape = Callable[[str], Awaitable[tuple[bytes, str]]]
+"""From an `Accept` header to body and content type."""
+
+_METRICS_EXAMPLE = """# HELP lift_manager_lift_live Whether there is a reading young enough to act on.
+# TYPE lift_manager_lift_live gauge
+lift_manager_lift_live{lift="east"} 1
+"""
+_METRICS_DESCRIPTION = """
+Counters, gauges and histograms in the text format of Prometheus, or in OpenMetrics where `Accept` names it. Answered from
+memory: no controller is waited for. Any key may read it; `deploy/prometheus/` has a scrape configuration and alert rules.
+"""
 
 
 def health_router(facade: LiftFacade) -> APIRouter:
@@ -68,8 +83,35 @@ def health_router(facade: LiftFacade) -> APIRouter:
     return router
 
 
+def metrics_router(scrape: Scrape | None) -> APIRouter:
+    """One route; without `scrape` it says that there is nothing here."""
+    router = APIRouter(tags=[TAG])
+
+    async def metrics(request: Request) -> Response:
+        if scrape is None:
+            return answer(request.url.path, not_found(request.url.path))
+        body, content_type = await scrape(request.headers.get("accept", ""))
+        return Response(body, headers={"content-type": content_type, **NO_STORE})
+
+    router.add_api_route(
+        "/metrics",
+        metrics,
+        methods=["GET"],
+        summary="Measurements for Prometheus",
+        description=_METRICS_DESCRIPTION.strip(),
+        response_class=Response,
+        responses={
+            200: {
+                "description": "The measurements.",
+                "content": {"text/plain": {"schema": {"type": "string", "example": _METRICS_EXAMPLE}}},
+            }
+        },
+    )
+    return router
+
+
 def _answer(body: dict[str, Any], status: int) -> Response:
-    return JSONResponse(body, status, {"cache-control": "no-store"})
+    return JSONResponse(body, status, NO_STORE)
 
 
 def _documented(description: str, example: dict[str, Any]) -> dict[str, Any]:

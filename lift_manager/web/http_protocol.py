@@ -10,9 +10,10 @@ import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 from uvicorn.server import ServerState
 
+from lift_manager.web.answers import answer
 from lift_manager.web.body import LINGER_BYTES, LINGER_S
 from lift_manager.web.connections import Connections
-from lift_manager.web.faces import No, answer
+from lift_manager.web.errors import RequestError
 
 ADVICE = (
     "this could not be read as HTTP/1.1; write what is not ASCII in the address percent-encoded"
@@ -27,10 +28,11 @@ HEAD_WITHIN_S = 10.0
 TAKEN_WITHIN_S = 60.0
 """Chosen: what waits is some 64 KiB at most (uvicorn's high-water mark), and whoever has not taken it by then does not read."""
 
-_BAD = No(400, "not_http", ADVICE)
-_WITHOUT_HOST = No(400, "not_http", "HTTP/1.1 needs the header Host, once: the name or address that was connected to")
-_TOO_LONG = No(
-    431,
+_BAD = RequestError("not_http", ADVICE)
+_WITHOUT_HOST = RequestError(
+    "not_http", "HTTP/1.1 needs the header Host, once: the name or address that was connected to"
+)
+_TOO_LONG = RequestError(
     "head_too_long",
     f"address and headers are too long; at most {HEAD_LIMIT_BYTES} bytes and {HEADERS_LIMIT} headers are read",
 )
@@ -43,7 +45,7 @@ class _HeadRefused(Exception):
 class JsonHttpProtocol(HttpToolsProtocol):
     """The workshop's clients parse every answer as JSON, and a plain line would end them."""
 
-    _no = _BAD
+    _error = _BAD
     _head_bytes = 0
     _in_head = True
     _late: asyncio.TimerHandle | None = None
@@ -81,7 +83,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
         if self._in_head and not self.transport.is_closing():
             self._head_bytes += len(data)
             if self._head_bytes > HEAD_LIMIT_BYTES:
-                self._no = _TOO_LONG
+                self._error = _TOO_LONG
                 self.send_400_response("")
 
     def pause_writing(self) -> None:
@@ -105,11 +107,11 @@ class JsonHttpProtocol(HttpToolsProtocol):
         self._end_head()
         size = len(self.url) + sum(len(name) + len(value) for name, value in self.headers)
         if size > HEAD_LIMIT_BYTES or len(self.headers) > HEADERS_LIMIT:
-            self._no = _TOO_LONG
+            self._error = _TOO_LONG
             raise _HeadRefused
         hosts = sum(name == b"host" for name, _ in self.headers)
         if hosts > 1 or (not hosts and self.parser.get_http_version() == "1.1"):
-            self._no = _WITHOUT_HOST
+            self._error = _WITHOUT_HOST
             raise _HeadRefused
         self._connections.serve(self)
         super().on_headers_complete()
@@ -126,9 +128,9 @@ class JsonHttpProtocol(HttpToolsProtocol):
         What the client still sends is discarded for a bounded time: closing with unread data resets the connection, and a client
         that sends everything before it reads would never see the answer.
         """
-        said = answer(self._path(), self._no)
+        said = answer(self._path(), self._error)
         headers = [*said.raw_headers, (b"connection", b"close")]
-        status = f"HTTP/1.1 {self._no.status} {HTTPStatus(self._no.status).phrase}".encode()
+        status = f"HTTP/1.1 {self._error.status} {HTTPStatus(self._error.status).phrase}".encode()
         lines = [status, *(name + b": " + value for name, value in headers)]
         self.transport.write(b"\r\n".join([*lines, b"", bytes(said.body)]))
         self._end_head()

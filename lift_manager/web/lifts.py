@@ -2,34 +2,140 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from hashlib import blake2b
+from typing import Any
+
 from fastapi import APIRouter, Request
+from pydantic import BaseModel
 from starlette.responses import Response
 
-from lift_manager.api.lifts import Lift, LiftCapabilities, Lifts, Signals
-from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
 from lift_manager.domain.state import LiftState, Quality
-from lift_manager.web import lifts_docs as docs
 from lift_manager.web.body import shown
-from lift_manager.web.etags import unless_known
-from lift_manager.web.problem import refused
+from lift_manager.web.callers import site_of
+from lift_manager.web.errors import RequestError
+from lift_manager.web.openapi import EVERY_LIFT, LiftName, problems
+
+TAG = "lifts"
+TAG_DESCRIPTION = """
+The lifts, from memory: no controller is asked, so an answer comes at once and says how old it is.
+
+**ETag.** Each answer has one; it covers everything but `age_s` and the session's `for_s`; of `releases_in_s` it
+covers the moment of the release, so a renewal changes it and the passing of time does not. Words count as they are, so one whose seconds
+run, as the reason of a lift that is offline may, is another each time. Sent back as `If-None-Match`, it is answered with 304
+and no body while nothing but time has changed. Both answers carry `lift-age-s`: how old the data is in seconds, left out when
+nothing was ever read. A lift that has not been read for `max_age_s` turns `offline`, and that is a change: a 304 for a lift that
+was live means that it still is. A key never shortens this: whoever has heard nothing for `max_age_s` knows nothing.
+
+**Names.** A lift is named in the path as in the site file, percent-encoded; `/` is `%2F`. One whose name ends in `/capabilities`
+or `/signals`, or holds `/sessions/` before its last part, is not read by its own address, for that is another's: `GET /api/v1/lifts` has it.
+"""
+
+_HEADERS = {
+    "ETag": {
+        "description": "Of everything but `age_s` and `for_s`; of the moment that `releases_in_s` counts down to.",
+        "schema": {"type": "string"},
+    },
+    "Cache-Control": {"description": "`no-cache`: keep it, and ask each time.", "schema": {"type": "string"}},
+    AGE_HEADER: {
+        "description": "How old the data is, in seconds; left out when nothing was ever read.",
+        "schema": {"type": "number"},
+    },
+}
+_TAGGED: dict[int | str, dict[str, Any]] = {
+    200: {"description": "As it is.", "headers": _HEADERS},
+    304: {"description": "As the caller has it, but for the passing of time.", "headers": _HEADERS},
+}
+_OF_A_LIFT = _TAGGED | problems(*EVERY_LIFT)
+_IF_NONE_MATCH = {
+    "parameters": [
+        {
+            "name": "If-None-Match",
+            "in": "header",
+            "required": False,
+            "description": "The `ETag` of an earlier answer, several of them, or `*`. Compared weakly.",
+            "schema": {"type": "string", "examples": ['W/"5f0c7a31b2d94e68a1c3d7f0"']},
+        }
+    ]
+}
+"""Not typed: a header that is sent in several lines has the tags of all of them."""
+
+router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
+"""Every lift, and what one can do and says. Include it before the sessions: `signals` is no session's id."""
+lift_router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
+"""One lift. Include it after all that is read below the lifts: the name of a lift may hold a slash, so it takes the rest."""
 
 
-def lifts_router(facade: LiftFacade) -> APIRouter:
-    """Every lift, and what one can do and says. Include it before the sessions: `signals` is no session's id."""
-    routes = _Lifts(facade)
-    router = APIRouter(prefix="/api/v1/lifts", tags=[docs.TAG])
-    router.add_api_route("", routes.every, methods=["GET"], **docs.lifts())
-    router.add_api_route("/{lift:path}/capabilities", routes.capabilities, methods=["GET"], **docs.capabilities())
-    router.add_api_route("/{lift:path}/signals", routes.signals, methods=["GET"], **docs.signals())
-    return router
+@router.get(
+    "", name="every", summary="Every lift", response_model=Lifts, responses=_TAGGED, openapi_extra=_IF_NONE_MATCH
+)
+async def lifts(request: Request) -> Response:
+    """In the order of the site file, whether or not a lift can be read. `lift-age-s` is the age of the oldest among those that are live."""
+    site = site_of(request)
+    states = [state for name in site.lift_names() if (state := site.state(name)) is not None]
+    whole = Lifts(lifts=tuple(_lift(request, state) for state in states))
+    ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
+    bare = Lifts(lifts=tuple(timeless(lift, state) for lift, state in zip(whole.lifts, states, strict=True)))
+    return tagged(request, whole, bare, max(ages, default=None))
 
 
-def lift_router(facade: LiftFacade) -> APIRouter:
-    """One lift. Include it after all that is read below the lifts: the name of a lift may hold a slash, so it takes the rest."""
-    router = APIRouter(prefix="/api/v1/lifts", tags=[docs.TAG])
-    router.add_api_route("/{lift:path}", _Lifts(facade).one, methods=["GET"], **docs.lift())
-    return router
+@router.get(
+    "/{lift:path}/capabilities",
+    summary="What a lift can do",
+    response_model=LiftCapabilities,
+    responses=_OF_A_LIFT,
+    openapi_extra=_IF_NONE_MATCH,
+)
+async def capabilities(lift: LiftName, request: Request) -> Response:
+    """Which floors, doors, commands and signals it has, and how long the site lets robots have it.
+
+    It stays the same while the manager runs.
+    """
+    site = site_of(request)
+    description, state = site.describe(lift), site.state(lift)
+    if description is None or state is None:
+        raise _unknown(request, lift)
+    whole = LiftCapabilities.of(description)
+    return tagged(request, whole, whole, state.age_s)
+
+
+@router.get(
+    "/{lift:path}/signals",
+    summary="Every signal of a lift",
+    response_model=Signals,
+    responses=_OF_A_LIFT,
+    openapi_extra=_IF_NONE_MATCH,
+)
+async def signals(lift: LiftName, request: Request) -> Response:
+    """As read last, with the raw value and where it is: for people who compare it with the lift. Look at the ages."""
+    found = site_of(request).signals(lift)
+    if found is None:
+        raise _unknown(request, lift)
+    whole = Signals.of(found)
+    bare = tuple(signal.model_copy(update={"age_s": None}) for signal in whole.signals)
+    return tagged(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
+
+
+@lift_router.get(
+    "/{lift:path}",
+    name="one",
+    summary="One lift",
+    response_model=Lift,
+    responses=_OF_A_LIFT,
+    openapi_extra=_IF_NONE_MATCH,
+)
+async def one_lift(lift: LiftName, request: Request) -> Response:
+    """Where it is, what its doors do, its mode, and who holds it.
+
+    A robot drives on `robot_door: open` alone, and on nothing older than `max_age_s`.
+    """
+    state = site_of(request).state(lift)
+    if state is None:
+        raise _unknown(request, lift)
+    whole = _lift(request, state)
+    return tagged(request, whole, timeless(whole, state), state.age_s)
 
 
 def timeless(lift: Lift, state: LiftState) -> Lift:
@@ -41,51 +147,30 @@ def timeless(lift: Lift, state: LiftState) -> Lift:
     return lift.model_copy(update={"age_s": None, "session": session, "releases_in_s": state.releases_at})
 
 
-class _Lifts:
-    def __init__(self, facade: LiftFacade) -> None:
-        self._facade = facade
-        self._max_age_s: dict[str, float] = {}
-        """A lift's never changes while the process lives, and each state is shown with it."""
+def tagged(request: Request, whole: BaseModel, bare: BaseModel, age_s: float | None) -> Response:
+    """Return 200 with `whole`, or 304 to who has it; the tag is that of `bare`, which is `whole` without ages and durations."""
+    tag = blake2b(bare.model_dump_json().encode(), digest_size=12).hexdigest()
+    # weak: two bodies of one tag differ in their ages. `no-cache`: a cache may keep it, and has to ask each time
+    headers = {"etag": f'W/"{tag}"', "cache-control": "no-cache"}
+    if age_s is not None:
+        headers[AGE_HEADER] = f"{age_s:.3f}"
+    if is_known(tag, request.headers.getlist("if-none-match")):
+        return Response(None, 304, headers)
+    return Response(whole.model_dump_json(by_alias=True), 200, headers, "application/json")
 
-    async def every(self, request: Request) -> Response:
-        states = [state for name in self._facade.lift_names() if (state := self._facade.state(name)) is not None]
-        said = Lifts(lifts=tuple(self._shown(state) for state in states))
-        ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
-        known = Lifts(lifts=tuple(timeless(lift, state) for lift, state in zip(said.lifts, states, strict=True)))
-        return unless_known(request, said, known, max(ages, default=None))
 
-    async def one(self, request: Request) -> Response:
-        name: str = request.path_params["lift"]
-        state = self._facade.state(name)
-        if state is None:
-            return self._unknown(name)
-        said = self._shown(state)
-        return unless_known(request, said, timeless(said, state), state.age_s)
+_TAG = re.compile(r'"([^"]*)"')
 
-    async def capabilities(self, request: Request) -> Response:
-        name: str = request.path_params["lift"]
-        lift, state = self._facade.describe(name), self._facade.state(name)
-        if lift is None or state is None:
-            return self._unknown(name)
-        said = LiftCapabilities.of(lift)
-        return unless_known(request, said, said, state.age_s)
 
-    async def signals(self, request: Request) -> Response:
-        name: str = request.path_params["lift"]
-        lift = self._facade.signals(name)
-        if lift is None:
-            return self._unknown(name)
-        said = Signals.of(lift)
-        bare = tuple(signal.model_copy(update={"age_s": None}) for signal in said.signals)
-        return unless_known(request, said, said.model_copy(update={"age_s": None, "signals": bare}), lift.age_s)
+def is_known(tag: str, lines: Iterable[str]) -> bool:
+    """Whether If-None-Match names the tag, by the weak comparison of RFC 9110; what is no list of tags names none."""
+    return any(line.strip() == "*" or tag in _TAG.findall(line) for line in lines)
 
-    def _shown(self, state: LiftState) -> Lift:
-        max_age_s = self._max_age_s.get(state.lift)
-        if max_age_s is None:
-            lift = self._facade.describe(state.lift)
-            max_age_s = self._max_age_s[state.lift] = 0.0 if lift is None else lift.able.max_age_s
-        return Lift.of(state, max_age_s=max_age_s)
 
-    def _unknown(self, name: str) -> Response:
-        lifts = ", ".join(self._facade.lift_names())
-        return refused(Refused(Refusal.UNKNOWN_LIFT, f"no lift {shown(name)}; the lifts are {lifts}"))
+def _lift(request: Request, state: LiftState) -> Lift:
+    return Lift.of(state, max_age_s=request.app.state.max_age_s[state.lift])
+
+
+def _unknown(request: Request, name: str) -> RequestError:
+    lifts = ", ".join(site_of(request).lift_names())
+    return RequestError("unknown_lift", f"no lift {shown(name)}; the lifts are {lifts}")

@@ -1,19 +1,92 @@
-"""What the OpenAPI document says of keys: the scheme, which role each operation needs, and how it is refused."""
+"""What the OpenAPI document says beyond what FastAPI derives from a route: errors by code, keys and roles, examples."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from typing import Annotated, Any
 
-from fastapi import FastAPI
+from fastapi import Body, FastAPI, Path
 from starlette.routing import compile_path
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.domain.access import ROLES, Need, Role, Route
+from lift_manager.domain.keys import Keys
 from lift_manager.web import examples
-from lift_manager.web.faces import is_api, is_workshop
-from lift_manager.web.schemas import PROBLEM, put_back, schema_of
+from lift_manager.web.answers import is_api, is_workshop
+from lift_manager.web.codes import CODES
 from lift_manager.web.workshop_docs import ENVELOPE
+
+Document = dict[str, Any]
+
+ANY_NAME = r"^[^\n]+$"
+"""The pattern of a name that may hold a slash."""
+LiftName = Annotated[
+    str,
+    Path(
+        description="A lift of the site, percent-encoded where its name needs it: `/` is `%2F`.",
+        json_schema_extra={"pattern": ANY_NAME},  # said, not checked: an unknown name is 404
+        examples=[examples.LIFT.name],
+    ),
+]
+
+EVERY_CHANGE = ("another_site",)
+"""Codes of every request that changes something."""
+EVERY_BODY = ("too_long", "malformed")
+EVERY_LIFT = ("unknown_lift", "no_such_path")
+"""Codes of every request that names a lift in its path."""
+NOT_FREE = (
+    "held",
+    "queued",
+    "offline",
+    "mode",
+    "fire_latched",
+    "locked_out",
+    "outside_hours",
+    "monitor_only",
+    "not_possible",
+    "occupancy_unknown",
+)
+"""Why a lift cannot be had."""
+LOCATION = {
+    "Location": {
+        "description": "Where to ask for it, relative to the address of this request.",
+        "schema": {"type": "string"},
+    }
+}
+PROBLEM = {"$ref": "#/components/schemas/Problem"}
+
+
+def problems(*codes: str) -> dict[int | str, Document]:
+    """Return the responses of a route that may refuse a request with these codes."""
+    found: dict[int | str, Document] = {}
+    for code in dict.fromkeys(codes):
+        status, title, text = CODES[code]
+        response = found.setdefault(
+            status, {"description": "", "content": {MEDIA_TYPE: {"schema": PROBLEM, "examples": {}}}}
+        )
+        response["description"] = f"{response['description']} {title} (`{code}`).".strip()
+        example = Problem.of(status, code, title, text).model_dump(mode="json", exclude_none=True)
+        response["content"][MEDIA_TYPE]["examples"][code] = {"summary": title, "value": example}
+    return found
+
+
+def errors_of(texts: Mapping[int, str]) -> dict[int | str, Document]:
+    """Return the responses of a route that is refused with these statuses, in words."""
+    content = {MEDIA_TYPE: {"schema": PROBLEM}}
+    return {status: {"description": text, "content": content} for status, text in texts.items()}
+
+
+def in_path(description: str, example: str) -> Any:
+    """Return how a path's parameter is documented."""
+    return Path(description=description, json_schema_extra={"pattern": "^[^/]+$"}, examples=[example])
+
+
+def in_body(examples: Mapping[str, Document], *, otherwise: Callable[[], Any] | None = None) -> Any:
+    """Return how a body is documented: by examples, each by what it is for. A body that is left out is what `otherwise` returns."""
+    named: Any = {name: {"value": value} for name, value in examples.items()}
+    return Body(default_factory=otherwise, openapi_examples=named)
+
 
 SCHEME = "key"
 _SCHEME = {
@@ -39,7 +112,11 @@ _OF_KEYS = {
 }
 """Beside these, where a route needs a key."""
 
-Document = dict[str, Any]
+_NEEDS_A_ROBOT: Mapping[str, Document] = {
+    "/api/v1/lifts/{lift}/sessions": {},
+    "/api/v1/rides": {"dry_run": {"const": False}},
+}
+"""What an idempotency key begins, and in which bodies: a plan begins nothing."""
 _DETAIL: Document = {
     "type": "object",
     "properties": {"detail": {"type": "string"}},
@@ -47,37 +124,74 @@ _DETAIL: Document = {
     "example": {"detail": "a key is needed"},
 }
 """What is answered where no face has a form of its own, as under `/metrics`."""
+_EXAMPLES = (
+    examples.LIFT,
+    examples.LIFTS,
+    examples.CAPABILITIES,
+    examples.SIGNALS,
+    examples.SESSION,
+    examples.COMMAND,
+    examples.RIDE,
+    examples.RIDES,
+    examples.PLAN,
+    examples.RMF_SITE,
+    examples.RMF_TAKEN,
+)
 
 
-def describe_access(app: FastAPI, routes: Sequence[Route], lifts: Sequence[str] = ()) -> None:
+def describe_access(app: FastAPI, routes: Sequence[Route], keys: Keys, lifts: Sequence[str] = ()) -> None:
     """Let the document of an application tell what its routes need; one that is not in `routes` is left out of it.
 
-    The first of `lifts` is the example wherever a request names one, so that what /docs suggests can be tried.
+    While no `keys` are needed, it also says what a body needs then. The first of `lifts` is the example wherever a request names one,
+    so that what /docs suggests can be tried.
     """
-    made: Callable[[], Document] = app.openapi
-    of = {(method, compile_path(route.path)[1]): route for route in routes for method in route.methods}
+    documents: list[Document] = []
+    derived: Callable[[], Document] = app.openapi
+    route_of = {(method, compile_path(route.path)[1]): route for route in routes for method in route.methods}
 
     def openapi() -> Document:
-        if app.openapi_schema is None:
-            document: Document = {key: put_back(part) for key, part in made().items()}
-            components = document.setdefault("components", {})
-            components["securitySchemes"] = {SCHEME: _SCHEME}
-            components.setdefault("schemas", {})["Problem"] = schema_of(Problem)
-            paths = document["paths"]
-            for path, operations in list(paths.items()):
+        if not documents:
+            document = derived()
+            _add_components(document)
+            for path, operations in list(document["paths"].items()):
                 for method in list(operations):
-                    route = of.get((method.upper(), path))
+                    route = route_of.get((method.upper(), path))
                     if route is None:
                         del operations[method]
                     else:
                         _describe(path, operations[method], route.need)
                         _suggest(operations[method], lifts)
                 if not operations:
-                    del paths[path]
-            app.openapi_schema = document
-        return app.openapi_schema
+                    del document["paths"][path]
+            documents.extend((_without_keys(document), document))
+        return documents[keys.needed]
 
     app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI's own manual goes
+
+
+def _without_keys(document: Document) -> Document:
+    """Return the document of a site without keys, where an idempotency key needs a robot: `callers.no_shared_key` refuses it otherwise."""
+    document = deepcopy(document)
+    for path, but in _NEEDS_A_ROBOT.items():
+        if (operation := document["paths"].get(path, {}).get("post")) is not None:
+            schema = operation["requestBody"]["content"]["application/json"]["schema"]
+            given = {"not": {"type": "null"}}
+            schema["if"] = {"required": ["idempotency_key"], "properties": {"idempotency_key": given, **but}}
+            schema["then"] = {"required": ["robot"], "properties": {"robot": given}}
+    return document
+
+
+def _add_components(document: Document) -> None:
+    components = document.setdefault("components", {})
+    components["securitySchemes"] = {SCHEME: _SCHEME}
+    schemas = components.setdefault("schemas", {})
+    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    schemas |= problem.pop("$defs") | {"Problem": problem}
+    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own answer, which is never given
+        schemas.pop(name, None)
+    for example in _EXAMPLES:  # here because FastAPI drops each null of an example
+        schema = schemas.get(type(example).__name__, {})
+        schema["examples"] = [example.model_dump(mode="json", by_alias=True)]
 
 
 def _describe(path: str, operation: Document, need: Need) -> None:
@@ -88,25 +202,26 @@ def _describe(path: str, operation: Document, need: Need) -> None:
     if not is_api(path):
         content = {"application/json": {"schema": ENVELOPE if is_workshop(path) else _DETAIL}}
     responses: Document = operation["responses"]
+    if "HTTPValidationError" in str(responses.get("422")):
+        del responses["422"]
     refusals = [*_REFUSALS.items()] if need is Need.NOTHING else [*_OF_KEYS.items(), *_REFUSALS.items()]
     for status, text in refusals:
-        said = responses.setdefault(str(status), {"description": "", "content": content})
-        said["description"] = f"{said['description']} {text}".strip()
+        response = responses.setdefault(str(status), {"description": "", "content": content})
+        response["description"] = f"{response['description']} {text}".strip()
         if status == 401:
-            said["headers"] = {"WWW-Authenticate": {"schema": {"type": "string"}}}
+            response["headers"] = {"WWW-Authenticate": {"schema": {"type": "string"}}}
     operation["responses"] = dict(sorted(responses.items()))
 
 
 def _suggest(operation: Document, lifts: Sequence[str]) -> None:
     """Let the examples of a request name a lift that there is."""
-    if not lifts:
-        return
     for parameter in operation.get("parameters", ()):
-        if parameter["name"] == "lift" and parameter["in"] == "path":
-            parameter["example"] = lifts[0]
+        if suggested := parameter["schema"].pop("examples", None):
+            is_lift = lifts and (parameter["name"], parameter["in"]) == ("lift", "path")
+            parameter["example"] = lifts[0] if is_lift else suggested[0]
     content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
     for example in content.get("examples", {}).values():
-        if example["value"].get("lift") == examples.LIFT.name:
+        if lifts and example["value"].get("lift") == examples.LIFT.name:
             example["value"] = {**example["value"], "lift": lifts[0]}
 
 

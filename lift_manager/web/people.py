@@ -1,13 +1,11 @@
-"""Part of /api/v1: what people say about a lift. Where there are no keys, only this computer may."""
+"""Part of /api/v1: what people do about a lift. Where there are no keys, only programs on this computer may."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
-from fastapi import APIRouter, Request
-from pydantic import BaseModel
-from starlette.responses import Response
+from fastapi import APIRouter, Depends, Request
+from fastapi.types import DecoratedCallable
 
 from lift_manager.api.people import (
     AcknowledgedAnswer,
@@ -23,88 +21,125 @@ from lift_manager.api.people import (
     LockoutEndedAnswer,
     LockoutRequest,
 )
-from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Refused
-from lift_manager.web import people_docs as docs
+from lift_manager.core.facade import Facade
 from lift_manager.web.access import caller
-from lift_manager.web.answers import recorded, yes
-from lift_manager.web.bodies import Body, taken
-from lift_manager.web.guards import no_foreign_page, no_other_computer
-from lift_manager.web.problem import refused
+from lift_manager.web.answers import Model, granted, marked, recorded
+from lift_manager.web.callers import Site, no_foreign_page, no_other_computer
+from lift_manager.web.json_route import JsonRoute
+from lift_manager.web.openapi import LiftName, errors_of
 
-_Act = Callable[[str, Request, Body], BaseModel | Refused]
-"""What is done on a lift for the request of a person, whose body was read."""
+TAG = "people"
+TAG_DESCRIPTION = """
+What people say about a lift. Each word is kept over restarts, with the name of who gave it.
 
+With keys these need the role operator, and the name of the key is written down beside the name that was said. A site without
+keys takes them from the manager's own computer alone. `lift-manager ack`, `lockout`, `drain` and `release` on the command line use
+them. Errors are problem+json (RFC 9457) with a stable `code`.
+"""
 
-def people_router(facade: LiftFacade) -> APIRouter:
-    """Acknowledge, lock out, drain, end either, end the session of whoever holds the lift."""
-    # a lift's name may hold a slash
-    router = APIRouter(prefix="/api/v1/lifts/{lift:path}", tags=[docs.TAG])
+_ERRORS = {
+    403: "Another computer asked a site without keys (`other_computer`), or another site's web page asked (`another_site`).",
+    404: "There is no such lift (`unknown_lift`), or its name holds a line break (`no_such_path`).",
+    413: "The body is too long (`too_long`).",
+    422: "The body is not what is expected (`malformed`); `field` names the key.",
+    503: "The manager is about to end (`stopping`), or cannot write it down (`not_recorded`).",
+}
 
-    def post(path: str, name: str, form: type[Body], act: _Act[Body], about: dict[str, Any]) -> None:
-        async def take(request: Request) -> Response:
-            lift: str = request.path_params["lift"]
-            return await _answer(facade, lift, request, form, lambda body: act(lift, request, body))
-
-        router.add_api_route(path, take, methods=["POST"], name=name, **about)
-
-    def acknowledge(lift: str, request: Request, body: AcknowledgeRequest) -> BaseModel | Refused:
-        said = facade.acknowledge(lift, _signed(request, body.by))
-        return said if isinstance(said, Refused) else AcknowledgedAnswer.of(lift, said)
-
-    def lock_out(lift: str, request: Request, body: LockoutRequest) -> BaseModel | Refused:
-        said = facade.lock_out(lift, _signed(request, body.by), body.reason, at_once=body.now)
-        return said if isinstance(said, Refused) else LockoutAnswer.of(lift, said)
-
-    def end_lockout(lift: str, request: Request, body: EndLockoutRequest) -> BaseModel | Refused:
-        said = facade.end_lockout(lift, _signed(request, body.by))
-        return said if isinstance(said, Refused) else LockoutEndedAnswer.of(lift, said)
-
-    def force_release(lift: str, request: Request, body: ForceReleaseRequest) -> BaseModel | Refused:
-        said = facade.force_release(lift, _signed(request, body.by), body.reason, at_once=body.now)
-        return said if isinstance(said, Refused) else ForceReleasedAnswer.of(lift, said)
-
-    post("/acknowledge", "acknowledge", AcknowledgeRequest, acknowledge, docs.acknowledge())
-    post("/lockout", "lock_out", LockoutRequest, lock_out, docs.lock_out())
-    post("/lockout/end", "end_lockout", EndLockoutRequest, end_lockout, docs.end_lockout())
-    post("/drain", "begin_drain", DrainRequest, _begin_drain(facade), docs.begin_drain())
-    post("/drain/end", "end_drain", EndDrainRequest, _end_drain(facade), docs.end_drain())
-    post("/session/force-release", "force_release", ForceReleaseRequest, force_release, docs.force_release())
-    return router
+router = APIRouter(
+    prefix="/api/v1/lifts/{lift:path}",  # a lift's name may hold a slash
+    tags=[TAG],
+    route_class=JsonRoute,
+    strict_content_type=False,
+    dependencies=[Depends(no_foreign_page), Depends(no_other_computer)],
+)
 
 
-def _begin_drain(facade: LiftFacade) -> _Act[DrainRequest]:
-    def act(lift: str, request: Request, body: DrainRequest) -> BaseModel | Refused:
-        said = facade.begin_drain(lift, _signed(request, body.by), body.reason)
-        return said if isinstance(said, Refused) else DrainAnswer.of(lift, said)
-
-    return act
+def _action(path: str, summary: str, conflict: str) -> Callable[[DecoratedCallable], DecoratedCallable]:
+    """Return the decorator of a route; `conflict` says when it is answered with 409."""
+    errors = errors_of(_ERRORS | {409: conflict})
+    return router.post(path, summary=summary, response_description="It is noted.", responses=errors)
 
 
-def _end_drain(facade: LiftFacade) -> _Act[EndDrainRequest]:
-    def act(lift: str, request: Request, body: EndDrainRequest) -> BaseModel | Refused:
-        said = facade.end_drain(lift, _signed(request, body.by))
-        return said if isinstance(said, Refused) else DrainEndedAnswer.of(lift, said)
+@_action(
+    "/acknowledge",
+    "The lift was checked",
+    "The lift still tells of a fire (`fire_active`), cannot be read (`offline`), or there is nothing to acknowledge"
+    " (`nothing_to_acknowledge`).",
+)
+async def acknowledge(lift: LiftName, request: Request, site: Site, body: AcknowledgeRequest) -> AcknowledgedAnswer:
+    """After a fire robots are refused until a person has checked the lift and says so.
 
-    return act
+    So are all others while a robot may be in the car that a session left there. This says both. It is refused while the lift still tells
+    of a fire, and while it cannot be read, for then nobody knows.
+    """
+    return await _noted(
+        site, lift, AcknowledgedAnswer.of(lift, granted(site.acknowledge(lift, _signed(request, body.by))))
+    )
+
+
+@_action(
+    "/lockout",
+    "Keep robots off the lift",
+    "It is locked out already (`locked_out`): a second word does not cover up the first.",
+)
+async def lock_out(lift: LiftName, request: Request, site: Site, body: LockoutRequest) -> LockoutAnswer:
+    """Refuses every robot with this name and reason, and ends the session.
+
+    A door that is held open for a robot stops inviting it at once and is released `clear_s` later (`now`: at once); everything else is
+    released at once. A car that moves keeps robot mode until it stands.
+    """
+    lockout = granted(site.lock_out(lift, _signed(request, body.by), body.reason, at_once=body.now))
+    return await _noted(site, lift, LockoutAnswer.of(lift, lockout))
+
+
+@_action("/lockout/end", "Let robots on the lift again", "It is not locked out (`not_locked_out`).")
+async def end_lockout(lift: LiftName, request: Request, site: Site, body: EndLockoutRequest) -> LockoutEndedAnswer:
+    """Anybody at the manager's computer can end a lockout, so that a lift is not lost with a person; who did is written down.
+
+    Let only the person who made it do so, or who took the work over.
+    """
+    return await _noted(
+        site, lift, LockoutEndedAnswer.of(lift, granted(site.end_lockout(lift, _signed(request, body.by))))
+    )
+
+
+@_action(
+    "/drain",
+    "Let sessions end and no new one begin",
+    "There is a drain already (`draining`): a second one does not replace the first.",
+)
+async def begin_drain(lift: LiftName, request: Request, site: Site, body: DrainRequest) -> DrainAnswer:
+    """A session that goes on is not touched, its ride goes to its end, and a robot that may be in the car may still ask to get out.
+
+    Every other request for a session is refused with this name and reason; rides wait in their queue. It survives a restart.
+    """
+    return await _noted(
+        site, lift, DrainAnswer.of(lift, granted(site.begin_drain(lift, _signed(request, body.by), body.reason)))
+    )
+
+
+@_action("/drain/end", "Let sessions begin again", "There is no drain (`not_draining`).")
+async def end_drain(lift: LiftName, request: Request, site: Site, body: EndDrainRequest) -> DrainEndedAnswer:
+    """Ends the drain; rides that wait go on."""
+    return await _noted(site, lift, DrainEndedAnswer.of(lift, granted(site.end_drain(lift, _signed(request, body.by)))))
+
+
+@_action("/session/force-release", "Take a lift from its holder", "Nobody holds the lift (`not_held`).")
+async def force_release(lift: LiftName, request: Request, site: Site, body: ForceReleaseRequest) -> ForceReleasedAnswer:
+    """Ends the session of whoever holds the lift and lets everything go; the car is not moved.
+
+    For a holder that does not answer any more. A door that is held open for its robot stops inviting it at once and is released `clear_s`
+    later (`now`: at once).
+    """
+    released = granted(site.force_release(lift, _signed(request, body.by), body.reason, at_once=body.now))
+    return await _noted(site, lift, ForceReleasedAnswer.of(lift, released))
+
+
+async def _noted(site: Facade, lift: str, changed: Model) -> Model:
+    return marked(changed, recorded=await recorded(site, lift))
 
 
 def _signed(request: Request, by: str) -> str:
-    """Return who said so: the name as it was given, and whose key vouches for it."""
+    """Return who acts: the name as it was given, and whose key vouches for it."""
     key = caller(request)
     return by if key is None else f"{by} (key {key.name})"
-
-
-async def _answer(
-    facade: LiftFacade, lift: str, request: Request, form: type[Body], act: Callable[[Body], BaseModel | Refused]
-) -> Response:
-    no = no_foreign_page(facade, request, lift) or no_other_computer(facade, request, lift)
-    if no is not None:
-        return no
-    body = await taken(request, form)
-    if isinstance(body, Response):
-        return body
-    answer = act(body)
-    if isinstance(answer, Refused):
-        return refused(answer)
-    return yes(answer, recorded=await recorded(facade, lift))

@@ -1,9 +1,13 @@
-"""What stands behind the `?` of an address. The one reading of it: two would be a way past a check."""
+"""The query of an address. There is one way to read it: two would be a way past a check."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 from urllib.parse import parse_qsl
+
+from fastapi import Request
+
+from lift_manager.web.errors import RequestError
 
 LIMIT_BYTES = 4096
 """Chosen: lift names are short, and a caller's text is quoted in answers."""
@@ -22,7 +26,17 @@ class Query(NamedTuple):
 
 
 def read_query(query: bytes) -> Query:
-    """Return what a query says."""
+    """Return the parameters of a query."""
     # `replace`: what is not UTF-8 is no lift's name either
     pairs = parse_qsl(query[:LIMIT_BYTES].decode("utf-8", "replace"), keep_blank_values=True)
     return Query(tuple(pairs), len(query) > LIMIT_BYTES)
+
+
+def require_once(request: Request, *names: str) -> None:
+    """Raise RequestError for a query that is too long, or gives one of these parameters more than once."""
+    query = read_query(request.scope["query_string"])
+    if query.too_long:
+        raise RequestError("malformed", TOO_LONG, field=names[0])
+    for name in names:
+        if len(query.all(name)) > 1:
+            raise RequestError("malformed", f"{name} is in the query more than once", field=name)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
-from typing import Any
+from collections.abc import Callable
+from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Request
-from starlette.responses import Response
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.types import DecoratedCallable
 
 from lift_manager.api.rides import ANY, CancelRequest, Plan, Ride, RideRequest, Rides
 from lift_manager.core.facade import Facade
@@ -16,131 +16,232 @@ from lift_manager.domain.access import Role
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.ride import RideLimits, RideWord
 from lift_manager.domain.state import Holder
-from lift_manager.web import rides_docs as docs
 from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import recorded, yes
-from lift_manager.web.bodies import taken
+from lift_manager.web.answers import NO_STORE, granted, marked, recorded
 from lift_manager.web.body import shown
-from lift_manager.web.callers import RIDE_FACE, holder_of, is_of, no_shared_key
-from lift_manager.web.guards import no_foreign_lift, no_foreign_page
-from lift_manager.web.problem import refused
+from lift_manager.web.callers import (
+    RIDE_FACE,
+    Site,
+    holder_of,
+    is_of,
+    no_foreign_page,
+    refuse_foreign_lifts,
+    refuse_foreign_page,
+    refuse_shared_key,
+    site_of,
+)
+from lift_manager.web.errors import RequestError
+from lift_manager.web.json_route import JsonRoute
+from lift_manager.web.openapi import EVERY_BODY, EVERY_CHANGE, LOCATION, NOT_FREE, in_body, in_path, problems
+
+TAG = "rides"
+TAG_DESCRIPTION = """
+One robot from one floor to another. The manager calls the lift, holds its door, sends it on and lets it go; the robot does what
+`guidance` says, and tells when it has `entered` and `left`.
+
+| guidance | the robot |
+|---|---|
+| `wait` | stays outside, clear of the door |
+| `enter` | drives in: the door is open for it now |
+| `stay` | stays inside |
+| `leave` | drives out: the door is open for it now |
+| `gave_up` | is on its own; `reason` says why, `advice` what is best |
+| `done` | is there |
+
+`enter` and `leave` stand only while the door is open: drive on nothing older. An event tells when to ask: what a robot acts on is the
+answer of GET, or an event whose `age_s` plus the time since it was received is within the lift's `max_age_s`.
+
+Everybody who may read sees every ride; a robot's key speaks for the rides that it began, an operator's for all. Without keys
+whoever knows the id of a ride speaks for it.
+"""
+
+_NOT_NOW = (*NOT_FREE, "not_now")
+_BUSY = ("too_often", "too_many", "not_recorded", "stopping")
+_OF_A_RIDE = ("unknown_ride", "unknown_lift", "no_such_path", "not_your_ride", *EVERY_CHANGE)
+
+RideId = Annotated[str, in_path("The id that the answer to `POST /api/v1/rides` told.", "r-81c0")]
 
 
-def rides_router(facade: Facade) -> APIRouter:
-    """Begin, plan, read, speak for and cancel rides."""
-    routes = _Rides(facade)
-    router = APIRouter(prefix="/api/v1/rides", tags=[docs.TAG])
-    router.add_api_route("", routes.every, methods=["GET"], **docs.rides())
-    router.add_api_route("", routes.begin, methods=["POST"], **docs.begin())
-    router.add_api_route("/{ride}", routes.one, methods=["GET"], **docs.ride())
-    for word in RideWord:
-        router.add_api_route(f"/{{ride}}/{word}", routes.says(word), methods=["POST"], **docs.word(word))
-    router.add_api_route("/{ride}/cancel", routes.cancel, methods=["POST"], **docs.cancel())
-    return router
-
-
-class _Rides:
-    def __init__(self, facade: Facade) -> None:
-        self._facade = facade
-
-    async def every(self) -> Response:
-        return yes(Rides(rides=tuple(Ride.of(ride) for ride in self._facade.rides())))
-
-    async def one(self, request: Request) -> Response:
-        found = self._find(request)
-        return found if isinstance(found, Response) else yes(Ride.of(found))
-
-    async def begin(self, request: Request) -> Response:
-        if (no := no_foreign_page(self._facade, request, "")) is not None:
-            return no
-        body = await taken(request, RideRequest)
-        if isinstance(body, Response):
-            return body
-        if not body.dry_run and (no := no_shared_key(request, body.robot, body.idempotency_key)) is not None:
-            return no
-        lifts = self._all_of(request) if body.lift == ANY else (body.lift,)
-        if (no := no_foreign_lift(self._facade, request, lifts)) is not None:
-            return no
-        wish = _wish(body, lifts, holder_of(request, RIDE_FACE, body.robot))
-        if body.dry_run:
-            plan = self._facade.plan_ride(wish)
-            return self._no(plan, wish) if isinstance(plan, Refused) else yes(Plan.of(plan))
-        said = self._facade.begin_ride(wish)
-        if isinstance(said, Refused):
-            return self._no(said, wish)
-        return await self._once_recorded(said.ride, anew=said.anew)
-
-    def says(self, word: RideWord) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """Return the route that takes a robot's word; a body is not looked at."""
-
-        async def said(request: Request) -> Response:
-            ride = self._to_speak_for(request)
-            if isinstance(ride, Response):
-                return ride
-            return await self._changed(self._facade.ride_word(ride.id, word, _speaker(request, ride)))
-
-        said.__name__ = word.value
-        return said
-
-    async def cancel(self, request: Request) -> Response:
-        ride = self._to_speak_for(request)
-        if isinstance(ride, Response):
-            return ride
-        body = await taken(request, CancelRequest, may_be_empty=True)
-        if isinstance(body, Response):
-            return body
-        return await self._changed(self._facade.cancel_ride(ride.id, _speaker(request, ride), body.reason))
-
-    async def _changed(self, said: domain.Ride | Refused) -> Response:
-        return refused(said) if isinstance(said, Refused) else await self._once_recorded(said)
-
-    async def _once_recorded(self, ride: domain.Ride, *, anew: bool = False) -> Response:
-        """Answer with a ride as it is once what was said of it would be known after a crash."""
-        on_disk = await recorded(self._facade, ride.lift)
-        answer = Ride.of(self._facade.ride(ride.id) or ride)
-        if not anew:
-            return yes(answer, recorded=on_disk)
-        return yes(answer, 201, location=f"rides/{quote(answer.id, safe='')}", recorded=on_disk)
-
-    def _to_speak_for(self, request: Request) -> domain.Ride | Response:
-        found = self._find(request)
-        lift = "" if isinstance(found, Response) else found.lift
-        if (no := no_foreign_page(self._facade, request, lift)) is not None or isinstance(found, Response):
-            return no or found
-        if (no := no_foreign_lift(self._facade, request, [lift])) is not None:
-            return no
-        if _speaker(request, found) is None or is_of(request, found.caller):
-            return found
+async def _own_ride(ride: RideId, request: Request) -> domain.Ride:
+    """Return the ride of the path, if the caller may speak for it."""
+    site = site_of(request)
+    found = site.ride(ride)
+    refuse_foreign_page(request, "" if found is None else found.lift)
+    if found is None:
+        raise _unknown(ride)
+    refuse_foreign_lifts(request, [found.lift])
+    if _speaker(request, found) is not None and not is_of(request, found.caller):
         code = Refusal.NOT_YOUR_RIDE
-        self._facade.turned_away(turned_away(request, code, "the ride is another caller's", lift))
-        text = "another key began this ride; only that key, or an operator's, speaks for it"
-        return refused(Refused(code, text))
-
-    def _find(self, request: Request) -> domain.Ride | Response:
-        name: str = request.path_params["ride"]
-        if (found := self._facade.ride(name)) is not None:
-            return found
-        text = f"no ride {shown(name)}; GET /api/v1/rides lists those that go on and those that ended not long ago"
-        return refused(Refused(Refusal.UNKNOWN_RIDE, text))
-
-    def _all_of(self, request: Request) -> tuple[str, ...]:
-        """Return the lifts that the caller commands."""
-        key, every = caller(request), self._facade.lift_names()
-        return tuple(lift for lift in every if key is None or key.role is not Role.ROBOT or lift in key.lifts)
-
-    def _no(self, said: Refused, wish: domain.RideRequest) -> Response:
-        match said.code:
-            case Refusal.UNKNOWN_LIFT:
-                return refused(said, "lift")
-            case Refusal.UNKNOWN_FLOOR:
-                states = (self._facade.state(lift) for lift in wish.lifts)
-                is_start = any(state is not None and wish.start in state.floors for state in states)
-                return refused(said, "to" if is_start else "from")
-            case _:
-                return refused(said)
+        site.turned_away(turned_away(request, code, "the ride is another caller's", found.lift))
+        raise RequestError(code, "another key began this ride; only that key, or an operator's, speaks for it")
+    return found
 
 
-def _wish(body: RideRequest, lifts: tuple[str, ...], holder: Holder) -> domain.RideRequest:
+OwnRide = Annotated[domain.Ride, Depends(_own_ride)]
+
+router = APIRouter(
+    prefix="/api/v1/rides",
+    tags=[TAG],
+    route_class=JsonRoute,
+    strict_content_type=False,
+)
+
+
+@router.get("", name="every", summary="Every ride", response_description="As they are.")
+async def rides(site: Site) -> Rides:
+    """Those that go on, and those that ended not long ago; the oldest first."""
+    return Rides(rides=tuple(Ride.of(ride) for ride in site.rides()))
+
+
+@router.post(
+    "",
+    summary="Ride",
+    dependencies=[Depends(no_foreign_page)],
+    status_code=201,
+    response_model=Ride,
+    response_description="It is begun, or waits for its turn.",
+    responses={
+        201: {"headers": LOCATION},
+        200: {"model": Ride | Plan, "description": "The ride of this idempotency key, or with `dry_run` the plan."},
+        **problems(
+            *("unknown_lift", *EVERY_CHANGE, *EVERY_BODY, "unknown_floor", *_NOT_NOW, "key_reused", *_BUSY),
+        ),
+    },
+)
+async def begin(
+    request: Request,
+    response: Response,
+    site: Site,
+    body: Annotated[
+        RideRequest,
+        in_body(
+            {
+                "by any lift": {"lift": "any", "from": "L1", "to": "L3", "robot": "amr-7"},
+                "what would it come to": {"lift": "east", "from": "L1", "to": "L3", "dry_run": True},
+                "with an idempotency key, a new one for each ride": {
+                    "lift": "any",
+                    "from": "L1",
+                    "to": "L3",
+                    "robot": "amr-7",
+                    "idempotency_key": "3f1c9a",
+                },
+            }
+        ),
+    ],
+) -> Ride | Response:
+    """Begins a ride or queues it.
+
+    With `lift: any` the manager chooses among the lifts that serve both floors and that the key names; a robot's key rides on no other.
+    With an `idempotency_key` that was used before, the answer is that ride, and 200, and another wish is refused; without keys of the
+    site it needs a `robot`. One caller has at most 10 rides at once. With `dry_run` the answer is a plan, and 200.
+    """
+    if not body.dry_run:
+        refuse_shared_key(request, body.robot, body.idempotency_key)
+    lifts = _commanded(request, site) if body.lift == ANY else (body.lift,)
+    refuse_foreign_lifts(request, lifts)
+    wanted = _wanted(body, lifts, holder_of(request, RIDE_FACE, body.robot))
+    if body.dry_run:
+        plan = granted(site.plan_ride(wanted), _fields(site, wanted))
+        return Response(Plan.model_validate(plan).model_dump_json(), 200, NO_STORE, "application/json")
+    begun = granted(site.begin_ride(wanted), _fields(site, wanted))
+    ride = await _kept(site, begun.ride)
+    if begun.anew:
+        response.headers["location"] = f"rides/{quote(ride.id, safe='')}"
+    else:
+        response.status_code = 200
+    return ride
+
+
+@router.get(
+    "/{ride}",
+    name="one",
+    summary="A ride",
+    response_description="As it is.",
+    responses=problems("unknown_ride", "no_such_path"),
+)
+async def one_ride(ride: RideId, site: Site) -> Ride:
+    """And what its robot is to do now."""
+    found = site.ride(ride)
+    if found is None:
+        raise _unknown(ride)
+    return Ride.of(found)
+
+
+def _reports(word: RideWord, summary: str) -> Callable[[DecoratedCallable], DecoratedCallable]:
+    """Return the decorator of a route that takes a robot's word; a body is not looked at."""
+    return router.post(
+        f"/{{ride}}/{word}",
+        summary=summary,
+        response_description="It is heard.",
+        responses=problems(*_OF_A_RIDE, *_NOT_NOW, *_BUSY),
+    )
+
+
+@_reports(RideWord.ENTERED, "The robot is inside")
+async def entered(ride: OwnRide, request: Request, site: Site) -> Ride:
+    """And the door may close behind it. Say it only once the robot stands where it may stand. It has no body."""
+    return await _changed(site, site.ride_word(ride.id, RideWord.ENTERED, _speaker(request, ride)))
+
+
+@_reports(RideWord.LEFT, "The robot is outside")
+async def left(ride: OwnRide, request: Request, site: Site) -> Ride:
+    """Clear of the door. Also taken once the ride is over: it clears a car that is `maybe occupied`. It has no body."""
+    return await _changed(site, site.ride_word(ride.id, RideWord.LEFT, _speaker(request, ride)))
+
+
+@_reports(RideWord.HERE, "The robot goes on")
+async def here(ride: OwnRide, request: Request, site: Site) -> Ride:
+    """Needed after a restart of the manager, when nothing is pressed before the robot is heard; harmless otherwise. It has no body."""
+    return await _changed(site, site.ride_word(ride.id, RideWord.HERE, _speaker(request, ride)))
+
+
+@router.post(
+    "/{ride}/cancel",
+    summary="Cancel a ride",
+    response_description="It ends, or has ended.",
+    responses=problems(*_OF_A_RIDE, *EVERY_BODY, *_NOT_NOW, *_BUSY),
+)
+async def cancel(
+    ride: OwnRide,
+    request: Request,
+    site: Site,
+    body: Annotated[
+        CancelRequest, in_body({"with a reason": {"reason": "the order was withdrawn"}}, otherwise=CancelRequest)
+    ],
+) -> Ride:
+    """Safely: a robot that may be inside is let out first, and somebody is told. Twice is once. The body may be left out."""
+    return await _changed(site, site.cancel_ride(ride.id, _speaker(request, ride), body.reason))
+
+
+async def _changed(site: Facade, changed: domain.Ride | Refused) -> Ride:
+    return await _kept(site, granted(changed))
+
+
+async def _kept(site: Facade, ride: domain.Ride) -> Ride:
+    """Return a ride as it is once what was said of it would be known after a crash."""
+    on_disk = await recorded(site, ride.lift)
+    return marked(Ride.of(site.ride(ride.id) or ride), recorded=on_disk)
+
+
+def _unknown(name: str) -> RequestError:
+    text = f"no ride {shown(name)}; GET /api/v1/rides lists those that go on and those that ended not long ago"
+    return RequestError("unknown_ride", text)
+
+
+def _commanded(request: Request, site: Facade) -> tuple[str, ...]:
+    """Return the lifts that the caller commands."""
+    key, every = caller(request), site.lift_names()
+    return tuple(lift for lift in every if key is None or key.role is not Role.ROBOT or lift in key.lifts)
+
+
+def _fields(site: Facade, wanted: domain.RideRequest) -> dict[Refusal, str]:
+    """Return which key of the body a refusal is about."""
+    states = (site.state(lift) for lift in wanted.lifts)
+    has_start = any(state is not None and wanted.start in state.floors for state in states)
+    return {Refusal.UNKNOWN_LIFT: "lift", Refusal.UNKNOWN_FLOOR: "to" if has_start else "from"}
+
+
+def _wanted(body: RideRequest, lifts: tuple[str, ...], holder: Holder) -> domain.RideRequest:
     return domain.RideRequest(
         lifts=lifts,
         any_lift=body.lift == ANY,

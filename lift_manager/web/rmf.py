@@ -1,11 +1,10 @@
-"""Part of /api/v1: what an adapter of Open-RMF is told, and what it passes on of RMF's sessions."""
+"""Part of /api/v1: what an adapter of Open-RMF reads, and what it passes on of RMF's sessions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Annotated
 
-from fastapi import APIRouter, Request
-from starlette.responses import Response
+from fastapi import APIRouter, Depends
 
 from lift_manager.api.rmf import RmfEndedRequest, RmfSiteAnswer, RmfTaken, RmfWantedRequest
 from lift_manager.core.facade import Facade
@@ -13,57 +12,85 @@ from lift_manager.core.keeper import STOPPING
 from lift_manager.core.rmf_site import rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.rmf import rmf_holder
-from lift_manager.web import rmf_docs as docs
-from lift_manager.web.answers import yes
-from lift_manager.web.bodies import Body, taken
-from lift_manager.web.guards import no_foreign_page
-from lift_manager.web.problem import refused
+from lift_manager.web.answers import granted
+from lift_manager.web.callers import Site, no_foreign_page
+from lift_manager.web.json_route import JsonRoute
+from lift_manager.web.openapi import EVERY_BODY, EVERY_CHANGE, EVERY_LIFT, NOT_FREE, LiftName, in_body, problems
+
+TAG = "rmf"
+TAG_DESCRIPTION = """
+What an adapter of Open-RMF needs, and nothing else does: with keys it is a key of the role `rmf` that may speak for RMF's sessions.
+
+- A session of RMF ends by `ended` alone: neither arrival nor a request without `hold_door` ends it. It has no lease, for on some
+  distributions RMF is silent once the lift is where it is wanted; the site's `max_session_s` bounds it.
+- `ended` is taken at any floor, in any mode, of a lift that is offline, and as often as it is said. The car is not moved by it.
+  Within `grace_s` the same session may go on as if nothing had been said; others are refused until then.
+- Repeats of what is wanted already press nothing and cost no turn.
+- Where several RMFs share a manager, each adapter says its id with every request: what one says of a session of another is refused (`held`).
+"""
+
+_OF_A_WORD = (*EVERY_LIFT, *EVERY_CHANGE, *EVERY_BODY, "held", "stopping")
+
+router = APIRouter(
+    prefix="/api/v1",
+    tags=[TAG],
+    route_class=JsonRoute,
+    strict_content_type=False,
+)
+_changes = [Depends(no_foreign_page)]
 
 
-def rmf_router(facade: Facade) -> APIRouter:
-    """The site for RMF, and the two words of a session."""
-    routes = _Rmf(facade)
-    router = APIRouter(prefix="/api/v1", tags=[docs.TAG])
-    router.add_api_route("/rmf", routes.site, methods=["GET"], **docs.site())
-    router.add_api_route("/lifts/{lift:path}/rmf/wanted", routes.wanted, methods=["POST"], **docs.wanted())
-    router.add_api_route("/lifts/{lift:path}/rmf/ended", routes.ended, methods=["POST"], **docs.ended())
-    return router
+@router.get(
+    "/rmf",
+    name="site",
+    summary="Every lift, for RMF",
+    response_description="As it is.",
+    responses=problems("stopping"),
+)
+async def lifts_for_rmf(site: Site) -> RmfSiteAnswer:
+    """By RMF's names and the site's, from memory. `event` is the number of the newest event: `/api/v1/events` tells of the next."""
+    if site.stopping:
+        # nobody holds a lift then, and an adapter would take sessions for over that are kept
+        granted(STOPPING)
+    return RmfSiteAnswer.of(rmf_site(site))
 
 
-class _Rmf:
-    def __init__(self, facade: Facade) -> None:
-        self._facade = facade
+@router.post(
+    "/lifts/{lift:path}/rmf/wanted",
+    summary="RMF's session wants the lift at a floor",
+    dependencies=_changes,
+    response_description="The session holds the lift.",
+    responses=problems(*_OF_A_WORD, "unknown_floor", *NOT_FREE, "too_often", "not_recorded"),
+)
+async def wanted(
+    lift: LiftName,
+    site: Site,
+    body: Annotated[
+        RmfWantedRequest, in_body({"AGV mode": {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}})
+    ],
+) -> RmfTaken:
+    """The first one opens the session. Taken is not arrived: the site tells what became of it."""
+    holder = rmf_holder(body.session_id, body.adapter)
+    return _taken(site, lift, site.request(Ask(lift, holder, body.floor, body.hold_door, stays=True)))
 
-    async def site(self, request: Request) -> Response:
-        if self._facade.stopping:
-            # nobody holds a lift then, and an adapter would take sessions for over that are kept
-            return refused(STOPPING)
-        return yes(RmfSiteAnswer.of(rmf_site(self._facade)))
 
-    async def wanted(self, request: Request) -> Response:
-        def decide(lift: str, body: RmfWantedRequest) -> Accepted | Refused:
-            holder = rmf_holder(body.session_id, body.adapter)
-            return self._facade.request(Ask(lift, holder, body.floor, body.hold_door, stays=True))
+@router.post(
+    "/lifts/{lift:path}/rmf/ended",
+    summary="RMF's session is over",
+    dependencies=_changes,
+    response_description="It is over once `grace_s` is.",
+    responses=problems(*_OF_A_WORD),
+)
+async def ended(
+    lift: LiftName,
+    site: Site,
+    body: Annotated[RmfEndedRequest, in_body({"END_SESSION": {"session_id": "fleet/amr-7", "grace_s": 3.0}})],
+) -> RmfTaken:
+    """Of a session that is over already the answer is yes."""
+    return _taken(site, lift, site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s))
 
-        return await self._decided(request, RmfWantedRequest, decide)
 
-    async def ended(self, request: Request) -> Response:
-        def decide(lift: str, body: RmfEndedRequest) -> Accepted | Refused:
-            return self._facade.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s)
-
-        return await self._decided(request, RmfEndedRequest, decide)
-
-    async def _decided(
-        self, request: Request, form: type[Body], decide: Callable[[str, Body], Accepted | Refused]
-    ) -> Response:
-        lift: str = request.path_params["lift"]
-        if (no := no_foreign_page(self._facade, request, lift)) is not None:
-            return no
-        body = await taken(request, form)
-        if isinstance(body, Response):
-            return body
-        said = decide(lift, body)
-        if isinstance(said, Refused):
-            return refused(said, "floor" if said.code is Refusal.UNKNOWN_FLOOR else None)
-        self._facade.freshen(lift)
-        return yes(RmfTaken(boot=self._facade.boot, event=self._facade.newest))
+def _taken(site: Facade, lift: str, decided: Accepted | Refused) -> RmfTaken:
+    granted(decided, {Refusal.UNKNOWN_FLOOR: "floor"})
+    site.freshen(lift)
+    return RmfTaken(boot=site.boot, event=site.newest)

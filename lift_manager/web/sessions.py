@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Request
-from starlette.responses import Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from lift_manager.api.sessions import (
     CloseRequest,
@@ -18,166 +19,303 @@ from lift_manager.api.sessions import (
 )
 from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Refusal, Refused
-from lift_manager.domain.keys import Keys
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionRequest
-from lift_manager.web import sessions_docs as docs
 from lift_manager.web.access import turned_away
-from lift_manager.web.answers import recorded, yes
-from lift_manager.web.bodies import taken
-from lift_manager.web.callers import SESSION_FACE, holder_of, is_of, named, no_shared_key, no_such_heir
-from lift_manager.web.guards import no_foreign_page
-from lift_manager.web.problem import refused
-from lift_manager.web.waiting import wait_s
+from lift_manager.web.answers import Granted, granted, marked, recorded
+from lift_manager.web.callers import (
+    SESSION_FACE,
+    Site,
+    holder_of,
+    is_of,
+    named,
+    no_foreign_page,
+    refuse_heir,
+    refuse_shared_key,
+    site_of,
+)
+from lift_manager.web.json_route import JsonRoute
+from lift_manager.web.openapi import (
+    EVERY_BODY,
+    EVERY_CHANGE,
+    EVERY_LIFT,
+    LOCATION,
+    NOT_FREE,
+    LiftName,
+    in_body,
+    in_path,
+    problems,
+)
+from lift_manager.web.query import require_once
+
+TAG = "sessions"
+TAG_DESCRIPTION = """
+One caller has a lift for itself, and says step by step what it does. Whoever wants a robot brought from floor to floor takes a ride
+instead: it does all of this.
+
+- The **id** of a session is its secret: it is told to whoever opened it, and works with the same key alone. For everybody else there
+  is no such session.
+- The **lease** (`ttl_s`) begins anew with `renew` and with every request. When it ends, everything is let go and the car stays where
+  it is. However often it is renewed, a session ends after the site's `max_session_s`.
+- **Taken is not done.** A command is answered with 202 and ends `confirmed`, `rejected` or `unconfirmed`; ask for it, or wait with
+  `?wait=`. `go_to` is confirmed when the lift has the call: the arrival is to be seen in the lift itself.
+- After a **restart** of the manager a session goes on once its holder is heard; `restored` tells.
+- In a name made of key and robot, `amr-fleet/amr-7`, the key comes first. Without keys the robot's name is all there is, and
+  whoever knows the id of a session commands.
+"""
+
+LONGEST_WAIT_S = 30.0
+"""Chosen: common proxies and clients give up on an answer after 60 s."""
 
 _NO_SESSION = Refused(
     Refusal.NO_SUCH_SESSION,
     "this lift has no session of that id, and remembers none that this caller opened; open one with POST .../sessions",
 )
 """One text for an id that does not exist and for another caller's, so that nobody learns which it is."""
+_BUSY = ("not_recorded", "stopping")
+_OF_A_SESSION = (*EVERY_LIFT, "no_such_session")
+_CHANGE = (*_OF_A_SESSION, *EVERY_CHANGE, *EVERY_BODY)
 
 
-def sessions_router(facade: Facade, keys: Keys) -> APIRouter:
-    """Open, read, renew, close and hand over a session; ask within it, and follow what was asked."""
-    routes = _Sessions(facade, keys)
-    router = APIRouter(prefix="/api/v1/lifts/{lift:path}/sessions", tags=[docs.TAG])
-    router.add_api_route("/{session}/commands/{command}", routes.followed, methods=["GET"], **docs.followed())
-    router.add_api_route("/{session}", routes.read, methods=["GET"], **docs.read())
-    router.add_api_route("", routes.open, methods=["POST"], **docs.open_session())
-    router.add_api_route("/{session}/renew", routes.renew, methods=["POST"], **docs.renew())
-    router.add_api_route("/{session}/close", routes.close, methods=["POST"], **docs.close())
-    router.add_api_route("/{session}/hand-over", routes.hand_over, methods=["POST"], **docs.hand_over())
-    router.add_api_route("/{session}/commands", routes.command, methods=["POST"], **docs.command())
-    return router
+async def _own_session(
+    lift: LiftName,
+    session: Annotated[str, in_path("The id that the answer to `POST .../sessions` told.", "s-4f1d2c")],
+    request: Request,
+) -> SessionInfo:
+    """Return the session of the path, if it is the caller's: its id, and the key that opened it, are what tells."""
+    site = site_of(request)
+    found = _granted(site.session(lift, session, None))
+    if found.holder.face == SESSION_FACE and is_of(request, found.holder):
+        return found
+    site.turned_away(turned_away(request, _NO_SESSION.code, "the session is another caller's", lift))
+    return granted(_NO_SESSION)
 
 
-class _Sessions:
-    def __init__(self, facade: Facade, keys: Keys) -> None:
-        self._facade = facade
-        self._keys = keys
-
-    async def open(self, request: Request) -> Response:
-        lift: str = request.path_params["lift"]
-        if (no := no_foreign_page(self._facade, request, lift)) is not None:
-            return no
-        body = await taken(request, OpenSessionRequest, may_be_empty=True)
-        if isinstance(body, Response):
-            return body
-        if (no := no_shared_key(request, body.robot, body.idempotency_key)) is not None:
-            return no
-        holder = holder_of(request, SESSION_FACE, body.robot)
-        said = self._facade.open_session(OpenSession(lift, holder, body.idempotency_key or "", body.ttl_s))
-        if isinstance(said, Refused):
-            return refused(said)
-        on_disk = await recorded(self._facade, lift)
-        session = Session.of(said.session)
-        if not said.anew:
-            return yes(session, recorded=on_disk)
-        return yes(session, 201, location=f"sessions/{quote(session.id, safe='')}", recorded=on_disk)
-
-    async def read(self, request: Request) -> Response:
-        own = self._own(request)
-        return own if isinstance(own, Response) else yes(Session.of(own))
-
-    async def renew(self, request: Request) -> Response:
-        own = self._own_to_change(request)
-        if isinstance(own, Response):
-            return own
-        body = await taken(request, RenewRequest, may_be_empty=True)
-        if isinstance(body, Response):
-            return body
-        return await self._session(self._facade.renew_session(own.lift, own.id, own.holder, body.ttl_s))
-
-    async def close(self, request: Request) -> Response:
-        own = self._own_to_change(request)
-        if isinstance(own, Response):
-            return own
-        body = await taken(request, CloseRequest, may_be_empty=True)
-        if isinstance(body, Response):
-            return body
-        return await self._session(self._facade.close_session(own.lift, own.id, own.holder, body.robot))
-
-    async def hand_over(self, request: Request) -> Response:
-        own = self._own_to_change(request)
-        if isinstance(own, Response):
-            return own
-        body = await taken(request, HandOverRequest)
-        if isinstance(body, Response):
-            return body
-        if (no := no_such_heir(request, self._keys, body.to, own.lift)) is not None:
-            return no
-        to = named(SESSION_FACE, body.to, body.robot)
-        return await self._session(self._facade.hand_session_over(own.lift, own.id, own.holder, to))
-
-    async def command(self, request: Request) -> Response:
-        own = self._own_to_change(request)
-        if isinstance(own, Response):
-            return own
-        within_s = wait_s(request)
-        if isinstance(within_s, Response):
-            return within_s
-        body = await taken(request, CommandRequest)
-        if isinstance(body, Response):
-            return body
-        said = self._facade.ask_within(
-            SessionRequest(
-                lift=own.lift,
-                session=own.id,
-                holder=own.holder,
-                do=body.do,
-                floor=body.floor,
-                hold_door=body.hold_door,
-                side=body.door,
-                key=body.idempotency_key or "",
-            )
-        )
-        if isinstance(said, Refused):
-            return _no(said, "floor" if said.code is Refusal.UNKNOWN_FLOOR else None)
-        on_disk = await recorded(self._facade, own.lift)
-        return await self._once_ended(own, said.id, within_s, status=202, on_disk=on_disk)
-
-    async def followed(self, request: Request) -> Response:
-        own = self._own(request)
-        if isinstance(own, Response):
-            return own
-        within_s = wait_s(request)
-        if isinstance(within_s, Response):
-            return within_s
-        return await self._once_ended(own, request.path_params["command"], within_s, status=200)
-
-    async def _once_ended(
-        self, own: SessionInfo, number: str, within_s: float, *, status: int, on_disk: bool = True
-    ) -> Response:
-        said: Followed | Refused
-        if within_s > 0:
-            said = await self._facade.until_ended(own.lift, own.id, own.holder, number, within_s)
-        else:
-            said = self._facade.followed(own.lift, own.id, own.holder, number)
-        if isinstance(said, Refused):
-            return _no(said)
-        location = f"commands/{quote(said.id, safe='')}" if status == 202 else ""
-        return yes(Command.of(said), status, location=location, recorded=on_disk)
-
-    async def _session(self, said: SessionInfo | Refused) -> Response:
-        if isinstance(said, Refused):
-            return _no(said)
-        return yes(Session.of(said), recorded=await recorded(self._facade, said.lift))
-
-    def _own_to_change(self, request: Request) -> SessionInfo | Response:
-        lift: str = request.path_params["lift"]
-        return no_foreign_page(self._facade, request, lift) or self._own(request)
-
-    def _own(self, request: Request) -> SessionInfo | Response:
-        """Return the session of the path, if it is the caller's: its id, and the key that opened it, are what tells."""
-        lift: str = request.path_params["lift"]
-        said = self._facade.session(lift, request.path_params["session"], None)
-        if isinstance(said, Refused):
-            return _no(said)
-        if said.holder.face == SESSION_FACE and is_of(request, said.holder):
-            return said
-        code = Refusal.NO_SUCH_SESSION
-        self._facade.turned_away(turned_away(request, code, "the session is another caller's", lift))
-        return _no(_NO_SESSION)
+OwnSession = Annotated[SessionInfo, Depends(_own_session)]
 
 
-def _no(said: Refused, field: str | None = None) -> Response:
-    return refused(_NO_SESSION if said.code is Refusal.NO_SUCH_SESSION else said, field)
+async def _wait_s(
+    request: Request,
+    wait: Annotated[
+        float,
+        Query(
+            ge=0,
+            le=LONGEST_WAIT_S,
+            description="Seconds to wait for the end: answered as soon as it is no longer pending, or as it is then.",
+            examples=[5],
+        ),
+    ] = 0,
+) -> float:
+    require_once(request, "wait")
+    return wait
+
+
+WaitSeconds = Annotated[float, Depends(_wait_s)]
+
+router = APIRouter(
+    prefix="/api/v1/lifts/{lift:path}/sessions",
+    tags=[TAG],
+    route_class=JsonRoute,
+    strict_content_type=False,
+)
+_changes = [Depends(no_foreign_page)]
+
+
+@router.get(
+    "/{session}/commands/{command}",
+    summary="What became of it",
+    response_description="As it is.",
+    responses=problems(*_OF_A_SESSION, "no_such_command", "malformed"),
+)
+async def followed(
+    session: OwnSession,
+    command: Annotated[str, in_path("The id that the answer to `POST .../commands` told.", "7")],
+    site: Site,
+    wait_s: WaitSeconds,
+) -> Command:
+    """As it is, or with `wait` as soon as it is no longer pending."""
+    return Command.model_validate(await _command(site, session, command, wait_s))
+
+
+@router.get("/{session}", summary="A session", response_description="As it is.", responses=problems(*_OF_A_SESSION))
+async def read(session: OwnSession) -> Session:
+    """Also one that was over not long ago: `over` says why. Reading renews nothing."""
+    return Session.model_validate(session)
+
+
+@router.post(
+    "",
+    name="open",
+    summary="Take a lift",
+    dependencies=_changes,
+    status_code=201,
+    response_description="It is the caller's.",
+    responses={
+        201: {"headers": LOCATION},
+        200: {"model": Session, "description": "It was already, by this idempotency key."},
+        **problems(
+            *(*EVERY_LIFT, *EVERY_CHANGE, *EVERY_BODY, *NOT_FREE, "not_now", "key_reused", "too_often", *_BUSY),
+        ),
+    },
+)
+async def open_session(
+    lift: LiftName,
+    request: Request,
+    response: Response,
+    site: Site,
+    body: Annotated[
+        OpenSessionRequest,
+        in_body(
+            {
+                "a minute at a time": {"robot": "amr-7", "ttl_s": 60},
+                "as long as the site gives": {},
+                "with an idempotency key, a new one for each session": {"robot": "amr-7", "idempotency_key": "3f1c9a"},
+            },
+            otherwise=OpenSessionRequest,
+        ),
+    ],
+) -> Session:
+    """Nothing is called by it. The body may be left out.
+
+    With an `idempotency_key` that was used before, the answer is that session, and 200; with another `ttl_s` than then it is refused.
+    Without keys of the site it needs a `robot`.
+    """
+    refuse_shared_key(request, body.robot, body.idempotency_key)
+    holder = holder_of(request, SESSION_FACE, body.robot)
+    opened = granted(site.open_session(OpenSession(lift, holder, body.idempotency_key or "", body.ttl_s)))
+    if opened.anew:
+        response.headers["location"] = f"sessions/{quote(opened.session.id, safe='')}"
+    else:
+        response.status_code = 200
+    return await _recorded(site, opened.session)
+
+
+@router.post(
+    "/{session}/renew",
+    summary="Keep the lift",
+    dependencies=_changes,
+    response_description="It goes on.",
+    responses=problems(*_CHANGE, *NOT_FREE, "session_over", "not_now", "too_often", *_BUSY),
+)
+async def renew(
+    session: OwnSession,
+    site: Site,
+    body: Annotated[
+        RenewRequest, in_body({"a minute more": {"ttl_s": 60}, "as long as it was": {}}, otherwise=RenewRequest)
+    ],
+) -> Session:
+    """The lease begins anew, as long as it was, or as long as `ttl_s` says. A session from before a restart goes on with it."""
+    return await _changed(site, site.renew_session(session.lift, session.id, session.holder, body.ttl_s))
+
+
+@router.post(
+    "/{session}/close",
+    summary="Give the lift back",
+    dependencies=_changes,
+    response_description="It is over.",
+    responses=problems(*_CHANGE, "not_now", "not_possible", "session_over", *_BUSY),
+)
+async def close(
+    session: OwnSession,
+    site: Site,
+    body: Annotated[
+        CloseRequest, in_body({"the robot is out": {"robot": "left"}, "no word": {}}, otherwise=CloseRequest)
+    ],
+) -> Session:
+    """Everything is let go, and the car is not moved. One that is over is answered as it is.
+
+    `robot: left` says that the robot is out; without it, a car that the robot may have entered stays `maybe occupied`.
+    """
+    return await _changed(site, site.close_session(session.lift, session.id, session.holder, body.robot))
+
+
+@router.post(
+    "/{session}/hand-over",
+    summary="Give the session to another caller",
+    dependencies=_changes,
+    response_description="It is the other's.",
+    responses=problems(*_CHANGE, *NOT_FREE, "not_held", "session_over", "not_now", *_BUSY),
+)
+async def hand_over(
+    session: OwnSession,
+    request: Request,
+    site: Site,
+    body: Annotated[HandOverRequest, in_body({"to another robot": {"to": "amr-8"}})],
+) -> Session:
+    """Car and door stay as they are.
+
+    The session gets a new id: pass it on to the one who goes on with it, whose key it needs. With keys, `to` is the name of a live key
+    that may command this lift. If nobody renews the session, its lease ends.
+    """
+    refuse_heir(request, request.app.state.keys, body.to, session.lift)
+    to = named(SESSION_FACE, body.to, body.robot)
+    return await _changed(site, site.hand_session_over(session.lift, session.id, session.holder, to))
+
+
+@router.post(
+    "/{session}/commands",
+    summary="Ask for one thing",
+    dependencies=_changes,
+    status_code=202,
+    response_description="It is taken; `status` says how far it is.",
+    responses={
+        202: {"headers": LOCATION},
+        **problems(
+            *(*_CHANGE, *NOT_FREE, "unknown_floor", "no_such_command", "session_over", "not_now", "key_reused"),
+            *("too_often", *_BUSY),
+        ),
+    },
+)
+async def command(
+    session: OwnSession,
+    response: Response,
+    site: Site,
+    body: Annotated[
+        CommandRequest,
+        in_body(
+            {
+                "come, and hold the door": {"do": "go_to", "floor": "L2"},
+                "close the front door": {"do": "close_door", "door": "front", "clear": True},
+                "the robot is inside": {"do": "robot_in_place"},
+            }
+        ),
+    ],
+    wait_s: WaitSeconds,
+) -> Command:
+    """`go_to` a floor, `hold_door`, `let_go_door`, `close_door`, or the words `robot_in_place` and `robot_left`.
+
+    Every request renews the lease. With an `idempotency_key` that was used before in this session, the answer is that command as it is;
+    for another command the key is refused.
+    """
+    asked = SessionRequest(
+        lift=session.lift,
+        session=session.id,
+        holder=session.holder,
+        do=body.do,
+        floor=body.floor,
+        hold_door=body.hold_door,
+        side=body.door,
+        key=body.idempotency_key or "",
+    )
+    taken = _granted(site.ask_within(asked), {Refusal.UNKNOWN_FLOOR: "floor"})
+    on_disk = await recorded(site, session.lift)
+    response.headers["location"] = f"commands/{quote(taken.id, safe='')}"
+    return marked(Command.model_validate(await _command(site, session, taken.id, wait_s)), recorded=on_disk)
+
+
+async def _command(site: Facade, session: SessionInfo, number: str, wait_s: float) -> Followed:
+    if wait_s > 0:
+        return _granted(await site.until_ended(session.lift, session.id, session.holder, number, wait_s))
+    return _granted(site.followed(session.lift, session.id, session.holder, number))
+
+
+async def _changed(site: Facade, changed: SessionInfo | Refused) -> Session:
+    return await _recorded(site, _granted(changed))
+
+
+async def _recorded(site: Facade, session: SessionInfo) -> Session:
+    return marked(Session.model_validate(session), recorded=await recorded(site, session.lift))
+
+
+def _granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = None) -> Granted:
+    is_unknown = isinstance(answer, Refused) and answer.code is Refusal.NO_SUCH_SESSION
+    return granted(_NO_SESSION if is_unknown else answer, fields)

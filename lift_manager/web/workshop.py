@@ -11,13 +11,13 @@ from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Ask
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.web import workshop_docs as docs
 from lift_manager.web.access import LIFT_NAME, caller, turned_away
-from lift_manager.web.body import LingeringResponse, decode_object, read_body, shown
-from lift_manager.web.envelope import failed, succeeded
-from lift_manager.web.errors import BodyTooLongError, InputError
+from lift_manager.web.answers import granted, succeeded
+from lift_manager.web.body import decode_object, read_body, shown
+from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import from_another_site
 from lift_manager.web.query import TOO_LONG, read_query
 from register_maps.words import Motion
@@ -45,19 +45,10 @@ def workshop_router(facade: LiftFacade) -> APIRouter:
         return succeeded({"lift_names": facade.lift_names()})
 
     async def lift_state(request: Request) -> Response:
-        try:
-            return _state_answer(_named_lift(facade, request))
-        except InputError as error:
-            return failed(str(error))
+        return _state_answer(_named_lift(facade, request))
 
     async def lift_request(request: Request) -> Response:
-        try:
-            body = await read_body(request)
-            return _request_answer(facade, request, body)
-        except BodyTooLongError as error:
-            return failed(str(error), LingeringResponse)
-        except InputError as error:
-            return failed(str(error))
+        return _request_answer(facade, request, await read_body(request))
 
     router.add_api_route("/lift_names", lift_names, methods=["GET"], **docs.lift_names(names))
     router.add_api_route("/lift_state", lift_state, methods=["GET"], **docs.lift_state(names))
@@ -69,22 +60,24 @@ def _named_lift(facade: LiftFacade, request: Request) -> LiftState:
     lifts = ", ".join(facade.lift_names())
     query = read_query(request.scope["query_string"])
     if query.too_long:
-        raise InputError(f"{TOO_LONG}; lift_name must be one of: {lifts}")
+        raise RequestError("malformed", f"{TOO_LONG}; lift_name must be one of: {lifts}")
     names = query.all(LIFT_NAME)
     if not names:
-        raise InputError(f"lift_name is missing; it must be one of: {lifts}")
+        raise RequestError("malformed", f"lift_name is missing; it must be one of: {lifts}")
     if len(names) > 1:
-        raise InputError(f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
+        raise RequestError("malformed", f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
     state = facade.state(names[0])
     if state is None:
-        raise InputError(f"unknown lift {shown(names[0])}; lift_name must be one of: {lifts}")
+        raise RequestError("unknown_lift", f"unknown lift {shown(names[0])}; lift_name must be one of: {lifts}")
     return state
 
 
 def _state_answer(state: LiftState) -> Response:
     if state.quality is Quality.OFFLINE:
         age = "no reading yet" if state.age_s is None else f"last reading {state.age_s:.1f} s ago"
-        return failed(f"lift {shown(state.lift)} is offline, {age}: {state.reason or 'no reason known'}")
+        raise RequestError(
+            "offline", f"lift {shown(state.lift)} is offline, {age}: {state.reason or 'no reason known'}"
+        )
     return succeeded(state_data(state))
 
 
@@ -102,18 +95,17 @@ def state_data(state: LiftState) -> dict[str, object]:
 def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Response:
     try:
         state = _named_lift(facade, request)
-    except InputError:
+    except RequestError:
         names = read_query(request.scope["query_string"]).all(LIFT_NAME)
         facade.turned_away(turned_away(request, "unknown_lift", "it names no lift of this site", "".join(names[:1])))
         raise
     if from_another_site(request):
         facade.turned_away(turned_away(request, "another_site", "a web page of another site asked", state.lift))
-        raise InputError("a web page of another site asked; only programs and this manager's own pages may")
-    match facade.request(_ask(state, _holder(request), body)):
-        case Accepted():
-            return succeeded({})
-        case Refused(message=message):
-            return failed(message)
+        raise RequestError(
+            "another_site", "a web page of another site asked; only programs and this manager's own pages may"
+        )
+    granted(facade.request(_ask(state, _holder(request), body)))
+    return succeeded({})
 
 
 def _holder(request: Request) -> Holder:
@@ -125,17 +117,19 @@ def _ask(state: LiftState, holder: Holder, body: bytes) -> Ask:
     floors = ", ".join(state.floors)
     try:
         wish = decode_object(body)
-    except InputError as error:
-        raise InputError(f'{error}; expected {{"floor": one of {floors}, "door_state": 0 or 2}}') from error
+    except RequestError as error:
+        raise RequestError(
+            "malformed", f'{error.message}; expected {{"floor": one of {floors}, "door_state": 0 or 2}}'
+        ) from error
     return Ask(state.lift, holder, _floor(wish, floors), _hold_door(wish))
 
 
 def _floor(wish: Mapping[str, object], floors: str) -> str:
     if "floor" not in wish:
-        raise InputError(f"floor is missing; it must be one of: {floors}")
+        raise RequestError("malformed", f"floor is missing; it must be one of: {floors}")
     floor = wish["floor"]
     if not isinstance(floor, str) or len(floor) > NAME_LIMIT or not _is_text(floor):
-        raise InputError(f"floor must be one of: {floors}; not {shown(floor)}")
+        raise RequestError("malformed", f"floor must be one of: {floors}; not {shown(floor)}")
     return floor
 
 
@@ -147,9 +141,9 @@ def _is_text(value: str) -> bool:
 def _hold_door(wish: Mapping[str, object]) -> bool:
     allowed = f"{DOOR_CLOSED} (no hold; for the current floor a release) or {DOOR_OPEN} (open and hold)"
     if "door_state" not in wish:
-        raise InputError(f"door_state is missing; it must be {allowed}")
+        raise RequestError("malformed", f"door_state is missing; it must be {allowed}")
     wanted = wish["door_state"]
     # True == 1 in Python, and a client that sends a boolean means something else
     if isinstance(wanted, bool) or not isinstance(wanted, int | float) or wanted not in {DOOR_CLOSED, DOOR_OPEN}:
-        raise InputError(f"door_state must be {allowed}, not {shown(wanted)}")
+        raise RequestError("malformed", f"door_state must be {allowed}, not {shown(wanted)}")
     return wanted == DOOR_OPEN

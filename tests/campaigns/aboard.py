@@ -7,7 +7,7 @@ from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import Forgot, Struck
 from simulator.wire_faults import Exchange
 
 
@@ -86,4 +86,6 @@ class Aboard:
             self.left(ask.lift)
 
     def struck(self, at: float, struck: Struck) -> None:
-        """Not its business."""
+        """Forget a robot whose boarding may not have been written down when the manager was killed, as the manager does."""
+        for lift in struck.fault.lifts if isinstance(struck.fault, Forgot) else ():
+            self.left(lift)

@@ -22,7 +22,7 @@ from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World
 from tests.campaigns.playing import LIFT, Played, act, loaded_site
-from tests.campaigns.schedules import LASTS_S, Event, PeopleCome, RobotRides, Schedule, draw
+from tests.campaigns.schedules import LASTS_S, DiskFails, Event, PeopleCome, RobotRides, Schedule, draw
 from tests.campaigns.story import Story
 from tests.campaigns.truth import maps, quiet
 from tests.support.trip_sites import NO_TRIP
@@ -94,6 +94,9 @@ def live(*, lifts: int, hours: float, seed: int, tell: Callable[[str], object] =
             for part in range(1, 33):
                 told = len(oracle.findings)
                 await elapse(lasts_s / 32)
+                for task in busy:
+                    if task.done():
+                        task.result()  # it never ends by itself
                 world.forget()
                 gc.collect()
                 day.memory.append((hours * part / 32, _resident()))
@@ -132,8 +135,9 @@ async def _busy(world: World, lift: str, seed: int, day: Day) -> None:
 
 
 def _minute(seed: int) -> Iterator[Event]:
+    """Yield the events of one minute; people are there all day, and one disk serves all lifts: `truth` lets it fail."""
     for event in draw(seed, maps()).events:
-        if isinstance(event, PeopleCome):
+        if isinstance(event, PeopleCome | DiskFails):
             continue
         yield replace(event, gives_up_after_s=LASTS_S) if isinstance(event, RobotRides) else event
 

@@ -364,13 +364,16 @@ class Verdict:
 def changed_copy(mutant: Mutant, where: Path) -> Path:
     """Copy the program and take the rule out. Raises ValueError if the source no longer reads like that."""
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, where / package, ignore=shutil.ignore_patterns("__pycache__"))
+        # with what Python has compiled, or each copy takes seconds to start; half-written files and those of pytest stay
+        shutil.copytree(ROOT / package, where / package, ignore=shutil.ignore_patterns("*.pyc.*", "*-pytest-*"))
     for edit in mutant.edits:
         path = where / edit.file
         source = path.read_text()
         if source.count(edit.old) != 1:
             raise ValueError(f"{mutant.rule}: {edit.file} has {source.count(edit.old)} times {edit.old!r}, not once")
         path.write_text(source.replace(edit.old, edit.new))
+        for compiled in path.parent.glob(f"__pycache__/{path.stem}.*"):
+            compiled.unlink()
     return where
 
 

@@ -267,7 +267,7 @@ class Asking:
 
     def _post(self, caller: Caller, path: str, body: Mapping[str, str]) -> requests.Response:
         headers = {"Authorization": f"Bearer {caller.key}"} if caller.key else {}
-        return self._session.post(caller.url + path, json=body, headers=headers, timeout=10)
+        return self._session.post(caller.url + path, json=body, headers=headers, timeout=60)
 
     def _judge(self, caller: Caller, case: Case[Any], lift: str, chosen: int) -> None:
         if lift:

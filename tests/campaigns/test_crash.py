@@ -1,11 +1,8 @@
 """Six kills of a real manager; two hundred are one command, see README.md beside this."""
 
-import pytest
-
 from tests.campaigns.crash import MAPS, campaign
 
 
-@pytest.mark.timeout(240)
 def test_a_manager_that_is_killed_at_random_moments_loses_no_row_no_session_and_presses_nothing_when_it_starts() -> (
     None
 ):

@@ -18,6 +18,7 @@ from tests.campaigns.answer_memory import memory_batch
 from tests.campaigns.answer_rig import Report, objection_to
 from tests.campaigns.careless import CHECKS, RAISES, REFUSES, Careless, careless
 from tests.campaigns.judge_answers import Hearing, Payload, Question, Refusal, fitting, whole_frames
+from tests.support.rows import each_row
 
 READ = bytes.fromhex("0007 0000 0006 01 03 006B 0003")
 """The example of the specification, 6.3: three holding registers from 107."""
@@ -56,7 +57,7 @@ def test_other_data_of_the_right_length_is_an_answer_for_there_is_no_checksum() 
     assert heard(RIGHT[:-1] + b"\xff").answer == Payload(DATA[:-1] + b"\xff")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "wrong",
     [
         "0008 0000 0009 01 03 06 022B 0000 0064",  # another transaction
@@ -135,7 +136,7 @@ def test_bits_come_in_whole_bytes() -> None:
     assert fitting(COILS, bytes.fromhex("0007 0000 0005 01 01 02 CD6B")) is None
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("request_", "right"),
     [
         ("0007 0000 0006 01 05 00AC FF00", "0007 0000 0006 01 05 00AC FF00"),
@@ -229,7 +230,7 @@ def test_a_small_client_without_a_mistake_passes() -> None:
     assert not fuzz_answers.verdict("memory", report, 4000), report.findings[:3]
 
 
-@pytest.mark.parametrize("mistake", [*CHECKS, RAISES, REFUSES])
+@each_row("mistake", [*CHECKS, RAISES, REFUSES])
 def test_a_client_with_one_mistake_is_found_within_two_thousand_answers(mistake: str) -> None:
     assert memory_batch(1, 0, 2000, careless(mistake)).findings
 

@@ -13,6 +13,7 @@ from tests.campaigns.matrix import Cell, Phase, broken_promises, cell, table
 from tests.campaigns.playing import Played
 from tests.campaigns.schedules import Schedule
 from tests.campaigns.truth import quiet
+from tests.support.rows import each_row
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +53,7 @@ def test_a_lie_that_should_have_been_detected_is_a_broken_promise() -> None:
     assert list(broken_promises([undetectable])) == []
 
 
-@pytest.mark.parametrize("mutant", mutants.MUTANTS, ids=lambda mutant: mutant.rule)
+@each_row("mutant", mutants.MUTANTS)
 def test_every_rule_that_the_judge_is_tried_with_is_still_in_the_program(mutant: mutants.Mutant) -> None:
     for edit in mutant.edits:
         assert (mutants.ROOT / edit.file).read_text().count(edit.old) == 1, edit

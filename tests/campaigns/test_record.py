@@ -73,7 +73,6 @@ def test_recordings_do_not_have_the_names_of_classes_or_the_ids_of_one_process()
         assert word not in text.replace("<=", ""), word
 
 
-@pytest.mark.timeout(180)  # a few seconds of a whole processor
 @pytest.mark.parametrize(
     ("rule", "channels"),
     [("workshop's door word", {"workshop"}), ("rule of one press for a call", {"writes", "journal"})],

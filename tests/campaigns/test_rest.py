@@ -1,12 +1,9 @@
 """The campaign on the REST interface, on a small scale: every operation, as every caller."""
 
-import pytest
-
 from lift_manager.domain.access import Role
 from tests.campaigns.rest import campaign
 
 
-@pytest.mark.timeout(240)  # a few seconds on an idle computer; two managers are started, and nothing here is about time
 def test_requests_made_from_the_document_find_nothing_undocumented_and_nothing_beyond_a_role() -> None:
     found = campaign(seconds=0, first_seed=1, examples=2)
     assert found.findings == []

@@ -9,17 +9,20 @@ import pytest
 from tests.campaigns.playing import play, still_fails
 from tests.campaigns.schedules import Asks, draw, shrink
 from tests.campaigns.truth import AT_A_TIME, ROOT, Tally, maps, report, run
+from tests.campaigns.wiring import FalseAlarms
 
 FIRST_HALF = range(1, 101, AT_A_TIME)
 
 
-@pytest.mark.timeout(180)  # ten seconds of a whole processor; what hangs ends by the limits of virtual time
 @pytest.mark.parametrize("first", FIRST_HALF)
 def test_nothing_that_must_never_happen_happens(first: int) -> None:
-    tally = run(range(first, first + AT_A_TIME))
+    alarms = FalseAlarms()
+    tally = run(range(first, first + AT_A_TIME), alarms.watch)
     assert not tally.failed, "\n".join(report(tally, 0.0))
     assert tally.invitations > 100  # a manager that never says open would break no rule either
     assert tally.rides > 5
+    assert alarms.watched > 15
+    assert alarms.raised == [], "no other fault raises the alarm of a contradiction"
 
 
 def test_a_seed_is_the_same_schedule_every_time() -> None:

@@ -1,26 +1,20 @@
-"""Wrong wires and wrong tables: no robot is invited by them, people are told which, and nothing else raises that alarm."""
+"""Wrong wires and wrong tables: no robot is invited by them, and people are told which. That nothing else raises that alarm is
+seen in the schedules of `test_truth`."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
 
-from lift_manager.lab.world.fault_names import fault_name
 from simulator.faults import WrongFloor
-from tests.campaigns.playing import play as play_schedule
-from tests.campaigns.schedules import DeviceFails, draw
-from tests.campaigns.truth import maps, quiet
+from tests.campaigns.truth import quiet
 from tests.campaigns.wiring import INVERTED, Seen, completed, door_map, play, shifted
 
-CONTRADICTS = frozenset({"says_wrong_floor", "wrong_floor"})
-"""Faults that are what the alarm is about."""
 
-
-@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", INVERTED)
-def test_an_inverted_door_contact_invites_nobody_and_is_named(name: str, seed: int) -> None:
+def test_an_inverted_door_contact_invites_nobody_and_is_named(name: str) -> None:
     says, wired = (door_map(name, door) for door in INVERTED[name])
     with quiet():
-        seen = play(says, wired.map, seed=seed)
+        seen = play(says, wired.map, seed=1)
     assert len(seen.opened) > 3, "the lift was ridden"
     assert (seen.lies, seen.invitations) == ([], 0)
     assert len(seen.contradictions) == 1, seen.alarms
@@ -66,22 +60,3 @@ def test_calls_that_end_one_floor_up_are_named_after_the_second_one(
     assert len(seen.contradictions) == 1, seen.alarms
     assert "go_to (" in seen.contradictions[0]
     assert seen.contradictions[0].endswith("floor codes shifted by one?")
-
-
-def _seeds() -> Iterator[int]:
-    """Yield seeds of minutes without a fault that is a contradiction itself."""
-    for seed in range(1001, 1031):
-        events = draw(seed, maps()).events
-        if not any(isinstance(event, DeviceFails) and fault_name(event.fault) in CONTRADICTS for event in events):
-            yield seed
-
-
-def test_minutes_of_every_other_fault_raise_no_such_alarm() -> None:
-    wrong = []
-    with quiet():
-        for seed in _seeds():
-            seen = Seen()
-            played = play_schedule(draw(seed, maps()), witnesses=[seen])
-            assert not played.findings, played.findings
-            wrong += [(seed, text) for text in seen.contradictions]
-    assert wrong == []

@@ -18,11 +18,13 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from lift_manager.lab.world.witness import Witness
 from register_maps.load import shipped
 from tests.campaigns.playing import Played, play, still_fails
 from tests.campaigns.schedules import Schedule, draw, shrink
 
 ROOT = Path(__file__).parents[2]
+Watched = Callable[[Schedule], Iterable[Witness]]
 AT_A_TIME = 25
 """Schedules that a process is given at once."""
 TELLS_EVERY = 500
@@ -66,12 +68,13 @@ class Tally:
         self.failed += other.failed
 
 
-def run(seeds: Iterable[int]) -> Tally:
-    """Play one schedule per seed."""
+def run(seeds: Iterable[int], watched: Watched = lambda _: ()) -> Tally:
+    """Play one schedule per seed; `watched` gives those who watch one beside the judge."""
     tally = Tally()
     with quiet():
         for seed in seeds:
-            tally.add(play(draw(seed, maps())))
+            schedule = draw(seed, maps())
+            tally.add(play(schedule, witnesses=watched(schedule)))
     return tally
 
 
@@ -131,7 +134,8 @@ def report(tally: Tally, took_s: float) -> list[str]:
 
 
 def _tell(tally: Tally) -> None:
-    sys.stderr.write(f"{tally.schedules} schedules, {len(tally.failed)} failed\n")
+    seeds = ", ".join(str(seed) for seed, _ in sorted(tally.failed))
+    sys.stderr.write(f"{tally.schedules} schedules, {len(tally.failed)} failed{f': {seeds}' if seeds else ''}\n")
 
 
 def main() -> int:

@@ -1,7 +1,7 @@
 """Sites whose map is wrong about the wiring: what a lift with an inverted door contact, or a shifted table of calls, is played on."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,21 @@ from lift_manager.domain.asking import Ask
 from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import Struck, Witness
 from lift_manager.lab.world.world import World
 from register_maps.load import Changes, LoadedMap, load
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault
 from simulator.people import People, Traffic
 from simulator.wire_faults import Exchange
+from tests.campaigns.schedules import DeviceFails, Schedule
 from tests.support.trip_sites import COMPLETIONS, Completion, site_of
 
 LIFT = "lift"
+CONTRADICTS = frozenset({"says_wrong_floor", "wrong_floor"})
+"""Faults that are what the alarm is about."""
 ROBOT = Holder("workshop", "workshop")
 
 INVERTED: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
@@ -98,6 +102,30 @@ class Seen:
     @property
     def contradictions(self) -> list[str]:
         return [text for _, text in self.alarms if text.startswith("contradiction: ")]
+
+
+class FalseAlarms:
+    """Watches schedules without a fault that is a contradiction itself."""
+
+    def __init__(self) -> None:
+        self._seen: list[tuple[int, Seen]] = []
+
+    def watch(self, schedule: Schedule) -> Sequence[Witness]:
+        """Return who watches this one."""
+        faults = (event.fault for event in schedule.events if isinstance(event, DeviceFails))
+        if any(fault_name(fault) in CONTRADICTS for fault in faults):
+            return ()
+        self._seen.append((schedule.seed, Seen()))
+        return (self._seen[-1][1],)
+
+    @property
+    def watched(self) -> int:
+        return len(self._seen)
+
+    @property
+    def raised(self) -> list[tuple[int, str]]:
+        """Return seed and text of each alarm about a contradiction."""
+        return [(seed, text) for seed, seen in self._seen for text in seen.contradictions]
 
 
 def play(

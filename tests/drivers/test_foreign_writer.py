@@ -608,6 +608,31 @@ def test_a_monostable_that_clears_a_hold_just_before_each_refresh_is_told_and_no
     on_rig(check, commands(), {"": MemoryDevice(delay_s=delay_s)}, log=log)
 
 
+LEVEL_CALL = (
+    '  go_to: {at: "holding:16", as: floor, rest: 0, action: hold, until: arrived, max_hold_s: 300, refresh_s: 2,'
+    " on_link_loss: latches, confirm: {any_of: [readback], within_s: 2}}\n"
+)
+
+
+def test_a_call_that_somebody_lets_go_is_told_and_not_pressed_again() -> None:
+    go = Command(CommandKind.GO_TO, "L2")
+
+    async def check(made: Rig) -> None:
+        _ = made.lift.press(go, allowed)
+        await elapse(5.0)
+        assert made.lift.given(go)
+        assert notices(made) == []
+        made.device.values[Table.HOLDING][16] = 0
+        await elapse(2.5)
+        assert not made.lift.given(go)
+        assert not made.lift.held(go)
+        assert "go_to was let go by the controller or by somebody else" in notices(made)[0]
+        await elapse(10.0)
+        assert made.cells(Table.HOLDING, 16) == [0]
+
+    on_rig(check, commands(more=LEVEL_CALL))
+
+
 def test_a_hold_that_was_dropped_counts_as_held_again_only_once_it_has_stood_until_the_next_look() -> None:
     async def check(made: Rig) -> None:
         await keep(made, 5)

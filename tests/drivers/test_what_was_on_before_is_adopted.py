@@ -196,6 +196,29 @@ def test_no_cycle_and_no_heartbeat_writes_over_what_may_be_on_before_the_first_l
     on_rig(check, BLOCK, {"": device}, first=adopting(HOLD_FRONT))
 
 
+@pytest.mark.parametrize("turns", range(6))
+def test_a_cycle_that_is_on_its_way_does_not_write_over_what_is_adopted_meanwhile(turns: int) -> None:
+    device = left_on({Table.COIL: {1: 1}})
+
+    def first(lift: ModbusLift) -> None:
+        def adopt_in(turns: int) -> None:
+            if turns:
+                asyncio.get_running_loop().call_soon(adopt_in, turns - 1)
+            else:
+                lift.adopt(HOLD_FRONT, allowed)
+
+        adopt_in(turns)
+
+    async def check(made: Rig) -> None:
+        await elapse(5.0)
+        assert made.lift.held(HOLD_FRONT)
+        assert set(values_of(device.heard, Table.COIL, 1)) == {1}
+
+    no_heartbeat = "".join(line for line in BLOCK.splitlines(keepends=True) if "heartbeat" not in line)
+    no_heartbeat = no_heartbeat.replace("count: 3", "count: 2")
+    on_rig(check, no_heartbeat, {"": device}, first=first)
+
+
 def test_a_lift_that_cannot_be_read_for_long_loses_what_was_to_be_adopted() -> None:
     device = left_on({Table.COIL: {8: 1}})
     device.turns_away = ConnectProblem.REFUSED

@@ -128,7 +128,7 @@ def decode(frames: Sequence[Sent], path: Path) -> list[Seen]:
     path.write_bytes(capture(frames))
     wanted = list(itertools.chain.from_iterable(("-e", name) for name in FIELDS))
     command = ["tshark", "-r", str(path), "-T", "fields", "-E", "separator=|", "-E", "aggregator= ", *wanted]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=240)
     lines = done.stdout.splitlines()
     return [Seen(dict(zip(FIELDS, line.split("|"), strict=True))) for line in lines]
 

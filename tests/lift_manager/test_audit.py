@@ -26,6 +26,7 @@ from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import Noted
 from tests.support.programs import Started, run
+from tests.support.rows import each_row
 
 NAME = "Main hospital"
 SITE = {
@@ -191,9 +192,7 @@ def test_the_spreadsheet_runs_no_cell_and_has_every_column(used: Building, tmp_p
     assert len(bytes.fromhex(rows[3]["hash"])) == 32
 
 
-@pytest.mark.parametrize(
-    "text", ["=1", "+1", "-1", "@x", "\t=1", "\r=1", "\n=1", "\uff1d1", "a;=1", 'a;"=1', ";;-1", '"=1']
-)
+@each_row("text", ["=1", "+1", "-1", "@x", "\t=1", "\r=1", "\n=1", "\uff1d1", "a;=1", 'a;"=1', ";;-1", '"=1'])
 def test_no_cell_begins_as_a_formula_even_where_a_semicolon_parts_cells(text: str) -> None:
     file = io.BytesIO()
     write_csv([Stored(1, 0, text, text, text, text, text, b"")], file)

@@ -14,7 +14,8 @@ import pytest
 
 from lift_manager.cli.main import COMMANDS
 from register_maps.load import MAPS
-from tests.support.programs import ROOT, call, run, run_each, running
+from tests.support.programs import HANGS_S, ROOT, call, run, run_each, running
+from tests.support.rows import each_row
 
 
 def plain(text: str) -> str:
@@ -167,7 +168,7 @@ def test_check_prints_every_mistake_with_file_line_and_key_counts_them_and_exits
     ]
 
 
-@pytest.mark.parametrize("call", BAD_CALLS, ids=" ".join)
+@each_row("call", BAD_CALLS)
 def test_a_bad_file_gets_one_sentence_and_exit_code_2(answers: Answers, call: tuple[str, str]) -> None:
     done = answers(*call)
     assert (done.returncode, done.stdout) == (2, "")
@@ -176,7 +177,7 @@ def test_a_bad_file_gets_one_sentence_and_exit_code_2(answers: Answers, call: tu
     assert last == "1 mistake"
 
 
-@pytest.mark.parametrize(("given", "words"), BAD_SIMULATIONS, ids=[given for given, _ in BAD_SIMULATIONS])
+@each_row(("given", "words"), BAD_SIMULATIONS)
 def test_simulate_says_what_is_wrong_with_what_it_is_given(answers: Answers, given: str, words: list[str]) -> None:
     done = answers("simulate", "--port", "0", *given.split())
     assert done.returncode in (1, 2)
@@ -185,7 +186,7 @@ def test_simulate_says_what_is_wrong_with_what_it_is_given(answers: Answers, giv
         assert word in plain(done.stderr)
 
 
-@pytest.mark.parametrize("command", HELP)
+@each_row("command", HELP)
 def test_help_names_every_option_and_says_what_the_command_is_for(answers: Answers, command: str) -> None:
     done = answers(*filter(None, [command]), "--help")
     assert (done.returncode, done.stderr) == (0, "")
@@ -235,7 +236,7 @@ def test_a_simulated_controller_prints_its_registers_and_ends_quietly() -> None:
         program.says("Ctrl-C ends it")
         for name in ["car_floor", "door.front", "go_to", "hold_door.front", "holding:16", "Floors: B1 = -1, L1 = 1"]:
             assert name in program.out
-        with socket.create_connection(("127.0.0.1", port), timeout=2):
+        with socket.create_connection(("127.0.0.1", port), timeout=HANGS_S):
             code, _ = program.stop()
         assert (code, program.err) == (0, "")
 
@@ -244,9 +245,9 @@ def test_a_simulated_controller_does_not_mind_a_client_that_talks_nonsense_or_le
     with running("simulate", "generic-registers", "--port", "0") as program:
         address = ("127.0.0.1", int(program.says(r"127\.0\.0\.1:(\d+), unit 1")[1]))
         for nonsense in [b"GET / HTTP/1.1\r\n\r\n", b"\x00\x01\x00\x00\x00\x06\x01\x03\x00"]:
-            with socket.create_connection(address, timeout=2) as client:
+            with socket.create_connection(address, timeout=HANGS_S) as client:
                 client.sendall(nonsense)
-        with socket.create_connection(address, timeout=2) as client:
+        with socket.create_connection(address, timeout=HANGS_S) as client:
             client.sendall(bytes.fromhex("0007 0000 0006 01 03 0001 0001"))
             assert client.recv(64) == bytes.fromhex("0007 0000 0005 01 03 02 0001")
         code, _ = program.stop(signal.SIGINT)
@@ -274,9 +275,7 @@ def test_the_version_is_that_of_the_package() -> None:
     assert (done.returncode, done.stdout) == (0, f"lift-manager {version('lift-manager')}\n")
 
 
-@pytest.mark.parametrize(
-    "written", ["127.0.0.1:{port}", "http://127.0.0.1:{port}", " localhost:{port}", "http://127.0.0.1:{port}/"]
-)
+@each_row("written", ["127.0.0.1:{port}", "http://127.0.0.1:{port}", " localhost:{port}", "http://127.0.0.1:{port}/"])
 def test_a_manager_is_found_by_host_and_port_or_by_a_url(written: str) -> None:
     with closing(socket.socket()) as nobody:
         nobody.bind(("127.0.0.1", 0))
@@ -288,7 +287,7 @@ def test_a_manager_is_found_by_host_and_port_or_by_a_url(written: str) -> None:
     )
 
 
-@pytest.mark.parametrize("written", ["ftp://lifts.example", "host:port", "http://user@host:1", "lifts.example:99999"])
+@each_row("written", ["ftp://lifts.example", "host:port", "http://user@host:1", "lifts.example:99999"])
 def test_what_is_no_address_of_a_manager_is_refused_in_words(written: str) -> None:
     done = call("lifts", "--manager", written)
     assert done.returncode == 2

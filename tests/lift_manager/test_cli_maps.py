@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from lift_manager.cli.main import app
 from register_maps.load import MAPS, shipped
 from tests.support.programs import run_anew
+from tests.support.rows import each_row
 
 each_map = pytest.mark.parametrize("name", shipped())
 
@@ -160,9 +161,7 @@ def test_check_of_a_site_file_names_the_command_for_it(folder: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    "command", [("show",), ("check",), ("plan",), ("plc", "-o", "x.st")], ids=lambda words: words[0]
-)
+@each_row("command", [("show",), ("check",), ("plan",), ("plc", "-o", "x.st")])
 def test_a_map_that_is_not_there_is_named_with_the_nearest_one(folder: Path, command: tuple[str, ...]) -> None:
     done = call(*command, "two-stop-agw")
     assert (done.code, done.out) == (2, "")
@@ -214,7 +213,7 @@ def test_a_file_that_is_there_is_replaced_only_when_that_is_said(folder: Path) -
     assert "car_floor" in (folder / "io.csv").read_text("utf-8-sig")
 
 
-@pytest.mark.parametrize("name", ["io.pdf", "io", "io.xls", ".csv"])
+@each_row("name", ["io.pdf", "io", "io.xls", ".csv"])
 def test_an_ending_that_cannot_be_written_is_refused_with_those_that_can(folder: Path, name: str) -> None:
     done = call("iolist", "site.yaml", "-o", name)
     assert (done.code, done.out) == (1, "")
@@ -290,7 +289,7 @@ HELP = {
 }
 
 
-@pytest.mark.parametrize("command", HELP)
+@each_row("command", HELP)
 def test_help_names_every_option_and_says_what_the_command_is_for(command: str) -> None:
     done = call(*filter(None, [command]), "--help")
     assert (done.code, done.err) == (0, "")

@@ -17,7 +17,7 @@ def connections(stack: ExitStack, port: int, sent: bytes) -> list[socket.socket]
     """Open a crowd of connections, send the same on each and read what comes first; some may be closed."""
     crowd = []
     for _ in range(CROWD):
-        crowd.append(stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=10)))
+        crowd.append(stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=60)))
         crowd[-1].sendall(sent)
         crowd[-1].recv(1)
     return crowd

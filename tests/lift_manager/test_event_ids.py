@@ -7,17 +7,15 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from fastapi import FastAPI
 
 from lift_manager.app import Building, build
 from lift_manager.cli.logs import JsonFormatter
 from lift_manager.config.load import load_site
 from lift_manager.core.journal import Journal
-from lift_manager.domain.keys import KeyRing
 from lift_manager.store.read import Wanted, event_of, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
-from lift_manager.web.events.routes import events_router
+from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import serving
 from tests.lift_manager.web.listening import Message, listening
 
@@ -43,9 +41,7 @@ def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pyte
         journal = opened(path, "one id", ["goods"], Limits(10, 10))
         manager = of_site(tmp_path, journal).manager
         recording = asyncio.ensure_future(manager.record())
-        app = FastAPI()
-        app.include_router(events_router(manager, None, KeyRing(), 10))
-        async with serving(app) as port, listening(port) as stream:
+        async with serving(make_app(manager)) as port, listening(port) as stream:
             await stream.begin()
             await stream.take(1)
             manager.lock_out("goods", "A. Beck", "new ropes")

@@ -10,6 +10,7 @@ import pytest
 
 from tests.lift_manager.test_operate import LIFT, Site
 from tests.support.programs import LIFT_MANAGER, Started, call, eventually, running
+from tests.support.rows import each_row
 
 WORKSHOP = "/open-rmf/demo-lift"
 LOCKOUT = f"/api/v1/lifts/{LIFT}/lockout"
@@ -37,16 +38,16 @@ def asked(site: Site, key: str = "", *, method: str = "GET", path: str = f"{WORK
     return httpx.request(method, site.url + path, headers=headers, trust_env=False).status_code
 
 
-def test_a_key_counts_within_a_second_of_being_made_and_no_longer_once_it_is_revoked(site: Site) -> None:
+def test_a_key_counts_soon_after_it_is_made_and_no_longer_once_it_is_revoked(site: Site) -> None:
     assert asked(site) == 200
     key = make(site, "amr-1", "robot", "--lift", LIFT)
-    eventually(lambda: asked(site) == 401, 1.0)
+    eventually(lambda: asked(site) == 401)
     assert asked(site, key) == 200
     assert asked(site, key[:-1]) == 401
     desk = make(site, "desk", "operator")
-    eventually(lambda: asked(site, desk) == 200, 1.0)
+    eventually(lambda: asked(site, desk) == 200)
     command("keys", "revoke", site.file, "amr-1")
-    eventually(lambda: asked(site, key) == 401, 1.0)
+    eventually(lambda: asked(site, key) == 401)
     assert asked(site, desk) == 200
     site.restart()
     assert (asked(site), asked(site, key), asked(site, desk)) == (401, 401, 200)
@@ -59,7 +60,7 @@ def test_a_key_counts_within_a_second_of_being_made_and_no_longer_once_it_is_rev
 def test_a_robot_holds_the_lift_in_its_own_name_until_an_operator_takes_it(site: Site, tmp_path: Path) -> None:
     robot, other = make(site, "amr-1", "robot", "--lift", LIFT), make(site, "amr-2", "robot", "--lift", LIFT)
     desk = make(site, "desk", "operator")
-    eventually(lambda: asked(site) == 401 and asked(site, desk) == 200, 2.0)
+    eventually(lambda: asked(site) == 401 and asked(site, desk) == 200)
 
     def call(key: str) -> str:
         answer = httpx.post(
@@ -96,7 +97,7 @@ def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_p
         assert words not in told[1]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "said"),
     [
         (("--name", "amr", "--role", "robot"), "say which lifts this key may command: east wing"),
@@ -189,7 +190,7 @@ def test_a_key_that_was_redirected_to_a_file_is_taken_from_there(site: Site, tmp
         )
     assert made.returncode == 0, made.stderr
     assert key_file.stat().st_mode & 0o777 == 0o600
-    eventually(lambda: asked(site) == 401, 1.0)
+    eventually(lambda: asked(site) == 401)
     assert LIFT in command("lifts", "--manager", site.url, "--key-file", key_file)
 
 
@@ -201,7 +202,7 @@ def test_a_key_that_no_site_knows_is_refused_where_none_is_needed(site: Site) ->
 
 def test_no_secret_is_ever_written_down_wherever_a_caller_puts_it(site: Site) -> None:
     robot, desk = make(site, "amr-1", "robot", "--lift", LIFT), make(site, "desk", "operator")
-    eventually(lambda: asked(site, desk) == 200, 1.0)
+    eventually(lambda: asked(site, desk) == 200)
     mistyped = desk[:-1] + ("0" if desk[-1] != "0" else "1")
     heard: list[bytes] = []
     with httpx.Client(base_url=site.url, trust_env=False) as client:

@@ -23,7 +23,8 @@ from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
 from lift_manager.systemd import Notifier, notifier, watch
 from tests.lift_manager.core.scripted import PLAIN, ScriptedDriver
-from tests.support.programs import LIFT_MANAGER, OUT_WITHIN_S, ROOT, free_port, started
+from tests.support.programs import HANGS_S, LIFT_MANAGER, OUT_WITHIN_S, ROOT, free_port, started
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 WATCHDOG_S = 4.0
@@ -39,9 +40,9 @@ class Systemd:
     def __init__(self, address: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind("\0" + address[1:] if address.startswith("@") else address)
-        self._socket.settimeout(10)
+        self._socket.settimeout(HANGS_S)
 
-    def hear(self, within_s: float = 10.0) -> list[str]:
+    def hear(self, within_s: float = HANGS_S) -> list[str]:
         """One datagram, line by line."""
         self._socket.settimeout(within_s)
         return self._socket.recv(4096).decode().split("\n")
@@ -179,7 +180,7 @@ def test_an_abstract_socket_is_found() -> None:
         assert systemd.hear() == ["READY=1", "STATUS=well"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("told", "watchdog_s"),
     [
         ({"WATCHDOG_USEC": "30000000"}, 30.0),
@@ -238,7 +239,7 @@ def test_a_real_process_tells_systemd_how_it_stands_while_its_controller_is_dead
     variables = (f"NOTIFY_SOCKET={address}", "WATCHDOG_USEC=400000")
     command = ("env", *variables, *LIFT_MANAGER, "serve", str(site(tmp_path, free_port())), "--port", "0")
     with systemd_at(address) as systemd, started(*command) as program:
-        ready, alive, status = systemd.hear(20)
+        ready, alive, status = systemd.hear()
         assert (ready, alive, status[:25]) == ("READY=1", "WATCHDOG=1", "STATUS=1 lift(s), 0 live,")
         program.says("http://")
         counts = []

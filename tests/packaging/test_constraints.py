@@ -10,6 +10,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from tests.support.rows import each_row
+
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 BUILD: list[str] = PROJECT["build-system"]["requires"]
@@ -59,9 +61,9 @@ def test_every_requirement_has_one_version_and_the_hashes_of_its_files_and_no_pl
     assert not re.search(r"://|--(?!hash=|require-hashes)|@", text)
 
 
-@pytest.mark.parametrize("machine", MACHINES)
-@pytest.mark.parametrize("python", PYTHONS)
-@pytest.mark.parametrize("name", NEEDED)
+@each_row("machine", MACHINES)
+@each_row("python", PYTHONS)
+@each_row("name", NEEDED)
 def test_what_the_project_asks_for_is_in_it_once_and_in_a_version_that_it_takes(
     name: str, python: str, machine: str
 ) -> None:
@@ -84,7 +86,7 @@ def test_both_files_have_the_same_versions() -> None:
         assert [(other.specifier, found) for other, found in same] == [(requirement.specifier, hashes)]
 
 
-@pytest.mark.parametrize("name", ["fastapi", "starlette", "uvicorn", "pydantic", "pymodbus"])
+@each_row("name", ["fastapi", "starlette", "uvicorn", "pydantic", "pymodbus"])
 def test_what_is_subclassed_has_an_upper_bound(name: str) -> None:
     (needed,) = (needed for needed in map(Requirement, RUN) if needed.name == name)
     assert "<" in {specifier.operator for specifier in needed.specifier}

@@ -14,6 +14,7 @@ from lift_manager.domain.events import CommandEnded, SessionEnded, SessionOpened
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder
 from tests.lift_manager.metrics.measured import FakeManager, Rig, measured
+from tests.support.rows import each_row
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 DASHBOARD = json.loads((DEPLOY / "grafana/lift-manager.json").read_text("utf-8"))
@@ -66,8 +67,12 @@ def asked() -> Iterator[tuple[str, str]]:
             yield f"variable {variable['name']}", re.sub(r", \w+\)$", ")", query)
 
 
-@pytest.mark.parametrize(("where", "expression"), list(asked()))
+@each_row(("where", "expression"), list(asked()))
 def test_every_metric_and_every_label_that_is_asked_for_is_exported(where: str, expression: str) -> None:
+    asks_for_what_is_exported(where, expression)
+
+
+def asks_for_what_is_exported(where: str, expression: str) -> None:
     labels = {label for group in _BY.findall(expression) for label in _WORDS.findall(group)}
     metrics: set[str] = set()
     for metric, matchers in _MATCHERS.findall(expression):
@@ -81,20 +86,20 @@ def test_every_metric_and_every_label_that_is_asked_for_is_exported(where: str, 
     assert labels <= {label for metric in metrics for label in EXPORTED[metric]} | OF_PROMETHEUS, where
 
 
-def test_a_name_that_nobody_exports_is_found() -> None:
+@each_row(
+    "expression",
+    [
+        "lift_manager_lift_lives == 0",
+        'lift_manager_lift_live{floor="L1"} == 0',
+        "sum by (door) (lift_manager_lift_live)",
+    ],
+)
+def test_a_name_that_nobody_exports_is_found(expression: str) -> None:
     with pytest.raises(AssertionError):
-        test_every_metric_and_every_label_that_is_asked_for_is_exported("here", "lift_manager_lift_lives == 0")
-    with pytest.raises(AssertionError):
-        test_every_metric_and_every_label_that_is_asked_for_is_exported(
-            "here", 'lift_manager_lift_live{floor="L1"} == 0'
-        )
-    with pytest.raises(AssertionError):
-        test_every_metric_and_every_label_that_is_asked_for_is_exported(
-            "here", "sum by (door) (lift_manager_lift_live)"
-        )
+        asks_for_what_is_exported("here", expression)
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule["alert"])
+@each_row("rule", RULES)
 def test_every_alert_says_what_is_wrong_and_what_to_do(rule: dict[str, Any]) -> None:
     said = rule["annotations"]
     assert set(rule["labels"]) == {"severity"}

@@ -6,6 +6,7 @@ from pydantic import ValidationError
 from register_maps.address import Place, notations, parse, served_number, space
 from register_maps.schema import Addressing
 from register_maps.words import Table
+from tests.support.rows import each_row
 
 FROM_0 = Addressing(base=0)
 FROM_1 = Addressing(base=1)
@@ -18,7 +19,7 @@ def at(place: Place) -> tuple[str, str, int, int | None]:
     return place.endpoint, place.table, place.number, place.bit
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("addressing", "text", "found"),
     [
         (FROM_0, "holding:12", ("", "holding", 12, None)),
@@ -68,7 +69,7 @@ def test_an_address_is_read_in_the_notation_of_its_map(
     assert place.text == text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("addressing", "text", "why"),
     [
         (FROM_0, "12", "write table:number"),
@@ -105,7 +106,7 @@ def test_an_address_that_says_no_place_is_refused_with_the_form_that_is_meant(
         parse(text, addressing)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("addressing", "table", "printed", "wire"),
     [
         (FROM_0, Table.HOLDING, 0, 0),
@@ -144,7 +145,7 @@ def test_every_notation_can_be_named_in_a_map() -> None:
         assert Addressing(notation=name).base is None
 
 
-@pytest.mark.parametrize("said", [{}, {"base": 0, "notation": "modicon"}, {"notation": "codesys"}, {"base": 2}])
+@each_row("said", [{}, {"base": 0, "notation": "modicon"}, {"notation": "codesys"}, {"base": 2}])
 def test_a_map_says_exactly_one_way_of_counting(said: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         Addressing.model_validate(said)

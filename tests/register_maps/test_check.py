@@ -6,6 +6,7 @@ import pytest
 
 from register_maps.check import Problem, check
 from tests.support.good_map import GOOD, changed, findings_of, loaded
+from tests.support.rows import each_row
 
 FLOOR = 'car_floor: {at: "holding:1", type: int16, as: floor, unknown: [0]}'
 MOTION = 'motion: {at: "holding:2", values: {1: stopped, 2: up, 3: down}}'
@@ -114,9 +115,7 @@ REFUSED: list[tuple[str, str, str, int, str, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "offset", "key", "words"), [c[1:] for c in REFUSED], ids=[c[0] for c in REFUSED]
-)
+@each_row(("old", "new", "offset", "key", "words"), [c[1:] for c in REFUSED])
 def test_a_mistake_is_named_with_its_line_its_key_and_the_way_to_mend_it(
     tmp_path: Path, old: str, new: str, offset: int, key: str, words: str
 ) -> None:
@@ -189,7 +188,7 @@ def test_zeros_that_would_pass_for_a_healthy_lift_are_warned_about(tmp_path: Pat
     assert "a controller that serves only zeros would pass for a healthy lift" in warning.message
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new"),
     [
         ("as: floor}\n", "as: floor, unknown: [0]}\n"),
@@ -242,7 +241,7 @@ HEAD_KEYS = {
 SERVED = GOOD[GOOD.index("served:") : GOOD.index("signals:")]
 
 
-@pytest.mark.parametrize("key", HEAD_KEYS)
+@each_row("key", HEAD_KEYS)
 def test_a_missing_key_of_the_head_hides_no_other_mistake(tmp_path: Path, key: str) -> None:
     text = GOOD.replace(HEAD_KEYS[key], "").replace(DOOR_WORDS, DOOR_WORDS.replace("2: open", "2: opne"))
     text = text.replace("confirm: {any_of: [effect], within_s: 5}", "confirm: {any_of: [levle], within_s: 5}")

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.good_map import GOOD, HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
+from tests.support.rows import each_row
 
 FLOOR = 'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}'
 CALL = 'one_of: ["coil:0", "coil:1", "coil:2"]\n    action: hold\n'
@@ -203,7 +204,7 @@ TROUBLE = [
 ]
 
 
-@pytest.mark.parametrize("flag", TROUBLE)
+@each_row("flag", TROUBLE)
 def test_no_press_waits_for_trouble_or_is_proved_by_it(tmp_path: Path, flag: str) -> None:
     text = (
         FREE
@@ -265,7 +266,7 @@ def test_a_timed_pulse_without_a_proof_is_not_said_to_be_read_back(tmp_path: Pat
     assert warning.message.endswith("or it counts as unconfirmed")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new"),
     [
         (BEAT, 'heartbeat: {at: "coil:30", action: toggle, every_s: 0.5}'),

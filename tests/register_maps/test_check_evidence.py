@@ -6,6 +6,7 @@ import pytest
 
 from register_maps.check import Problem, check
 from tests.support.good_map import GOOD, HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
+from tests.support.rows import each_row
 
 LIMITS = 'door.front: {open_limits: ["discrete:0", "discrete:1", "discrete:2"]}'
 FLOOR = 'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}'
@@ -107,7 +108,7 @@ def test_zeros_that_pass_for_a_healthy_lift_are_warned_about(tmp_path: Path) -> 
     assert "a controller that serves only zeros would pass for a healthy lift" in warning.message
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new"),
     [
         ('{at: "holding:0", bits: [0, 3], as: floor}', '{at: "holding:0", bits: [0, 3], as: floor, code: gray, none: [0]}'),
@@ -125,7 +126,7 @@ def test_one_signal_that_keeps_robots_out_at_zero_is_enough(tmp_path: Path, old:
     assert loaded(tmp_path, changed(ZEROS_LOOK_HEALTHY, old, new)[0]).warnings == ()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new"),
     [
         ('{at: "holding:0", bits: [0, 3], as: floor}', '{code_of: ["holding:0.0", "holding:0.1"], active: low, none: [0]}'),

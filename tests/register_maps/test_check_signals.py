@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.good_map import HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
+from tests.support.rows import each_row
 
 FLOOR = 'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}'
 FRONT = 'door.front: {open_limits: ["discrete:0", "discrete:1", "discrete:2"]}'
@@ -151,7 +152,7 @@ def test_a_point_belongs_to_one_signal(tmp_path: Path, old: str, new: str, key: 
     expect_only(tmp_path, text.replace("door_limit", "motion_stopped"), key, words)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "new"),
     [
         (CODE, 'destination: {at: "input:0", bits: [2, 5], as: floor, code: gray, active: low}'),

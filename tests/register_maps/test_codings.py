@@ -5,6 +5,7 @@ import pytest
 from drivers.modbus.plan import plan_reads
 from register_maps.codec import UNLISTED, Codec, Value
 from register_maps.points import Block
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
 GO_TO = "commands:\n  go_to: {{{place}, action: pulse, width_s: 0.5, confirm: {{any_of: [effect], within_s: 30}}}}\n"
@@ -25,7 +26,7 @@ def written(codec: Codec, code: int | None) -> dict[int, int]:
     return {point.address: value for point, value in codec.commands["go_to"].encode(code).items()}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("data", "floor"),
     [("00", None), ("01", -1), ("02", 1), ("04", 2), ("08", None), ("0A", 1)],
 )
@@ -42,9 +43,7 @@ def test_two_floors_at_once_are_none_whatever_their_codes() -> None:
     assert read(codec, "03") == ({"car_floor": None}, {"car_floor": 3})
 
 
-@pytest.mark.parametrize(
-    ("data", "lit"), [("00", frozenset()), ("01", {5}), ("03", {5, 1}), ("06", {1, 2}), ("07", {1, 2, 5})]
-)
+@each_row(("data", "lit"), [("00", frozenset()), ("01", {5}), ("03", {5, 1}), ("06", {1, 2}), ("07", {1, 2, 5})])
 def test_lamps_have_the_codes_that_the_map_gives_in_any_order(data: str, lit: frozenset[int]) -> None:
     codec = written_map(
         'signals:\n  calls_registered: {each_of: ["discrete:0", "discrete:1", "discrete:2"], codes: [5, 1, 2]}\n'
@@ -73,7 +72,7 @@ def test_what_an_output_asks_for_is_read_back_by_its_code() -> None:
     assert codec.commands["go_to"].decode(image) == 5
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("data", "floor", "unlisted"),
     [
         ("00 12", 12, {}),
@@ -102,7 +101,7 @@ def test_a_number_in_bcd_may_fill_two_registers() -> None:
     assert read(codec, "00 01 23 45")[0]["load"] == 12345
 
 
-@pytest.mark.parametrize(("code", "word"), [(1, 0x0001), (12, 0x0012), (9999, 0x9999), (None, 0)])
+@each_row(("code", "word"), [(1, 0x0001), (12, 0x0012), (9999, 0x9999), (None, 0)])
 def test_a_floor_is_called_in_bcd(code: int | None, word: int) -> None:
     codec = written_map(FLOOR + GO_TO.format(place='at: "holding:7", as: floor, code: bcd'))
     assert written(codec, code) == {7: word}
@@ -117,7 +116,7 @@ def test_a_floor_beyond_bcd_is_never_called() -> None:
         codec.commands["go_to"].encode(10000)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("coding", "data", "value"),
     [
         ("type: uint16", "01 02", 0x0201),
@@ -158,7 +157,7 @@ signals:
 """
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("data", "position", "floor"),
     [
         ("00 00 00 00", 0, 0),

@@ -11,6 +11,7 @@ from register_maps.errors import Finding, MapFileError
 from register_maps.expand import fill, overlay, unused
 from register_maps.load import Changes, LoadedMap, load
 from register_maps.source import KeyPath
+from tests.support.rows import each_row
 
 MAP = """\
 schema: 1
@@ -67,7 +68,7 @@ def test_a_site_sets_parameters(tmp_path: Path) -> None:
     assert loaded.sha256 != changed(tmp_path).sha256
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("given", "words"),
     [
         ({"first": 91}, "parameters.first: must be 0 to 90, not 91 (the first input)"),
@@ -124,7 +125,7 @@ def test_a_fraction_in_an_address_is_refused_because_it_would_name_a_bit(tmp_pat
     assert changed(tmp_path, parameters={"floor_at": 3.0}).map.signals["car_floor"].at == "holding:3"
 
 
-@pytest.mark.parametrize("value", [".nan", ".inf", "-.inf", str(1 << 60)])
+@each_row("value", [".nan", ".inf", "-.inf", str(1 << 60)])
 def test_a_number_that_nothing_can_be_done_with_is_a_mistake_of_the_map(tmp_path: Path, value: str) -> None:
     told = findings(tmp_path, MAP.replace("default: 4, range: [0, 90]", f"default: {value}"))
     assert (
@@ -134,7 +135,7 @@ def test_a_number_that_nothing_can_be_done_with_is_a_mistake_of_the_map(tmp_path
     assert any(words.startswith("template.yaml: parameters.first: is not a number that can be used") for words in told)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("value", "text"),
     [
         *(
@@ -151,7 +152,7 @@ def test_what_is_no_number_after_the_sum_is_told_where_it_stands(value: float, t
     assert problem.message.endswith("is not a number that can be used; correct a")
 
 
-@pytest.mark.parametrize("value", [[1], {"b": 1}, True, 2**53])
+@each_row("value", [[1], {"b": 1}, True, 2**53])
 def test_what_can_be_used_or_is_no_number_at_all_is_left_to_the_schema(value: object) -> None:
     filled = fill({"parameters": {"a": {"default": value}}, "x": "{a}"})
     assert (filled.data["x"], filled.problems) == (value, ())

@@ -8,6 +8,7 @@ from register_maps import frames
 from register_maps.errors import BadRequest, ExceptionAnswer, FrameError, Mismatch, RegisterMapError
 from register_maps.frames import Request
 from register_maps.words import Table
+from tests.support.rows import each_row
 
 # Modbus Application Protocol V1.1b3, sections 6.1 to 6.6, 6.11, 6.12 and 6.16: request PDU and answer PDU as printed there.
 EXAMPLES = {
@@ -115,7 +116,7 @@ def test_an_exception_code_outside_the_specification_is_still_an_exception_answe
         frames.check(frames.read(Table.HOLDING, 0), adu("83 7F", unit=1))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("request_", "answer", "what"),
     [
         (frames.read(Table.HOLDING, 0, 4), adu("03 02 00 07", unit=1), "fewer registers than asked for"),
@@ -156,7 +157,7 @@ def test_a_mismatch_says_what_was_asked_in_plain_words() -> None:
         frames.check(frames.read(Table.HOLDING, 0, 4), adu("03 02 00 07", unit=2))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("table", "most"),
     [(Table.COIL, 2000), (Table.DISCRETE, 2000), (Table.HOLDING, 125), (Table.INPUT, 125)],
 )
@@ -237,7 +238,7 @@ def test_a_stream_cut_anywhere_gives_the_same_frames(requests: list[Request], cu
     assert rest == b""
 
 
-@pytest.mark.parametrize(
+@each_row(
     "garbage",
     ["00 01 00 01 00 06", "00 01 00 00 00 01", "00 01 00 00 00 FF", "00 01 00 00 01 00", "48 54 54 50 2F 31"],
 )
@@ -248,7 +249,7 @@ def test_a_stream_that_cannot_be_modbus_is_refused_as_soon_as_its_header_is_ther
     assert frames.split(good + bytes.fromhex(garbage)[:5]) == ([good], bytes.fromhex(garbage)[:5])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("pdu", "code"),
     [
         ("2B 0E 01 00", 1),
@@ -282,7 +283,7 @@ def test_an_answer_of_the_wrong_size_is_not_built() -> None:
         frames.answer(frames.read(Table.HOLDING, 0, 1), 1, b"\x00")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("request_", "words"),
     [
         (frames.read(Table.HOLDING, 0, 20), "read 20 holding registers from 0, unit 1"),
@@ -297,7 +298,7 @@ def test_a_request_is_put_into_plain_words(request_: Request, words: str) -> Non
     assert frames.describe(frames.frame(request_, 9)) == words
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("pdu", "words"),
     [
         ("03 04 00 01 00 02", "4 bytes of holding registers: 00 01 00 02, unit 17"),

@@ -45,6 +45,7 @@ from tests.register_maps.golden.two_stop_agv import TWO_STOP_AGV, TWO_STOP_AGV_M
 from tests.register_maps.golden.vectors import Does, Frames, Golden, Says, frames_of
 from tests.register_maps.golden.wago_750 import WAGO_750
 from tests.register_maps.golden.waveshare_relay import WAVESHARE_RELAY
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 GOLDEN = (
@@ -258,7 +259,7 @@ def test_a_block_that_is_written_all_the_time_is_written_at_rest_too(golden: Gol
     assert gaps == pytest.approx([golden.cycle_s] * len(gaps), abs=0.01)
 
 
-@pytest.mark.parametrize(("golden", "vector"), each("says"))
+@each_row(("golden", "vector"), each("says"))
 def test_an_answer_means_what_its_source_says(golden: Golden, vector: Says) -> None:
     bench = Bench(golden, vector.answer, ())
 
@@ -282,7 +283,7 @@ def test_answers_mean_the_same_whatever_came_before_them(golden: Golden) -> None
     run_virtual(main)
 
 
-@pytest.mark.parametrize(("golden", "vector"), each("does"))
+@each_row(("golden", "vector"), each("does"))
 def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden, vector: Does) -> None:
     bench = Bench(golden, vector.poll_before, golden.takes_over)
 
@@ -330,7 +331,7 @@ def test_a_command_is_these_bytes_at_these_times_and_nothing_else(golden: Golden
     run_virtual(main)
 
 
-@pytest.mark.parametrize("golden", [golden for golden in GOLDEN if golden.face], ids=lambda golden: golden.title)
+@each_row("golden", [golden for golden in GOLDEN if golden.face])
 def test_the_simulated_lift_meets_the_same_bytes_as_a_lift_of_this_map_would(golden: Golden) -> None:
     building = Parameters(shaft=shaft.Parameters(heights_m=shaft.even_heights(len(golden.floors))))
     face = RegisterFace(compiled(golden), tuple(golden.floors.values()), building, key=Key(golden.key))

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from register_maps.load import MAPS, json_schema, load, shipped
 from register_maps.schema import COMMANDS, SIGNALS, Command, Signal
 from tests.support.good_map import GOOD, HANDSHAKE
+from tests.support.rows import each_row
 
 FILE = MAPS.parent / "register_map.schema.json"
 SCHEMA = json.loads(json_schema())
@@ -64,7 +65,7 @@ def test_it_uses_no_word_that_came_after_draft_7() -> None:
     assert "#/$defs/" not in json.dumps(SCHEMA)
 
 
-@pytest.mark.parametrize("name", shipped())
+@each_row("name", shipped())
 def test_every_shipped_map_is_valid(name: str) -> None:
     assert errors_of(yaml.safe_load((MAPS / f"{name}.yaml").read_text())) == []
 
@@ -75,7 +76,7 @@ def test_an_editor_is_told_every_signal_and_command() -> None:
     assert set(properties["commands"]["properties"]) == set(COMMANDS)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("table", "key", "value"),
     [
         ("signals", "zzz", {"at": "coil:1"}),

@@ -17,6 +17,7 @@ import register_maps
 from register_maps.codec import UNLISTED, compile_map
 from register_maps.errors import MapFileError
 from register_maps.load import load, shipped
+from tests.support.rows import each_row
 
 PACKAGE = Path(register_maps.__file__).parent
 TRUE_WARNINGS: dict[str, list[str]] = {
@@ -39,7 +40,7 @@ def test_the_shipped_maps_are_the_files_in_the_folder() -> None:
     assert {"generic-registers", "two-stop-agv"} <= set(shipped())
 
 
-@pytest.mark.parametrize("name", shipped())
+@each_row("name", shipped())
 def test_a_shipped_map_has_no_problem_and_only_true_warnings(name: str) -> None:
     loaded = load(name)
     assert loaded.map.name == name
@@ -63,9 +64,9 @@ def test_a_name_like_no_other_gets_the_list() -> None:
     assert "shipped are" in text
 
 
-@pytest.mark.parametrize("path", ["here.yaml", "./here.yaml", "sub/../here.yaml", "here.yml"])
+@each_row("path", ["here.yaml", "./here.yaml", "sub/../here.yaml", "here.yml"])
 def test_a_path_is_relative_to_the_folder_it_is_near(tmp_path: Path, path: str) -> None:
-    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub").mkdir(exist_ok=True)
     shutil.copy(PACKAGE / "maps" / "two-stop-agv.yaml", tmp_path / Path(path).name)
     assert load(path, near=tmp_path).map.name == "two-stop-agv"
 
@@ -98,7 +99,7 @@ def test_the_maps_are_found_wherever_the_package_is_installed(tmp_path: Path) ->
         env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=False,
     )
     assert result.returncode == 0, result.stderr

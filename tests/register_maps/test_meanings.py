@@ -1,9 +1,8 @@
 """Every name of the vocabulary has its meaning in plain words."""
 
-import pytest
-
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
 from register_maps.vocabulary import COMMANDS, SIGNALS
+from tests.support.rows import each_row
 
 ALL = [*SIGNAL_MEANINGS.items(), *COMMAND_MEANINGS.items()]
 
@@ -21,7 +20,7 @@ def test_no_two_names_mean_the_same() -> None:
     assert len(set(meanings)) == len(meanings)
 
 
-@pytest.mark.parametrize(("name", "meaning"), ALL, ids=[name for name, _ in ALL])
+@each_row(("name", "meaning"), ALL)
 def test_a_meaning_is_a_phrase_that_fits_into_a_cell_and_does_not_repeat_the_name(name: str, meaning: str) -> None:
     assert 8 <= len(meaning) <= 110
     assert meaning == meaning.strip()

@@ -5,6 +5,7 @@ from pydantic import ValidationError
 
 from register_maps.presets import PRESETS, Area, load_preset
 from register_maps.words import Table
+from tests.support.rows import each_row
 
 COIL, DISCRETE, HOLDING, INPUT = Table.COIL, Table.DISCRETE, Table.HOLDING, Table.INPUT
 
@@ -152,14 +153,14 @@ def test_every_shipped_preset_is_held_to_its_table() -> None:
     assert sorted(NAMES) == sorted(PRESETS)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("preset", "name", "found"), [(preset, name, found) for preset in NAMES for name, found in NAMES[preset].items()]
 )
 def test_a_name_is_where_the_vendor_says(preset: str, name: str, found: Found) -> None:
     assert load_preset(preset).find(name) == found
 
 
-@pytest.mark.parametrize(("preset", "name", "why"), REFUSED)
+@each_row(("preset", "name", "why"), REFUSED)
 def test_a_name_that_the_plc_does_not_have_is_refused_with_the_reason(preset: str, name: str, why: str) -> None:
     with pytest.raises(ValueError, match=why) as refused:
         load_preset(preset).find(name)
@@ -173,7 +174,7 @@ def test_octal_last_digits_count_the_points_that_the_manual_counts(preset: str, 
     assert [load_preset(preset).find(name)[1] for name in found] == list(range(points))
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@each_row("preset", PRESETS)
 def test_a_preset_says_where_it_was_read_and_gives_no_address_two_names_of_one_letter(preset: str) -> None:
     known = load_preset(preset)
     assert known.name == preset

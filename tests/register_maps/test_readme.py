@@ -17,6 +17,7 @@ from register_maps.codec import Point, compile_map
 from register_maps.load import Changes, json_schema, load
 from register_maps.schema import COMMANDS, SIGNALS
 from register_maps.words import Door, Mode, Motion, Table
+from tests.support.rows import each_row
 
 README = Path(register_maps.__file__).with_name("README.md").read_text()
 ROOT = Path(register_maps.__file__).parents[1]
@@ -75,7 +76,7 @@ def test_all_features_of_the_survey_are_there() -> None:
     assert numbers == list(range(1, 27))
 
 
-@pytest.mark.parametrize("block", snippets())
+@each_row("block", snippets())
 def test_every_snippet_is_accepted(tmp_path: Path, block: str) -> None:
     path = tmp_path / "snippet.yaml"
     path.write_text(completed(block))
@@ -139,5 +140,5 @@ def test_the_command_that_writes_the_json_schema_works_as_printed() -> None:
     words = shlex.split(line)
     assert words[3:] == [">", "register_maps/register_map.schema.json"]
     command = [sys.executable, *words[1:3]]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=True)
     assert result.stdout == json_schema()

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from register_maps.errors import MapFileError
 from register_maps.load import MAPS
 from register_maps.source import MAX_BYTES, Finding, Source, read, try_validate, validate
+from tests.support.rows import each_row
 
 
 class Part(BaseModel):
@@ -108,9 +109,7 @@ REFUSED: list[tuple[str, str | bytes, int | None, str, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "key", "words"), [case[1:] for case in REFUSED], ids=[case[0] for case in REFUSED]
-)
+@each_row(("text", "line", "key", "words"), [case[1:] for case in REFUSED])
 def test_a_mistake_is_named_with_its_line_its_key_and_plain_words(
     tmp_path: Path, text: str | bytes, line: int | None, key: str, words: str
 ) -> None:
@@ -137,7 +136,7 @@ def test_mistakes_before_broken_yaml_are_still_told(tmp_path: Path) -> None:
     assert [finding.line for finding in found] == [1, 3]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "content",
     [
         "root:$6$SECRET$hash:19000:0:99999:7:::\nuser:SECRET:1::\n",
@@ -183,7 +182,7 @@ def test_a_file_of_a_megabyte_is_read(tmp_path: Path) -> None:
     assert validate(read(written(tmp_path, text + "x" * (MAX_BYTES - len(text)))), House).name == "a"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("path", "words"),
     [
         ("nowhere.yaml", "there is no such file"),
@@ -213,7 +212,7 @@ def test_number_keys_are_taken_where_they_belong(tmp_path: Path) -> None:
     assert source.data["codes"] == {1: "b", 16: "c"}
 
 
-@pytest.mark.parametrize("again", ["1", "0x1", "0b1", '"1"'])
+@each_row("again", ["1", "0x1", "0b1", '"1"'])
 def test_one_number_key_in_two_spellings_is_given_twice(tmp_path: Path, again: str) -> None:
     path = written(tmp_path, f"name: a\ncodes:\n  1: b\n  {again}: c\n")
     source = read(path, number_keys=lambda where: where == ("codes",))
@@ -273,7 +272,7 @@ def both_parsers(folder: Path, text: str) -> tuple[object, object]:
     return outcome(folder, f"# .\n{text}"), outcome(folder, f"# ?\n{text}")
 
 
-@pytest.mark.parametrize("path", sorted(MAPS.glob("*.yaml")), ids=lambda path: path.stem)
+@each_row("path", sorted(MAPS.glob("*.yaml")))
 def test_both_parsers_of_yaml_read_a_shipped_map_alike(path: Path, tmp_path: Path) -> None:
     quick, slow = both_parsers(tmp_path, path.read_text("utf-8"))
     assert isinstance(quick, Source)

@@ -7,6 +7,7 @@ import pytest
 from register_maps.words import Door, Mode, Motion, Side
 from simulator.modes import Key
 from tests.simulator.bench import FRONT, SCAN_S, Lift, all_closed, floors
+from tests.support.rows import each_row
 
 # -- robot mode
 
@@ -65,7 +66,7 @@ def test_a_request_taken_back_before_the_grant_starts_from_the_beginning() -> No
 # -- other modes
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("inputs", "mode"),
     [
         ({}, Mode.ROBOT),
@@ -82,7 +83,7 @@ def test_of_several_reasons_the_highest_sets_the_mode(inputs: dict[str, Any], mo
     assert lift.run(2 * SCAN_S, **inputs).mode is mode
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("key", "mode"),
     [
         (Key.NORMAL, Mode.NORMAL),

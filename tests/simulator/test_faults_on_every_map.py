@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
 from lift_manager.lab.plant import default_floors, simulated_lift
 from register_maps.codec import CommandCodec
 from register_maps.command_codec import payload_counts
@@ -24,6 +22,7 @@ from simulator.faults import (
     Stopped,
 )
 from tests.simulator.faces import Faced
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 
 MAPS = sorted(path.stem for path in (Path(__file__).parents[2] / "register_maps" / "maps").glob("*.yaml"))
@@ -105,7 +104,7 @@ def foreigners(name: str) -> tuple[RegisterFault, RegisterFault]:
     return ForeignWriter(rider.call.name, floor=0, every_s=0.7), cell
 
 
-@pytest.mark.parametrize("name", MAPS)
+@each_row("name", MAPS)
 def test_every_fault_on_every_map_shows_or_has_a_reason_why_it_cannot(name: str) -> None:
     read, done, after = Rider(name).ride(None)
     assert len(set(map(str, done))) > 10, "the lift moved"

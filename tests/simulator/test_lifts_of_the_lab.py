@@ -16,6 +16,7 @@ from register_maps.load import load
 from register_maps.words import Side
 from simulator.controller import Parameters
 from tests.support.good_map import HANDSHAKE
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 from tests.support.written_maps import HEAD, written_map
 
@@ -36,7 +37,7 @@ def handshake(folder: Path) -> Codec:
 # -- floors
 
 
-@pytest.mark.parametrize("name", MAPS)
+@each_row("name", MAPS)
 def test_every_shipped_map_has_floors_of_its_own_and_a_lift_that_stands_there(name: str) -> None:
     codec = compiled(name)
     floors = default_floors(codec.map)
@@ -46,7 +47,7 @@ def test_every_shipped_map_has_floors_of_its_own_and_a_lift_that_stands_there(na
     assert lift.picture.level_floor == 0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "floors"),
     [
         ("generic-registers", {"L1": 1, "L2": 2, "L3": 3, "L4": 4}),
@@ -63,7 +64,7 @@ def test_floors_are_as_many_as_the_points_of_the_map_and_four_where_it_may_choos
     assert default_floors(load(name).map) == floors
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("signal", "rest", "floors"),
     [
         # the reserved codes 1 and 3, and rest, are no floors
@@ -121,7 +122,7 @@ def test_a_lift_is_in_robot_mode_from_the_start_only_if_its_map_needs_it_and_can
     assert lift.picture.robot_mode_on is on
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "blind"),
     [
         ("adam-pushbutton", ("where the car is", "whether its door is open")),
@@ -150,7 +151,7 @@ def lines_of(codec: Codec) -> list[str]:
     return [line.strip() for line in tryout.lines(codec, default_floors(codec.map), WHERE)[2:]]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "line"),
     [
         # bits of a register: the whole word
@@ -191,7 +192,7 @@ def test_a_timed_coil_gets_its_bytes_because_mbpoll_cannot_write_a_duration() ->
     assert "| nc -w 1 127.0.0.1 5020 |" in line
 
 
-@pytest.mark.parametrize("name", MAPS)
+@each_row("name", MAPS)
 def test_every_line_for_mbpoll_is_answered_by_the_lift_it_is_printed_for(name: str) -> None:
     codec = compiled(name)
     floors = default_floors(codec.map)

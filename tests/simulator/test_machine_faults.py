@@ -24,6 +24,7 @@ from simulator.faults import (
 from simulator.modes import Key
 from tests.simulator.bench import BUILDING, FRONT, SCAN_S, Lift, all_closed, floors, opened
 from tests.simulator.faces import faced
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
 NONE: frozenset[MachineFault] = frozenset()
@@ -146,7 +147,7 @@ def test_too_much_load_holds_a_nudging_door() -> None:
 # -- where the car goes
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "by", "arrives"),
     [(2, 1, 3), (2, -1, 1), (4, 1, 3), (0, -1, 1), (1, 2, 3), (3, 2, 1), (2, 3, 4), (4, 3, 1)],
 )
@@ -180,8 +181,8 @@ def test_fire_recalls_to_the_right_floor_whatever_floor_calls_go_to() -> None:
     assert lift.run(60, fire=True, faults=these(WrongFloor())).door_open_floor == 0
 
 
-@pytest.mark.parametrize("by", [1, -1, 2, -5, 40])
-@pytest.mark.parametrize("count", [2, 3, 5])
+@each_row("by", [1, -1, 2, -5, 40])
+@each_row("count", [2, 3, 5])
 def test_a_wrong_floor_is_always_a_floor_and_never_the_right_one(by: int, count: int) -> None:
     for call in range(count):
         assert machine_faults.sent_to(call, by, count) in set(range(count)) - {call}
@@ -224,7 +225,7 @@ def test_a_car_with_its_doors_shut_does_not_sink() -> None:
         assert (picture.level_floor, picture.position_m) == (1, 3.2)
 
 
-@pytest.mark.parametrize("after_s", [0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
+@each_row("after_s", [0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
 def test_taken_away_at_any_moment_the_car_comes_level_and_stays(after_s: float) -> None:
     lift = open_at(1)
     relevelled(lift, 2.1 + after_s, Relevelling(every_s=2.0))
@@ -388,9 +389,7 @@ def test_robot_mode_is_taken_away_from_a_moving_car_too() -> None:
 # -- modes and load
 
 
-@pytest.mark.parametrize(
-    "mode", [Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE], ids=str
-)
+@each_row("mode", [Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE])
 def test_a_mode_holds_for_as_long_as_the_fault_does(mode: Mode) -> None:
     lift = Lift()
     assert lift.run(2 * SCAN_S, faults=these(InMode(mode))).mode is mode
@@ -398,7 +397,7 @@ def test_a_mode_holds_for_as_long_as_the_fault_does(mode: Mode) -> None:
     assert lift.run(2 * SCAN_S, faults=NONE).mode is Mode.NORMAL
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("key", "fault", "mode"),
     [
         (Key.INSPECTION, Mode.INDEPENDENT, Mode.INSPECTION),
@@ -452,7 +451,7 @@ def test_an_idle_lift_with_faults_costs_nothing_either() -> None:
     assert lift.state._replace(since_scan_s=0.0) == before._replace(since_scan_s=0.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("make", "words"),
     [
         (lambda: WrongFloor(0), "by must not be 0"),

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-import pytest
-
 from register_maps.words import Door, Side
 from tests.simulator.bench import FRONT, PLAIN, SCAN_S, Lift, all_closed, floors, opened
+from tests.support.rows import each_row
 
 HOLD = {"hold_door.front": 1}
 CALLED, IN_ROBOT_MODE = {"go_to": 3}, {"robot_mode": 1}
@@ -112,7 +111,7 @@ def test_a_finger_on_the_button_and_a_call_that_stays_on_are_not_dropped() -> No
 # -- a controller that needs an edge
 
 
-@pytest.mark.parametrize(("rest_s", "counts"), [(0.1, False), (0.35, False), (0.5, True), (2.0, True)])
+@each_row(("rest_s", "counts"), [(0.1, False), (0.35, False), (0.5, True), (2.0, True)])
 def test_a_press_counts_only_after_rest(rest_s: float, *, counts: bool) -> None:
     lift = Lift(EDGE)
     lift.run(1, asked=HOLD)

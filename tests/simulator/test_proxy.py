@@ -35,7 +35,7 @@ from simulator.wire_faults import (
 )
 
 HOST = "127.0.0.1"
-LIMIT_S = 5.0
+LIMIT_S = 60.0
 SILENCE_S = 0.03
 READ = frames.read(Table.HOLDING, 10, 3)
 ASK = frames.frame(READ, 7)

@@ -28,6 +28,7 @@ from simulator.modes import Key
 from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_VALUE, Objection
 from tests.simulator.faces import SCAN_S, Faced, faced, is_closed, is_open, stands_open_at
 from tests.support.good_map import HANDSHAKE
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 from tests.support.written_maps import written_map
 
@@ -139,7 +140,7 @@ def test_a_fault_takes_effect_at_its_own_instant_however_time_is_cut() -> None:
 # -- what is told
 
 
-@pytest.mark.parametrize(("by", "start", "shown"), [(1, 0, 2), (1, 2, 4), (1, 3, 3), (-1, 0, 2), (-1, 3, 3), (2, 1, 4)])
+@each_row(("by", "start", "shown"), [(1, 0, 2), (1, 2, 4), (1, 3, 3), (-1, 0, 2), (-1, 3, 3), (2, 1, 4)])
 def test_the_wrong_floor_is_so_many_floors_off_and_on_the_other_side_at_the_end_of_the_shaft(
     by: int, start: int, shown: int
 ) -> None:
@@ -507,7 +508,7 @@ def test_somebody_else_writes_a_cell_of_ours() -> None:
     assert lift.read(HOLDING, GO_TO) == [0]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("map_name", "fault", "says"),
     [
         ("generic-registers", ForeignWriter("go"), "no command go; it has go_to"),

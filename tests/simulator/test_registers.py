@@ -10,6 +10,7 @@ from simulator import shaft
 from simulator.controller import Inputs, Parameters, Picture
 from simulator.modes import Key
 from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, Objection, RegisterFace
+from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 
 SCAN_S = 0.05
@@ -140,7 +141,7 @@ def test_at_every_scan_of_a_ride_every_register_says_what_the_lift_does() -> Non
     assert list(dict.fromkeys(words[FLOOR - 1] for words in seen)) == [BASEMENT, 1, 2]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("inputs", "mode"),
     [
         (Inputs(), Mode.NORMAL),
@@ -151,7 +152,6 @@ def test_at_every_scan_of_a_ride_every_register_says_what_the_lift_does() -> Non
         (Inputs(emergency=True), Mode.EMERGENCY),
         (Inputs(key=Key.OUT_OF_SERVICE), Mode.OUT_OF_SERVICE),
     ],
-    ids=lambda value: value if isinstance(value, Mode) else "",
 )
 def test_every_mode_has_its_code_and_fire_its_bit_too(inputs: Inputs, mode: Mode) -> None:
     lift = generic()
@@ -235,7 +235,7 @@ def test_a_floor_switch_is_made_in_the_door_zone_only() -> None:
 # -- presses
 
 
-@pytest.mark.parametrize(("pressed_s", "taken"), [(0.2, False), (0.9, False), (1.1, True), (2.0, True)])
+@each_row(("pressed_s", "taken"), [(0.2, False), (0.9, False), (1.1, True), (2.0, True)])
 def test_a_press_shorter_than_a_scan_may_be_missed_and_a_longer_one_is_not(pressed_s: float, *, taken: bool) -> None:
     lift = generic(key=Key.ROBOT, scan_s=1.0)
     # just after a scan, so that a short press lies between two
@@ -447,7 +447,7 @@ def test_what_people_do_renews_no_watchdog() -> None:
 # -- what it serves
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("table", "address", "count", "code"),
     [
         (Table.HOLDING, 8, 1, ILLEGAL_ADDRESS),

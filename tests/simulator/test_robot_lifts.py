@@ -11,6 +11,7 @@ from register_maps.load import load
 from register_maps.words import Table
 from simulator.controller import Parameters
 from tests.simulator.faces import Faced, faced, is_closed, is_open, stands_open_at
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
 COIL, DISCRETE, HOLDING, INPUT = Table.COIL, Table.DISCRETE, Table.HOLDING, Table.INPUT
@@ -152,7 +153,7 @@ def test_a_controller_that_needs_an_edge_wants_rest_before_a_press(rest_s: float
 # -- what `simulate` prints
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "printed"),
     [
         ("adam-pushbutton", "they do not tell where the car is or whether its door is open"),
@@ -169,7 +170,7 @@ def test_simulate_describes_what_it_serves(name: str, printed: str) -> None:
         source = load(name).map
         work = run_simulation(source, host="127.0.0.1", port=0, floors=None, speed=1.0, console=console)
         running = asyncio.create_task(work)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             await shown.wait()
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)

@@ -6,6 +6,7 @@ from register_maps.words import Mode, Motion, Side, Table
 from simulator.controller import Inputs
 from simulator.modes import Key
 from tests.simulator.faces import SCAN_S, Faced, faced, is_open, stands_open_at
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
 COIL, DISCRETE, HOLDING, INPUT = Table.COIL, Table.DISCRETE, Table.HOLDING, Table.INPUT
@@ -32,7 +33,7 @@ def said(text: str, codes: tuple[int, ...] = (0, 1, 2), start: int = 0, key: Key
 # -- floors
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("code", "active", "bits_of_5"),
     [
         # 5 is 101, and 111 in the reflected binary code
@@ -119,7 +120,7 @@ commands:
 # -- doors, motion, flags
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("door", "closed", "ajar", "opened"),
     [
         ('{at: "discrete:20"}', [0], [0], [1]),

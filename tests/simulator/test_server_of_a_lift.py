@@ -55,7 +55,7 @@ class Line:
         body = bytes.fromhex(frame)
         reader, writer = self.lines[body[0]]
         writer.write(b"\0\1\0\0" + len(body).to_bytes(2, "big") + body)
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(60):
             head = await reader.readexactly(6)
             return (await reader.readexactly(head[5])).hex(" ").upper()
 

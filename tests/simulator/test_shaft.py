@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from register_maps.words import Door, Motion, Side
 from simulator import shaft
 from simulator.shaft import Orders, Parameters, State
+from tests.support.rows import each_row
 
 FRONT, REAR = frozenset({Side.FRONT}), frozenset({Side.REAR})
 BOTH = FRONT | REAR
@@ -199,7 +200,7 @@ def test_a_door_ordered_open_while_travelling_opens_once_the_car_has_arrived() -
 # -- the building
 
 
-@pytest.mark.parametrize(
+@each_row(
     "wrong",
     [
         {"heights_m": (0.0,)},

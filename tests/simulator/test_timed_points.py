@@ -5,6 +5,7 @@ import pytest
 from register_maps.words import Table
 from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection
 from tests.simulator.faces import Faced, faced, is_closed, is_open, stands_open_at
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
 COIL, HOLDING = Table.COIL, Table.HOLDING
@@ -97,7 +98,7 @@ def test_however_long_nobody_looks_a_timed_relay_has_ended_in_time() -> None:
     assert lift.after(0.2).car_calls == {0}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("address", "code"),
     [(0x000, ILLEGAL_VALUE), (0x007, ILLEGAL_VALUE), (0x202, ILLEGAL_VALUE), (0x208, ILLEGAL_ADDRESS)],
 )

@@ -44,6 +44,7 @@ from simulator.wire_faults import (
     faulty,
 )
 from tests.simulator.far import READ, Far, answer_to, only, right
+from tests.support.rows import each_row
 
 # -- limits
 
@@ -77,7 +78,7 @@ def test_chance_is_the_seeds_and_each_fault_has_its_own() -> None:
     assert all(pattern(DropRequest(probability=0.0)))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("target", "covered"),
     [
         (Target(), "rcwmu"),
@@ -147,7 +148,7 @@ def test_one_of_each_is_one_of_each() -> None:
     assert {type(fault) for fault in ONE_OF_EACH} | CONNECTION_FAULTS == set(WIRE_FAULTS)
 
 
-@pytest.mark.parametrize("fault", ONE_OF_EACH, ids=lambda fault: type(fault).__name__)
+@each_row("fault", ONE_OF_EACH)
 def test_every_exchange_is_told_and_honest_only_if_the_bytes_are_the_devices(fault: WireFault) -> None:
     far = Far(fault)
     request = frames.write_register(1, 5) if isinstance(fault, WrongEcho) else READ

@@ -37,6 +37,7 @@ from simulator.wire_faults import (
     WrongUnit,
 )
 from tests.simulator.far import READ, WORDS, Far, answer_to, only, right
+from tests.support.rows import each_row
 
 # -- values
 
@@ -48,7 +49,7 @@ def test_a_fault_is_a_value() -> None:
     assert repr(Delay(0.2)).startswith("Delay(times=None, probability=1.0, from_s=0.0, until_s=inf, on=Target(")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("make", "says"),
     [
         (lambda: DropRequest(times=0), "times 0"),
@@ -96,8 +97,8 @@ def test_a_dropped_request_is_not_heard_by_the_device_and_a_dropped_answer_is() 
     assert only(far.ask()) == answer_to(READ)
 
 
-@pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 8, 0x0A, 0x0B, 0xFF])
-@pytest.mark.parametrize("executed", [False, True])
+@each_row("code", [1, 2, 3, 4, 5, 6, 8, 0x0A, 0x0B, 0xFF])
+@each_row("executed", [False, True])
 def test_an_exception_of_any_code_answers_in_the_place_of_the_device(code: int, *, executed: bool) -> None:
     far = Far(AnswerWithException(code, executed=executed))
     with pytest.raises(ExceptionAnswer) as caught:
@@ -149,7 +150,7 @@ def test_an_answer_that_comes_after_the_connection_died_does_not_pass() -> None:
 # -- the contents of the answer
 
 
-@pytest.mark.parametrize(("offset", "fixed", "expected"), [(1, None, 0), (-1, None, 65534), (5, 0, 0), (1, 77, 77)])
+@each_row(("offset", "fixed", "expected"), [(1, None, 0), (-1, None, 65534), (5, 0, 0), (1, 77, 77)])
 def test_a_wrong_transaction_id_is_the_only_difference(offset: int, fixed: int | None, expected: int) -> None:
     data = only(Far(WrongTransactionId(offset, fixed)).ask(tid=65535))
     assert frames.tid_of(data) == expected
@@ -173,7 +174,7 @@ def test_the_wrong_function_of_an_exception_is_an_exception() -> None:
     assert only(far.ask())[7:] == b"\x84\x02"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("fault", "pdu"),
     [
         (WrongCount(-1), b"\x03\x04" + WORDS[:4]),
@@ -210,7 +211,7 @@ def test_where_there_is_nothing_to_change_the_fault_has_not_struck() -> None:
     assert only(far.ask(frames.write_register(1, 1))) != answer_to(frames.write_register(1, 1))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("request_", "part", "data"),
     [
         (frames.write_coil(3, True), EchoPart.VALUE, b"\x00\x03\x00\x00"),

@@ -68,7 +68,7 @@ SHORT_S = 0.08
 """Time-out of a link that is to run into it."""
 LONG_S = 2.0
 """And of one that is not, however busy the machine is."""
-LIMIT_S = 10.0
+LIMIT_S = 60.0
 FIRST = frames.read(Table.HOLDING, 10, 3)
 SECOND = frames.read(Table.HOLDING, 50, 3)
 PRESS = frames.write_register(7, 1)

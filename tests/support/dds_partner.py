@@ -41,7 +41,7 @@ KINDS: dict[str, type[IdlStruct]] = {
     "clock": WireClock,
 }
 ROOT = Path(__file__).resolve().parents[2]
-LIMIT_S = 20.0
+LIMIT_S = 120.0
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from lift_manager.rmf.messages import LiftRequest, LiftState, Time
 from lift_manager.rmf.ros_settings import RosSettings
 from tests.support.dds_oracle import Oracle
 
-LIMIT_S = 20.0
+LIMIT_S = 120.0
 ORACLE = Oracle()
 
 

@@ -23,13 +23,17 @@ from tests.support.forked import Forked
 
 ROOT = Path(__file__).resolve().parents[2]
 LIFT_MANAGER = (sys.executable, "-I", "-m", "lift_manager")
+HANGS_S = 120.0
+"""Whoever waits for longer waits for nothing; on a busy machine everything takes long, and no test fails because of that."""
 OUT_WITHIN_S = 5.0
-"""SIGTERM and Ctrl-C: out within this time whatever the controller does."""
+"""SIGTERM and Ctrl-C: out within this time whatever the controller does, on a machine that has nothing else to do."""
+OUT_AT_LAST_S = 60.0
+"""The same on a machine that has: what waits for something that never comes takes longer."""
 
 Seen = TypeVar("Seen")
 
 
-def eventually(look: Callable[[], Seen | None], within_s: float, every_s: float = 0.02) -> Seen:
+def eventually(look: Callable[[], Seen | None], within_s: float = HANGS_S, every_s: float = 0.02) -> Seen:
     """Look until what is seen is true; return it."""
     pause = threading.Event()
     ends_at = time.monotonic() + within_s
@@ -42,12 +46,20 @@ def eventually(look: Callable[[], Seen | None], within_s: float, every_s: float 
 class Program:
     """One running process. What it prints goes to files, so that it never waits for a reader."""
 
-    def __init__(self, command: tuple[str, ...], folder: Path, cwd: Path | None, *, forked: bool = False) -> None:
+    def __init__(
+        self,
+        command: tuple[str, ...],
+        folder: Path,
+        cwd: Path | None,
+        *,
+        forked: bool = False,
+        more: Mapping[str, str] | None = None,
+    ) -> None:
         self._out, self._err = folder / "out", folder / "err"
         self._process: subprocess.Popen[bytes] | Forked
         with self._out.open("wb") as out, self._err.open("wb") as err:
             # what a manager remembers over a restart ends with the test, unless its site file names a folder
-            env = os.environ | {"XDG_STATE_HOME": str(folder)}
+            env = os.environ | {"XDG_STATE_HOME": str(folder)} | dict(more or {})
             if forked:
                 self._process = Forked(command, env=env, cwd=cwd, out=out, err=err)
             else:
@@ -63,23 +75,23 @@ class Program:
     def err(self) -> str:
         return _text_so_far(self._err)
 
-    def says(self, pattern: str, within_s: float = 15.0) -> re.Match[str]:
+    def says(self, pattern: str) -> re.Match[str]:
         """Wait until stdout holds this."""
 
         def look() -> re.Match[str] | None:
             assert self._process.poll() is None, f"ended with {self._process.returncode}: {self.out}{self.err}"
             return re.search(pattern, self.out)
 
-        return eventually(look, within_s)
+        return eventually(look)
 
-    def logs(self, pattern: str, within_s: float = 5.0) -> re.Match[str]:
+    def logs(self, pattern: str) -> re.Match[str]:
         """Wait until stderr holds this."""
-        return eventually(lambda: re.search(pattern, self.err), within_s)
+        return eventually(lambda: re.search(pattern, self.err))
 
     def tell(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
 
-    def ended(self, within_s: float = OUT_WITHIN_S) -> int:
+    def ended(self, within_s: float = HANGS_S) -> int:
         """Wait for its end; returns the exit code."""
         return self._process.wait(within_s)
 
@@ -92,7 +104,7 @@ class Program:
     def end(self) -> None:
         if self._process.poll() is None:
             self._process.kill()
-            self._process.wait(OUT_WITHIN_S)
+            self._process.wait(HANGS_S)
 
 
 def _text_so_far(file: Path) -> str:
@@ -101,12 +113,12 @@ def _text_so_far(file: Path) -> str:
 
 
 @contextmanager
-def running(*arguments: str | Path, cwd: Path | None = None) -> Iterator[Program]:
+def running(*arguments: str | Path, cwd: Path | None = None, env: Mapping[str, str] | None = None) -> Iterator[Program]:
     """Run `lift-manager` with these arguments, forked by the starter; ended by its id whatever happens.
 
-    Its words are shown where a test has failed.
+    `env` is added to the environment. Its words are shown where a test has failed.
     """
-    with _running(tuple(map(str, arguments)), cwd, forked=True) as program:
+    with _running(tuple(map(str, arguments)), cwd, forked=True, more=env) as program:
         yield program
 
 
@@ -118,9 +130,11 @@ def started(*command: str, cwd: Path | None = None) -> Iterator[Program]:
 
 
 @contextmanager
-def _running(command: tuple[str, ...], cwd: Path | None, *, forked: bool) -> Iterator[Program]:
+def _running(
+    command: tuple[str, ...], cwd: Path | None, *, forked: bool, more: Mapping[str, str] | None = None
+) -> Iterator[Program]:
     with TemporaryDirectory() as folder:
-        program = Program(command, Path(folder), cwd, forked=forked)
+        program = Program(command, Path(folder), cwd, forked=forked, more=more)
         try:
             yield program
         finally:
@@ -132,17 +146,21 @@ def _running(command: tuple[str, ...], cwd: Path | None, *, forked: bool) -> Ite
 class Started(ExitStack):
     """Several programs, and what talks to them, that end together."""
 
-    def __call__(self, *arguments: str | Path) -> Program:
-        return self.enter_context(running(*arguments))
+    def __call__(
+        self, *arguments: str | Path, cwd: Path | None = None, env: Mapping[str, str] | None = None
+    ) -> Program:
+        return self.enter_context(running(*arguments, cwd=cwd, env=env))
 
 
-def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def run(
+    *arguments: str | Path, cwd: Path | None = None, env: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run `lift-manager` to its end, forked by the starter."""
     words = tuple(map(str, arguments))
     with TemporaryDirectory() as folder:
-        program = Program(words, Path(folder), cwd, forked=True)
+        program = Program(words, Path(folder), cwd, forked=True, more=env)
         try:
-            code = program.ended(15.0)
+            code = program.ended()
         finally:
             program.end()
         return subprocess.CompletedProcess(words, code, program.out, program.err)
@@ -157,7 +175,7 @@ def run_anew(*arguments: str | Path, cwd: Path | None = None) -> subprocess.Comp
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=15,
+        timeout=HANGS_S,
         check=False,
     )
 
@@ -182,7 +200,7 @@ for number, call in enumerate(json.load(sys.stdin)):
     if child := os.fork():
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
         continue
-    signal.alarm(15)  # ends the child if nothing else does
+    signal.alarm(120)  # ends the child if nothing else does
     for standard, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(f"{folder}/{number}.{name}", os.O_WRONLY | os.O_CREAT), standard)
     sys.argv[1:] = call

@@ -153,9 +153,10 @@ async def spine(
     journal: Journal | None = None,
     clock: Clock | None = None,
     codec: Codec | None = None,
+    really: Codec | None = None,
     like: Parameters | None = None,
 ) -> AsyncIterator[Spine]:
-    """One lift of a shipped map, or of `codec`, standing at its lowest floor above ground; `like` are settings of its controller.
+    """One lift of a shipped map, or of `codec`, standing at its lowest floor above ground; `like` are settings of its controller, which is as `really` says.
 
     A second one on the same `memory` is the lift after a restart of the manager. Sessions follow each other without a rest
     unless a test wants one.
@@ -163,7 +164,7 @@ async def spine(
     codec = codec or compiled(map_name)
     source = codec.map
     named = dict(floors or FLOORS.get(source.name) or default_floors(source))
-    face = simulated_lift(codec, named, like=like)
+    face = simulated_lift(really or codec, named, like=like)
     devices = {"": SimulatedDevice(face)} | {name: SimulatedDevice(face.endpoint(name)) for name in source.endpoints}
     settings = LinkSettings(
         timeout_s=source.link.timeout_s, min_gap_s=source.link.min_gap_s, reconnect_min_s=source.link.reconnect_min_s

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from lift_manager.config.site import AnyFloor, Given, Seconds, Text, Wait
+from lift_manager.config.site import AnyFloor, Clear, Given, Seconds, Text, Wait
 from lift_manager.domain.asking import RobotWord
 from lift_manager.lab.scenario.vocabulary import WantedDoor
 from register_maps.words import Side
@@ -37,6 +37,7 @@ class Options(_Part):
 
     lease_s: Seconds | None = None
     max_session_hold_s: Seconds | None = None
+    clear_s: Clear | None = None
     between_sessions_s: Annotated[float, Field(ge=0, le=600)] | None = None
     board_min_s: Annotated[float, Field(ge=0, le=600)] | None = None
     fire_release_delay_s: Annotated[float, Field(ge=0, le=10)] | None = None
@@ -99,8 +100,8 @@ class Says(_Part):
     by: Text
 
 
-class LockOut(Says):
-    """A person's word that keeps robots off, with the reason."""
+class SaysWhy(Says):
+    """A person's word, with the reason."""
 
     reason: Text
 
@@ -120,8 +121,10 @@ class Step(_Part):
     people: Any = None
     inputs: Inputs | None = None
     acknowledge: Says | None = None
-    lock_out: LockOut | None = None
+    lock_out: SaysWhy | None = None
     end_lockout: Says | None = None
+    drain: SaysWhy | None = None
+    end_drain: Says | None = None
     for_s: Seconds | None = None
     every_s: Seconds | None = None
     until: Any = None
@@ -176,6 +179,8 @@ DOINGS = (
     "acknowledge",
     "lock_out",
     "end_lockout",
+    "drain",
+    "end_drain",
 )
 """What a step can do; one of them."""
 DEMANDS = ("never", "eventually", "ordered", "count")

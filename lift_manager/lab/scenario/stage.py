@@ -185,6 +185,12 @@ class Stage:
         elif step.end_lockout is not None:
             ended = manager.end_lockout(lift, step.end_lockout.by)
             self._note(lift, Person.END_LOCKOUT, step.end_lockout.by, ended)
+        elif step.drain is not None:
+            drained = manager.begin_drain(lift, step.drain.by, step.drain.reason)
+            self._note(lift, Person.DRAIN, step.drain.by, drained)
+        elif step.end_drain is not None:
+            over = manager.end_drain(lift, step.end_drain.by)
+            self._note(lift, Person.END_DRAIN, step.end_drain.by, over)
 
     def _note(self, lift: str, says: Person, by: str, answer: object) -> None:
         now = asyncio.get_running_loop().time()

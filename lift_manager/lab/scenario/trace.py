@@ -215,6 +215,7 @@ def _state_fields(state: LiftState) -> Mapping[str, object]:
         "holder": state.holder,
         "fire_latched": held.fire_latched,
         "lockout": held.lockout,
+        "drain": held.drain,
         "maybe_aboard": held.maybe_aboard,
         "waiting_for": held.waiting_for,
     }

@@ -68,6 +68,8 @@ class Person(StrEnum):
     ACKNOWLEDGE = "acknowledge"
     LOCK_OUT = "lock_out"
     END_LOCKOUT = "end_lockout"
+    DRAIN = "drain"
+    END_DRAIN = "end_drain"
 
 
 @unique
@@ -122,6 +124,7 @@ KINDS: Mapping[str, Kind] = {
             "holder": _text("who holds the lift"),
             "fire_latched": _flag("a fire that nobody has acknowledged"),
             "lockout": _text("who keeps robots off, and why"),
+            "drain": _text("who lets sessions end and no new one begin, and why"),
             "maybe_aboard": _text("whose robot may be in the car"),
             "waiting_for": _text("what the session waits for"),
         },

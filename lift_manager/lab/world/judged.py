@@ -31,7 +31,7 @@ class Wrong(StrEnum):
     OUTPUT = "output"
     """An output is on, and counts as released."""
     FLOOR = "floor"
-    """The floor that is said is another one."""
+    """The floor that is said is another one, or the car does not stand there."""
     SHOWN = "shown"
     """Motion or a door is said to be other than it is."""
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
-from lift_manager.domain.asking import Accepted, Ask, Refused
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import CommandEnded, Event, HandedOver
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.fault_names import fault_name
@@ -140,6 +140,8 @@ class _Watched:
     claims: deque[_Claim] = field(default_factory=deque)
     asks: dict[Holder, tuple[Ask, Ask]] = field(default_factory=dict)
     """The last request of each holder that was accepted, and the last one before it for another floor."""
+    in_place_at: dict[Holder, float] = field(default_factory=dict)
+    """When a robot of each holder last said that it is inside."""
     floor: FloorName | None = None
     """Of the last request that was accepted, and since when it is that one."""
     floor_asked_at: float = -math.inf
@@ -274,6 +276,8 @@ class Oracle:
         watched = self._lifts[ask.lift]
         if ask.floor != watched.floor:
             watched.floor, watched.floor_asked_at = ask.floor, at
+        if ask.robot is RobotWord.IN_PLACE:
+            watched.in_place_at[ask.holder] = at
         last, before = watched.asks.get(ask.holder, (ask, ask))
         watched.asks[ask.holder] = ask, before if last.floor == ask.floor else last
 
@@ -317,7 +321,9 @@ class Oracle:
         """Take a truth that may be another one than the last."""
         before = watched.history.last
         watched.history.add(at, truth)
-        watched.history.forget(at - KEPT_S)
+        # under a fault of these kinds the state may still show what was so when it began
+        still = (fault.since for fault in watched.faults if fault.name in STANDS_STILL)
+        watched.history.forget(min([at - KEPT_S, *still]))
         if before is None or before.mode is not truth.mode:
             watched.mode_since = at
         barred = truth.bars & watched.about.shows.bars
@@ -431,7 +437,7 @@ class Oracle:
             if name == "robot_mode" and not truth.standing:
                 watched.under_way_at = at
             if name == "robot_mode":
-                since = max(since, watched.under_way_at)
+                since = max(since, min(self._stands_unknown_at(watched, at), since + watched.about.arrive_within_s))
             hindered_s = watched.lost_s - unwanted.lost_s
             hindered_s += RETRIES_WITHIN_S * (failed_writes - unwanted.failed_writes)
             if at - since - hindered_s > self._limit_s(watched, name, truth):
@@ -439,6 +445,12 @@ class Oracle:
                 if not self._is_let_pass(watched, lift, name, at):
                     self.weigh(Finding(at, lift, "output on too long", text, Wrong.OUTPUT), about=name)
                 watched.unwanted[output] = _Unwanted(at, watched.lost_s, failed_writes)
+
+    @staticmethod
+    def _stands_unknown_at(watched: _Watched, at: float) -> float:
+        """Return when the manager last could not know that the car stands: it moved, readings failed, or the alive counter stood still."""
+        is_frozen = any(fault.name == "frozen_heartbeat" and at <= fault.ended_at for fault in watched.faults)
+        return at if is_frozen else max(watched.under_way_at, watched.clean_since)
 
     def _limit_s(self, watched: _Watched, name: str, truth: Truth) -> float:
         """Return how long this may stay on although nobody wants it.
@@ -476,7 +488,8 @@ class Oracle:
         if asks is None:
             # it was asked for over a face whose requests nobody tells the judge
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
-        return is_wanted(about, name, floor, truth, *asks, on_s=on_s)
+        owed = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(state.holder, -math.inf)
+        return is_wanted(about, name, floor, truth, asks, on_s=on_s, owes_word=owed)
 
     def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
         claimed_at, pressed_at, outcome = claim

@@ -219,7 +219,8 @@ def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float) -> dict[s
         "homing": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
         "calls_cancelled": Excuse(_LATE, arrive_within_s),
         "reboot": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
-        "says_wrong_floor": Excuse(frozenset({Wrong.OPEN, Wrong.EFFECT, Wrong.FLOOR}), None),
+        # the door is held for the robot at the floor that is said
+        "says_wrong_floor": Excuse(frozenset({Wrong.OPEN, Wrong.EFFECT, Wrong.FLOOR, Wrong.OUTPUT}), None),
         "floor_ahead": Excuse(frozenset({Wrong.FLOOR}), None),
         "contradicting_limits": Excuse(frozenset({Wrong.OPEN, Wrong.SHOWN}), max_age_s),
         "frozen_registers": Excuse(_UNSEEN, stands_still),

@@ -40,7 +40,7 @@ NOTICED_WITHIN_S = 2.6
 OWN_WITHIN_S = 0.3
 """The same for a hold that we released: nobody has to look at anything."""
 MODE_LEFT_S = 2.0
-"""How long ago the mode may have ended because of which robot mode was dropped."""
+"""How long ago the forbidden mode, or what kept robots off (key switch, watchdog), may have ended because of which robot mode was dropped."""
 ROUNDING_S = 1e-6
 SAME_INSTANT_S = 0.05
 """A press or release that is due is on the wire within so long."""
@@ -92,6 +92,8 @@ class _Book:
     """When a state last said open for the robot of a session."""
     invited: tuple[Holder, FloorName | None] | None = None
     """To whom, and where."""
+    gave_up_at: dict[Holder, float] = field(default_factory=dict)
+    """When each caller was last taken to want the door at no floor, or at another one than before."""
     robot_mode_at: float = -math.inf
     stood_at: float = -math.inf
     """When the car was last seen to stand; that it has set out is known with the next reading."""
@@ -153,6 +155,10 @@ class Rules:
         if state.quality is not Quality.LIVE:
             return
         book.live_at = at
+        if state.standing and state.floor is not None and book.standing_calls:
+            # for the manager the car was there; where it was not, another rule finds that
+            there = book.about.floors.index(state.floor)
+            book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] != there}
         if state.mode is Mode.FIRE:
             book.fire_since = min(book.fire_since, at)
             book.fire_published_at = at
@@ -216,6 +222,9 @@ class Rules:
         book = self._books[ask.lift]
         if not isinstance(answer, Accepted):
             return
+        if ask.floor != book.floor or not ask.hold_door:
+            # the release that follows may wait behind a slow answer, and its holder may ask for the floor again meanwhile
+            book.gave_up_at[ask.holder] = at
         if ask.floor != book.floor:
             book.floor = ask.floor
             book.calls.clear()
@@ -298,7 +307,8 @@ class Rules:
             return
         holder, floor = book.invited
         ask = self._oracle.ask_of(lift, holder)
-        gave_up = ask is None or ask.floor != floor or not ask.hold_door
+        asked_for_it = book.gave_up_at.get(holder, -math.inf) > book.invited_at
+        gave_up = ask is None or ask.floor != floor or not ask.hold_door or asked_for_it
         sudden = (
             at - book.mode_at < MODE_LEFT_S
             or not math.isinf(book.fire_since)

@@ -25,7 +25,7 @@ def untrue(state: LiftState, shows: Shows, truths: Sequence[Truth]) -> Iterator[
     if state.floor is not None and not ever(lambda truth: truth.passed in (state.floor, None)):
         yield "said another floor", f"{state.floor}, and the car was at {now.passed} last", Wrong.FLOOR
     if state.standing and not ever(lambda truth: _may_stand(truth, shows)):
-        yield "said standing and moved", f"standing at {state.floor}", Wrong.SHOWN
+        yield "said standing and moved", f"standing at {state.floor}", Wrong.FLOOR
     if not _moves_as_said(state.motion, shows, truths):
         yield "said another motion", f"{state.motion}, and the car {'stood' if now.standing else 'moved'}", Wrong.SHOWN
     if not ever(lambda truth: is_said_of(state.mode, truth.mode, shows)):

@@ -10,10 +10,11 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from lift_manager.domain.keys import Key
+from lift_manager.web.answers import answer
 from lift_manager.web.ending import ending_of
+from lift_manager.web.errors import RequestError
 from lift_manager.web.events.readers import Places, Reader
 from lift_manager.web.events.sse import MEDIA_TYPE
-from lift_manager.web.problem import problem
 
 HEADERS = {
     "cache-control": "no-store",
@@ -39,7 +40,10 @@ class EventStream(Response):
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send until the reader goes, the server ends, or the reader may not read any more."""
         if text := self._places.refusal(self._key):
-            await _full(text)(scope, receive, send)
+            # the place of its connection is for another client
+            headers = {"retry-after": str(COME_BACK_S), "connection": "close"}
+            error = RequestError("too_many_streams", text, headers=headers)
+            await answer(scope["path"], error)(scope, receive, send)
             return
         with self._places.counted(self._key), self._reading() as reader, ending_of(scope).heard(reader.end):
             await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
@@ -57,10 +61,3 @@ async def _until_gone(receive: Receive, reader: Reader) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
     reader.end()
-
-
-def _full(text: str) -> Response:
-    no = problem(503, "too_many_streams", text)
-    no.headers["retry-after"] = str(COME_BACK_S)
-    no.headers["connection"] = "close"  # its place is for another client
-    return no

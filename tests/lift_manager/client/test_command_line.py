@@ -41,7 +41,9 @@ def test_changes_are_followed(lift_site: LiftSite) -> None:
         lift_site.lock_out(by="M. Weber", reason="new ropes")
         following.says(r"main: .*new ropes")
         code, _ = following.stop(signal.SIGINT)
-        assert (code, following.err) == (0, "")
+        assert code == 0
+        # on a busy computer the manager may be late
+        assert set(following.err.splitlines()) <= {"the manager is not heard; this goes on by itself once it is"}
 
 
 def test_without_a_manager_one_sentence_says_so(tmp_path: Path) -> None:

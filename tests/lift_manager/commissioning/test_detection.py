@@ -1,13 +1,12 @@
 """What can be seen of each fault is said for every map, and follows from what the map reads."""
 
-import pytest
-
 from lift_manager.commissioning.detection import MODES, Detection, Lie, detections
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
 from register_maps.codec import compile_map
 from register_maps.load import Changes, load, shipped
 from register_maps.words import Mode
 from simulator.faults import ForeignWriter
+from tests.support.rows import each_row
 
 
 def of(name: str, **override: object) -> dict[str, Detection]:
@@ -15,13 +14,13 @@ def of(name: str, **override: object) -> dict[str, Detection]:
     return {one.fault: one for one in detections(codec, max_age_s=1.0)}
 
 
-@pytest.mark.parametrize("name", shipped())
+@each_row("name", shipped())
 def test_no_fault_is_left_out_on_any_map(name: str) -> None:
     known = {fault_name(fault) for fault in every_device_fault()} | {fault_name(ForeignWriter("go_to"))}
     assert set(of(name)) == known
 
 
-@pytest.mark.parametrize("name", shipped())
+@each_row("name", shipped())
 def test_every_class_says_why_and_what_is_wrong_meanwhile(name: str) -> None:
     for one in of(name).values():
         assert one.how
@@ -38,6 +37,10 @@ def test_without_a_heartbeat_nobody_sees_that_registers_stand_still() -> None:
     assert frozen.within_s is None
     assert Lie.OPEN in frozen.lies
     assert "no heartbeat" in frozen.how
+
+
+def test_a_car_that_goes_to_the_wrong_floor_again_and_again_is_said_to_be_an_alarm() -> None:
+    assert "twice in a row with the same offset, are an alarm" in of("two-stop-agv")["wrong_floor"].how
 
 
 def test_a_mode_that_no_signal_tells_is_undetectable() -> None:

@@ -17,6 +17,7 @@ from lift_manager.commissioning.iolist.build import io_list
 from lift_manager.commissioning.iolist.model import COLUMNS, FROM_LIFT, TO_LIFT, IoList, IoPoint, LiftList
 from lift_manager.config.load import load_site
 from register_maps.load import load
+from tests.support.rows import each_row
 
 EVIL = '=HYPERLINK("http://evil.example","G")'
 SITE = f"""\
@@ -246,7 +247,7 @@ NAMES = [
 ]
 
 
-@pytest.mark.parametrize(("lifts", "sheets"), NAMES)
+@each_row(("lifts", "sheets"), NAMES)
 def test_a_sheet_gets_a_name_that_excel_takes(lifts: Sequence[str], sheets: list[str]) -> None:
     assert as_xlsx.sheet_names(lifts) == sheets
 
@@ -274,12 +275,12 @@ def test_no_cell_of_the_csv_file_begins_like_a_formula(found: IoList) -> None:
     assert not any(cell.startswith(("=", "+", "-", "@", "\t", "\r")) for row in rows for cell in row)
 
 
-@pytest.mark.parametrize("cell", ["=1", "+1", "-1", "@A1", "\t=1", "\r=1"])
+@each_row("cell", ["=1", "+1", "-1", "@A1", "\t=1", "\r=1"])
 def test_a_text_that_begins_like_a_formula_gets_an_apostrophe(cell: str) -> None:
     assert as_csv.safe(cell) == f"'{cell}"
 
 
-@pytest.mark.parametrize("cell", ["", "1 = up", "a-b", "'x", "lift → manager"])
+@each_row("cell", ["", "1 = up", "a-b", "'x", "lift → manager"])
 def test_any_other_text_stays_as_it_is(cell: str) -> None:
     assert as_csv.safe(cell) == cell
 
@@ -357,7 +358,7 @@ def test_a_browser_prints_the_page_on_a4_landscape(found: IoList, tmp_path: Path
     page, paper = tmp_path / "io.html", tmp_path / "io.pdf"
     page.write_bytes(as_html.render(found))
     chromium = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
-    subprocess.run([*chromium, f"--print-to-pdf={paper}", page.as_uri()], capture_output=True, check=True, timeout=50)
+    subprocess.run([*chromium, f"--print-to-pdf={paper}", page.as_uri()], capture_output=True, check=True, timeout=240)
     sizes = re.findall(rb"/MediaBox \[0 0 ([0-9.]+) ([0-9.]+)\]", paper.read_bytes())
     assert len(sizes) > len(found.lifts)  # a cover, and every lift on a sheet of its own
     assert {(round(float(width)), round(float(height))) for width, height in sizes} == {(842, 595)}

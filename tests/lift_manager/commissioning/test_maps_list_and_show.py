@@ -10,6 +10,7 @@ from lift_manager.commissioning.maps_list import WIDTH, MapLine, map_line, shipp
 from lift_manager.commissioning.maps_show import MapSheet, map_sheet, side_by_side
 from register_maps.codec import compile_map
 from register_maps.load import Changes, load, shipped
+from tests.support.rows import each_row
 
 each_map = pytest.mark.parametrize("name", shipped())
 
@@ -73,7 +74,7 @@ def test_every_shipped_map_is_listed_once() -> None:
     assert tuple(line.name for line in shipped_maps()) == shipped()
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@each_row("name", FEATURES)
 def test_the_features_of_a_map_are_told_in_words(name: str) -> None:
     line = asdict(map_line(load(name)))
     assert {key: line[key] for key in FEATURES[name]} == FEATURES[name]

@@ -18,6 +18,7 @@ from register_maps.codec import compile_map
 from register_maps.load import load, shipped
 from register_maps.words import Table
 from tests.support.network import called, printed
+from tests.support.rows import each_row
 
 SITE = """\
 schema: 1
@@ -73,7 +74,7 @@ READY = [
 """Maps that need nothing from a site."""
 
 
-@pytest.mark.parametrize("name", READY)
+@each_row("name", READY)
 def test_every_request_of_a_maps_plan_is_let_through_and_every_write_of_it_has_its_function(
     name: str, tmp_path: Path
 ) -> None:
@@ -214,7 +215,7 @@ def test_the_table_needs_no_address(tmp_path: Path) -> None:
     assert "writes  nothing" in made
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [
         (("--suricata",), "the address of the manager's computer"),

@@ -1,10 +1,9 @@
 """How points, signals and commands are put into words."""
 
-import pytest
-
 from lift_manager.commissioning import wording
 from register_maps.codec import Point
 from register_maps.words import Table
+from tests.support.rows import each_row
 from tests.support.written_maps import written_map
 
 SIGNALS = [
@@ -128,7 +127,7 @@ COMMANDS = [
 OTHER = "ready: {at: 'input:9'}, car_floor: {at: 'input:10', as: floor}"
 
 
-@pytest.mark.parametrize(("text", "words"), SIGNALS, ids=[text for text, _ in SIGNALS])
+@each_row(("text", "words"), SIGNALS)
 def test_a_signal_is_coded_in_these_words(text: str, words: str) -> None:
     name = text.split(":", maxsplit=1)[0]
     more = "" if name == "motion" else "\n  motion: {at: 'input:8', values: {0: stopped}}"
@@ -136,7 +135,7 @@ def test_a_signal_is_coded_in_these_words(text: str, words: str) -> None:
     assert wording.signal_coding(codec.signals[name], codec.map.signals[name]) == words
 
 
-@pytest.mark.parametrize(("text", "coding", "action"), COMMANDS, ids=[text for text, _, _ in COMMANDS])
+@each_row(("text", "coding", "action"), COMMANDS)
 def test_a_command_is_coded_and_given_in_these_words(text: str, coding: str, action: str) -> None:
     name = text.split(":", maxsplit=1)[0]
     confirm = "" if name == "heartbeat" else ", confirm: {any_of: [ready], within_s: 2}"
@@ -184,7 +183,7 @@ PLACES = [
 ]
 
 
-@pytest.mark.parametrize(("point", "count", "words"), PLACES, ids=[words for _, _, words in PLACES])
+@each_row(("point", "count", "words"), PLACES)
 def test_a_place_on_the_wire_is_named(point: Point, count: int, words: str) -> None:
     assert wording.wire(point, count) == words
 

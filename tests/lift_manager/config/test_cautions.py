@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-import pytest
-
 from tests.lift_manager.config.site_files import GENERIC, TWO_STOP, edited, load, my_map
+from tests.support.rows import each_row
 
 WATCHED = edited(GENERIC, ("    access: control\n", ""))
 DEMO = edited(
@@ -28,7 +27,7 @@ def test_nothing_is_said_of_checkout_records_that_nobody_can_make(tmp_path: Path
     assert about(tmp_path, GENERIC, "checkout") == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("codes", "expected"),
     [
         (
@@ -62,7 +61,7 @@ def test_a_lift_that_is_only_watched_says_that_its_requests_are_refused(tmp_path
     assert about(tmp_path, GENERIC, "watched") == []
 
 
-@pytest.mark.parametrize(("host", "cautions"), [("0.0.0.0", 1), ("10.0.0.7", 1), ("127.0.0.1", 0), ("localhost", 0)])
+@each_row(("host", "cautions"), [("0.0.0.0", 1), ("10.0.0.7", 1), ("127.0.0.1", 0), ("localhost", 0)])
 def test_an_api_that_others_on_the_network_can_reach_is_cautioned_about(
     tmp_path: Path, host: str, cautions: int
 ) -> None:

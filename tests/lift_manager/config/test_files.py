@@ -9,6 +9,7 @@ from register_maps.errors import MapFileError
 from register_maps.load import MAPS
 from register_maps.source import MAX_BYTES
 from tests.lift_manager.config.site_files import GENERIC, Said, assert_says_exactly, load, my_map, said
+from tests.support.rows import each_row
 
 
 @pytest.mark.parametrize(
@@ -64,7 +65,7 @@ def test_check_says_what_each_lift_is_after_its_cautions(tmp_path: Path) -> None
     ]
 
 
-@pytest.mark.parametrize("path", sorted(MAPS.glob("*.yaml")), ids=lambda path: path.stem)
+@each_row("path", sorted(MAPS.glob("*.yaml")))
 def test_check_knows_a_map_from_a_site_file(path: Path) -> None:
     assert check_file(path)[-1].startswith(f"{path}: map {path.stem} (")
 

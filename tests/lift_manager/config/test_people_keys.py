@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-import pytest
-
 from lift_manager import app
 from lift_manager.domain.hours import RobotHours, read_hours
 from register_maps.words import Side
 from tests.lift_manager.config.site_files import GENERIC, findings, load, said
+from tests.support.rows import each_row
 
 FLOORS = "    floors: {B1: -1, L1: 1, L2: 2}\n"
 
@@ -30,7 +29,7 @@ def test_what_is_said_reaches_the_lift(tmp_path: Path) -> None:
     assert (loaded.site.timezone, loaded.site.state) == ("Asia/Singapore", "kept")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("line", "key", "words"),
     [
         ('robot_hours: ["Mon-Fri 20-6"]', "robot_hours[0]", "write `Mon-Fri 20:00-06:00`"),
@@ -53,7 +52,7 @@ def test_what_makes_no_sense_is_found_at_its_place(tmp_path: Path, line: str, ke
     assert words in found.message
 
 
-@pytest.mark.parametrize("zone", ["Europe/Berlim", "Europe", "../etc/localtime", "/etc/localtime", "CEST+2"])
+@each_row("zone", ["Europe/Berlim", "Europe", "../etc/localtime", "/etc/localtime", "CEST+2"])
 def test_a_zone_that_does_not_exist_is_refused_with_two_that_do(tmp_path: Path, zone: str) -> None:
     found = findings(tmp_path, GENERIC, ("name: A building\n", f"name: A building\ntimezone: {zone}\n"))
     assert said(3, "timezone", repr(zone), "Europe/Berlin", "Asia/Singapore").fits(found[0])

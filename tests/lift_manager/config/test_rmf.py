@@ -16,6 +16,7 @@ from tests.lift_manager.config.site_files import (
     load,
     said,
 )
+from tests.support.rows import each_row
 
 SECOND = SECOND_LIFT.replace("    access: control\n", "    unit_id: 2\n")
 TWO = GENERIC + SECOND
@@ -67,7 +68,7 @@ def test_everything_that_can_be_said(tmp_path: Path) -> None:
     assert site.lifts["main"].rmf == LiftRmf(name="lift_1", floors={"B1": "basement", "L2": "level 2"})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("line", "key", "words"),
     [
         ("end_grace_s: 31", "end_grace_s", "30"),
@@ -132,7 +133,7 @@ def test_a_floor_that_the_lift_does_not_have_is_no_floor_for_rmf(tmp_path: Path)
     assert_says_exactly(found, said(10, "lifts.main.rmf.floors.L7", "main has no floor L7", "B1, L1, L2"))
 
 
-@pytest.mark.parametrize("text", ["{name: ''}", "{floors: {L1: ''}}", "{floors: {'': x}}", '{name: "a\\nb"}'])
+@each_row("text", ["{name: ''}", "{floors: {L1: ''}}", "{floors: {'': x}}", '{name: "a\\nb"}'])
 def test_a_name_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
     (found,) = findings(tmp_path, of_main(f"    rmf: {text}\n"))
     assert found.key is not None

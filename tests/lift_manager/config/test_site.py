@@ -18,6 +18,7 @@ from tests.lift_manager.config.site_files import (
     my_map,
     said,
 )
+from tests.support.rows import each_row
 
 
 def test_a_good_site_file_gives_its_lifts_floors_and_maps(tmp_path: Path) -> None:
@@ -36,7 +37,7 @@ def test_the_names_and_the_proxies_of_the_api_are_listed(tmp_path: Path) -> None
     assert [str(network) for network in found.trusted_proxies] == ["192.0.2.5/32", "192.0.2.16/28", "2001:db8::/64"]
 
 
-@pytest.mark.parametrize("proxy", ["proxy.example", "192.0.2.300", "192.0.2.5/28", "192.0.2.5:80"])
+@each_row("proxy", ["proxy.example", "192.0.2.300", "192.0.2.5/28", "192.0.2.5:80"])
 def test_a_proxy_that_is_no_address_is_a_mistake(tmp_path: Path, proxy: str) -> None:
     (found,) = findings(tmp_path, GENERIC + f"api: {{trusted_proxies: ['{proxy}']}}\n")
     assert f"'{proxy}' is no address and no network, such as 192.0.2.5 or 192.0.2.0/28" in str(found)
@@ -422,7 +423,7 @@ def test_every_finding_begins_with_file_line_and_key(tmp_path: Path) -> None:
     assert str(finding) == f"{tmp_path / 'site.yaml'}:9: lifts.main.floors.L2: code 1 is floor L1 already"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("key", "of_rmf", "least_s", "clearing"),
     [
         ("lease_s", "", 30, "clear_s"),
@@ -454,7 +455,7 @@ def test_a_shorter_clear_s_allows_shorter_limits(tmp_path: Path) -> None:
     assert (lift.clear_s, lift.lease_s) == (2.0, 6.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("edit", "key"),
     [
         (("port: 502", "port: 70000"), "controllers.plc.port"),

@@ -12,10 +12,13 @@ from lift_manager.core.journal import ShortJournal
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.journal import Row
 from lift_manager.domain.state import Quality
+from register_maps.codec import compile_map
+from register_maps.load import Changes, load
 from register_maps.words import Motion
 from simulator.controller import Inputs
 from simulator.faults import PowerLoss
 from tests.lift_manager.core.scripted import AT_L2, PLAIN, Bench, on_bench
+from tests.support.shipped_maps import compiled
 from tests.support.spine import Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -47,6 +50,48 @@ def test_a_robot_that_lets_go_under_way_leaves_robot_mode_on_until_the_car_stand
         assert "robot_mode" not in made.face.asked
 
     on_spine(check, name)
+
+
+@pytest.mark.parametrize("map_says_so", [True, False])
+def test_a_controller_that_consumes_each_request_keeps_robot_mode_under_way_if_its_map_says_so(
+    *, map_says_so: bool
+) -> None:
+    plain = compiled("generic-registers")
+    override = {"commands": {"robot_mode": {"self_clearing": True}}}
+    consuming = compile_map(load("generic-registers", changes=Changes({}, override)).map)
+
+    async def check(made: Spine) -> None:
+        made.accept(made.task.options.floors[-1])
+        await made.until(lambda _: made.face.picture.motion is not Motion.STOPPED)
+        await elapse(1)
+        made.task.force_release("M. Weber", "ropes")
+        asked = []
+        while made.face.picture.motion is not Motion.STOPPED:
+            asked.append("robot_mode" in made.face.asked)
+            await elapse(0.1)
+        assert all(asked) is map_says_so
+        await elapse(8)
+        assert "robot_mode" not in made.face.asked
+
+    on_spine(check, codec=consuming if map_says_so else plain, really=consuming)
+
+
+@pytest.mark.parametrize("in_session", [True, False])
+def test_a_key_switch_that_keeps_robots_off_drops_robot_mode_under_way(*, in_session: bool) -> None:
+    async def check(made: Spine) -> None:
+        made.accept(made.task.options.floors[-1])
+        await made.until(lambda _: made.face.picture.motion is not Motion.STOPPED)
+        await elapse(1)
+        if not in_session:
+            made.task.force_release("M. Weber", "ropes")
+            await elapse(1)
+        assert "robot_mode" in made.face.asked
+        made.people(Inputs(robots_allowed=False))
+        await elapse(1)
+        assert made.face.picture.motion is not Motion.STOPPED
+        assert "robot_mode" not in made.face.asked
+
+    on_spine(check, "generic-coils")
 
 
 @pytest.mark.parametrize("outputs_held", [False, True])

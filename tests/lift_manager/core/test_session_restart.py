@@ -355,7 +355,7 @@ def test_what_idle_clients_post_and_what_would_be_refused_anyway_ends_no_session
 @pytest.mark.parametrize(
     ("off_s", "more", "reason"),
     [
-        (31.0, {"lease_s": 30.0}, EndReason.LEASE),
+        (38.0, {"lease_s": 30.0}, EndReason.LEASE),
         (2.0, {"floors": ("L2", "L3")}, EndReason.NOT_RESTORED),
         (2.0, {"control": False}, EndReason.NOT_RESTORED),
     ],
@@ -413,6 +413,19 @@ def test_a_clock_that_went_back_counts_as_no_time_and_one_that_went_on_shortens_
         assert held_by(made) is None
 
     restarted(asked, after, off_s=off_s, lease_s=30.0, found=UNDER_WAY)
+
+
+@pytest.mark.parametrize(("off_s", "ends_after_s"), [(2.0, 28.0), (25.0, 10.0), (29.0, 10.0), (36.0, 10.0)])
+def test_a_robot_that_was_invited_until_a_restart_has_clear_s_before_its_lease_may_end(
+    off_s: float, ends_after_s: float
+) -> None:
+    async def after(made: Bench) -> None:
+        await elapse(ends_after_s - 1.0)
+        assert held_by(made) == ROBOT
+        await elapse(1.0)
+        assert held_by(made) is None
+
+    restarted(open_at_l1, after, off_s=off_s, lease_s=30.0, left_on=frozenset({HOLD}))
 
 
 def test_the_limits_of_hold_and_session_go_on_where_they_were() -> None:

@@ -15,6 +15,7 @@ from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, Wrong
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
+from lift_manager.lab.world.wanted import is_wanted
 from lift_manager.lab.world.witness import RESTART, Struck
 from lift_manager.lab.world.world import World
 from register_maps import frames
@@ -26,6 +27,7 @@ from simulator.state import Parameters
 from simulator.wire_faults import Exchange, WireFault
 from tests.campaigns.playing import LIFT, loaded_site
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, answered, judge, polled, state
+from tests.support.rows import each_row
 
 WORKSHOP = Holder("workshop", "workshop")
 OTHER = Holder("fleet", "r2")
@@ -71,7 +73,7 @@ def test_another_floor_on_a_call_that_is_still_on_is_a_press() -> None:
     assert judged("seer-siemens-chengdu", check).count("pressed in a lockout") == 2
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "fault", "coil"),
     [
         ("generic-coils", None, 9),
@@ -154,7 +156,7 @@ def test_a_close_button_that_stays_on_is_not_wanted_by_a_robot_that_asks_for_an_
     assert "output on too long" in judged("adam-pushbutton", check)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("given", "hold_door", "is_found"),
     [
         (("go_to", 0), True, False),
@@ -162,7 +164,6 @@ def test_a_close_button_that_stays_on_is_not_wanted_by_a_robot_that_asks_for_an_
         (("hold_door.front", 1), True, True),
         (("robot_mode", 1), True, False),
     ],
-    ids=["its call", "a call to elsewhere", "a hold where the car is not wanted", "robot mode"],
 )
 def test_an_output_is_wanted_for_what_its_holder_asked_for(
     given: tuple[str, int], hold_door: bool, is_found: bool
@@ -196,7 +197,7 @@ def test_a_state_that_says_what_is_so_breaks_no_rule() -> None:
     assert lies(UP, standing=False, motion=Motion.MOVING, floor=None) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("truth", "said", "rule"),
     [
         (UP, {"floor": "L1", "standing": False, "motion": Motion.UP}, "said another floor"),
@@ -402,7 +403,7 @@ def test_a_visible_fire_gives_a_hold_no_more_time_because_its_session_ends(*, se
     assert len([one for one in found(oracle) if one == "output on too long"]) == 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("clear_s", "ask", "truth", "rules_broken"),
     [
         (10.0, Ask("lift", ROBOT, "L2", hold_door=True), STANDS_OPEN, ["the door fell while a robot was invited"]),
@@ -411,7 +412,6 @@ def test_a_visible_fire_gives_a_hold_no_more_time_because_its_session_ends(*, se
         (10.0, Ask("lift", ROBOT, "L2", hold_door=False), STANDS_OPEN, []),
         (10.0, Ask("lift", ROBOT, "L2", hold_door=True), replace(STANDS_OPEN, mode=Mode.FIRE), []),
     ],
-    ids=["by our own limit", "not asked of this manager", "it went on", "it let go", "in a fire"],
 )
 def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
     clear_s: float, ask: Ask, truth: object, rules_broken: list[str]
@@ -424,3 +424,33 @@ def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
     rules.looked(5.0, "lift", truth)  # type: ignore[arg-type]  # a Truth
     rules.exchanged(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
     assert found(oracle) == rules_broken
+
+
+def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -> None:
+    oracle = judge(holds=FRONT, clear_s=10.0)
+    rules = Rules(oracle)
+
+    def asks(at: float, floor: str) -> None:
+        ask = Ask("lift", ROBOT, floor, hold_door=True)
+        oracle.asked(at, ask, Accepted())
+        rules.asked(at, ask, Accepted())
+
+    asks(0.0, "L2")
+    rules.looked(1.0, "lift", HELD)
+    rules.published(4.0, "lift", state(age_s=0.0))
+    asks(4.5, "L1")
+    asks(4.8, "L2")
+    rules.looked(5.0, "lift", STANDS_OPEN)
+    rules.exchanged(5.0, "plc", replace(failed_write(5.0), executed=True, answers=((5.0, b"ok"),)))
+    assert found(oracle) == []
+
+
+@pytest.mark.parametrize("said_at", [None, 3.0])
+def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_robot_inside(
+    said_at: float | None,
+) -> None:
+    about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
+    owed = said_at is not None
+    ask = Ask("lift", ROBOT, "L1", hold_door=True)
+    wanted = is_wanted(about, "call", 1, SHUT, (ask, replace(ask, floor="L3")), on_s=9.0, owes_word=owed)
+    assert wanted is owed

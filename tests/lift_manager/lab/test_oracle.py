@@ -15,6 +15,7 @@ from register_maps import frames
 from register_maps.words import Mode, Motion, Side, Table
 from simulator.faults import FrozenRegisters, InMode, LostPress
 from simulator.wire_faults import Exchange
+from tests.support.rows import each_row
 
 STANDS_OPEN = Truth(
     at="L2",
@@ -314,7 +315,7 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
     assert rules(oracle) == ["confirmed without effect"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("at_the_press", "afterwards", "found"),
     [
         (STANDS_OPEN, STANDS_OPEN, ["confirmed without effect"]),
@@ -326,7 +327,6 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
             ["confirmed without effect"],
         ),
     ],
-    ids=["stands on", "sets out for there", "sets out the other way", "was under way for somebody else"],
 )
 def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_out_for_there(
     at_the_press: Truth, afterwards: Truth, found: list[str]

@@ -25,6 +25,9 @@ from simulator.faults import InMode, Overload, StuckDoor, WrongFloor
 from simulator.wire_faults import Access, DropRequest, LateAnswer, Target
 
 pytest_plugins = "pytester"
+pytestmark = pytest.mark.timeout(
+    600
+)  # real processes and sockets: a loaded machine may take long, and what hangs ends all the same
 
 ROOT = Path(__file__).resolve().parents[3]
 CAR_FLOOR = bytes.fromhex("000100000006010300010001")
@@ -498,7 +501,7 @@ def python(*args: str, path: Path | None = None, cwd: Path = ROOT) -> subprocess
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "COV"))}
     environment |= {} if path is None else {"PYTHONPATH": str(path)}
     return subprocess.run(
-        [sys.executable, *args], cwd=cwd, env=environment, capture_output=True, text=True, timeout=50, check=False
+        [sys.executable, *args], cwd=cwd, env=environment, capture_output=True, text=True, timeout=500, check=False
     )
 
 

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from lift_manager.lab.world.decoding import Outputs
 from lift_manager.lab.world.judged import FORBIDDEN
 from lift_manager.lab.world.reviewed import REVIEWED, described, shown_by
@@ -11,6 +9,7 @@ from register_maps.codec import compile_map
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Table
 from tests.campaigns.playing import loaded_map
 from tests.campaigns.truth import maps
+from tests.support.rows import each_row
 from tests.support.trip_sites import NO_TRIP
 
 RIDDEN = [name for name in maps() if name not in NO_TRIP]
@@ -55,7 +54,7 @@ VECTORS = {
 """Table, address on the wire, contents, and what that asks for."""
 
 
-@pytest.mark.parametrize("name", RIDDEN)
+@each_row("name", RIDDEN)
 def test_what_a_controller_is_asked_for_is_read_from_its_cells(name: str) -> None:
     loaded, floors = loaded_map(name)
     outputs = Outputs(loaded.map, tuple(floors.values()), {})
@@ -86,7 +85,7 @@ def test_a_lift_of_several_on_one_controller_has_its_tables_moved() -> None:
     assert outputs.asked(outputs.raw(cells)) == {"hold_door.front": 1}
 
 
-@pytest.mark.parametrize("name", RIDDEN)
+@each_row("name", RIDDEN)
 def test_every_map_of_the_campaigns_was_reviewed_and_its_text_says_the_same(name: str) -> None:
     source = loaded_map(name)[0].map
     shows, was_reviewed = shown_by(source)

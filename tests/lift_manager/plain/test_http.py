@@ -13,6 +13,7 @@ import pytest
 
 from lift_manager.plain.http import ANSWER_LIMIT, Address, BadAddress, Connection, NoAnswer, Reply, Server
 from tests.support.certificates import Authority
+from tests.support.rows import each_row
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, answers, said, says_and_hangs_up
 
 KEY = "lm_robots_abcdefgh"
@@ -46,7 +47,7 @@ def ask(connection: Connection, within_s: float = WITHIN_S) -> Reply:
 # where and with what
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "port", "url"),
     [
         ("lifts", None, "http://lifts:5003"),
@@ -64,7 +65,7 @@ def test_an_address_is_a_host_a_host_with_a_port_or_a_url(text: str, port: int |
     assert str(Address.of(text, port)) == url
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "port"),
     [
         ("", None),
@@ -97,7 +98,7 @@ def test_a_password_in_an_address_is_refused_and_not_shown(text: str) -> None:
     assert "secret" not in str(refused.value)
 
 
-@pytest.mark.parametrize("key", ["lm_secret\n", "lm_secret\r\nx: y", "lm_secret ", "lm_secr\u00e9t", "lm_secret\x7f"])
+@each_row("key", ["lm_secret\n", "lm_secret\r\nx: y", "lm_secret ", "lm_secr\u00e9t", "lm_secret\x7f"])
 def test_a_key_that_cannot_be_one_is_refused_and_not_shown(key: str) -> None:
     with pytest.raises(BadAddress, match="copy it anew") as refused:
         Server(Address("lifts", 1), key)

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.rows import each_row
+
 ROOT = Path(__file__).resolve().parents[3]
 ROS_NODE = "lift_manager.rmf.ros_node"
 
@@ -111,7 +113,7 @@ def test_the_adapter_is_among_the_files_that_ruff_holds_to_310() -> None:
     assert {ROS_NODE, "lift_manager.rmf.adapter", "lift_manager.rmf.beside", "lift_manager.plain.http"} <= set(FILES)
 
 
-@pytest.mark.parametrize("path", PATHS, ids=lambda path: str(path.relative_to(ROOT)))
+@each_row("path", PATHS)
 def test_each_of_them_is_python_310_by_its_grammar_and_names(path: Path) -> None:
     assert too_new(read_as_310(path)) == set()
 
@@ -120,7 +122,7 @@ def test_they_import_the_standard_library_each_other_and_ros_in_its_places(trees
     assert {module: names for module, tree in trees.items() if (names := foreign(module, tree))} == {}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "found"),
     [
         ("from typing import Self", {"typing.Self"}),
@@ -136,7 +138,7 @@ def test_what_came_with_311_is_found(text: str, found: set[str]) -> None:
     assert too_new(ast.parse(text)) == found
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("module", "text", "found"),
     [
         ("lift_manager.rmf.beside", "import httpx", {"httpx"}),

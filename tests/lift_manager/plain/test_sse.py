@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lift_manager.plain.sse import EventParser, Message, TooLong
+from tests.support.rows import each_row
 
 LINES = st.sampled_from(
     [
@@ -48,7 +49,7 @@ def test_each_of_the_three_line_ends_means_the_same(lines: list[str]) -> None:
     assert unix == mac == dos
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("stream", "found"),
     [
         ("data: one\ndata: two\n\n", [Message("message", "one\ntwo", "")]),

@@ -4,12 +4,11 @@ import threading
 import time
 from dataclasses import replace
 
-import pytest
-
-from lift_manager.rmf.beside import CARRIERS, CLOSED_WITHIN_S
+from lift_manager.rmf.beside import CARRIERS
 from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.port import Asked as Wish
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
+from tests.support.rows import each_row
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, answers, problem, said
 
 
@@ -41,7 +40,7 @@ def test_what_is_asked_arrives_as_the_manager_expects_it_and_its_answer_comes_ba
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("lift", "path"),
     [("a/b", "a%2Fb"), ("..", "%2E%2E"), ("lift 1?#%", "lift%201%3F%23%25"), ("Fahrst\u00fchle", "Fahrst%C3%BChle")],
 )
@@ -52,7 +51,7 @@ def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
         assert posts(server)[0].path == f"/api/v1/lifts/{path}/rmf/wanted"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("script", "code", "reason"),
     [
         (lambda _, wire: wire.send(problem(409, "held", "api:amr-8 holds it")), "held", "(held): api:amr-8 holds it"),
@@ -182,4 +181,4 @@ def test_what_is_asked_of_a_manager_that_is_lost_is_answered_in_time() -> None:
         for each in (wanted("east"), ended("west")):
             way.ask(each)
         assert {ears.next_answer().code for _ in range(2)} == {UNREACHABLE}
-        assert time.monotonic() - began < CLOSED_WITHIN_S
+        assert time.monotonic() - began < WITHIN_S

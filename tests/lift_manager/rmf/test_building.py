@@ -9,6 +9,7 @@ import pytest
 from lift_manager.rmf.building import Comparison, SiteLift, compare
 from lift_manager.rmf.building_file import MAX_BYTES, read_building, read_graph
 from register_maps.errors import MapFileError
+from tests.support.rows import each_row
 
 BUILDING = """\
 coordinate_system: reference_image
@@ -212,7 +213,7 @@ def test_as_many_doors_as_the_map_opens_at_a_level_are_the_doors_of_that_floor(c
     assert "lift main 2 doors (front, rear) at floor L1" in only(found)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("was", "becomes", "words"),
     [
         ("highest_floor: L3", "highest_floor: L4", "lifts.Lift1.highest_floor: the map has no level 'L4'"),
@@ -227,7 +228,7 @@ def test_what_is_wrong_within_the_map_is_named_too(compared: Compare, was: str, 
     assert words in "\n".join(told(compared(building=BUILDING.replace(was, becomes))))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("was", "becomes", "words"),
     [
         (
@@ -276,7 +277,7 @@ def test_names_are_the_text_in_the_file_even_where_yaml_reads_numbers_and_words_
     assert list(wrong.block())[-1] == "      floors: {'no': '1'}"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("content", "words"),
     [
         ("", "no table of keys"),

@@ -31,6 +31,7 @@ from tests.support.dds_oracle import (
     TIME,
     Oracle,
 )
+from tests.support.rows import each_row
 
 ORACLE = Oracle()
 
@@ -88,8 +89,8 @@ def test_any_request_has_the_bytes_of_the_other_encoder_and_comes_back_the_same(
     assert request_of(WireLiftRequest.deserialize(ORACLE.request(request))) == request
 
 
-@pytest.mark.parametrize("on", [True, False])
-@pytest.mark.parametrize("fleets", [[], ["blue"], ["blue", "red"]])
+@each_row("on", [True, False])
+@each_row("fleets", [[], ["blue"], ["blue", "red"]])
 def test_alarms_have_the_bytes_of_the_other_encoder(on: bool, fleets: list[str]) -> None:
     assert WireBool(on).serialize() == ORACLE.encoded(BOOL, on)
     assert WireEmergencySignal(fleets, on).serialize() == ORACLE.encoded(EMERGENCY_SIGNAL, fleets, on)
@@ -99,7 +100,7 @@ def test_the_clock_of_a_simulation_is_read_to_the_nanosecond() -> None:
     assert seconds_of(WireClock.deserialize(ORACLE.clock(12, 500_000_000))) == 12.5
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wire", "name", "digest"),
     [
         (WireLiftState, LIFT_STATE, "ce0553cd08eeeb321bdae554efdb6d2ebb2be9755df2e34895cbef55b51f4c06"),

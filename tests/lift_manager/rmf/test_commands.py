@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
@@ -12,7 +13,7 @@ import pytest
 
 from register_maps.load import MAPS
 from tests.support.dds_rig import config, settings_of_test
-from tests.support.programs import Started, call, free_port, running
+from tests.support.programs import HANGS_S, Started, call, free_port, running
 
 SITE = """\
 schema: 1
@@ -54,7 +55,7 @@ print(json.dumps([[one.exit_code, one.stderr] for one in said]))
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
-    (tmp_path / "site.yaml").write_text(SITE.replace("PORT", "5020"), "utf-8")
+    (tmp_path / "site.yaml").write_text(SITE.replace("PORT", str(free_port())), "utf-8")
     (tmp_path / "map.yaml").write_text(BUILDING, "utf-8")
     (tmp_path / "0.yaml").write_text(GRAPH, "utf-8")
     (tmp_path / "register-map.yaml").write_bytes((MAPS / "two-stop-agv.yaml").read_bytes())
@@ -107,7 +108,7 @@ def test_a_door_that_closes_by_its_timer_is_told_of_where_rmf_has_the_sites_own_
     )
     begin, end = text.index("  hold_door.front:"), text.index("at_floor_evidence:")
     (files / "mine.yaml").write_text(text[:begin] + text[end:], "utf-8")
-    own = SITE.replace("PORT", "5020").replace("map: generic-registers", "map: ./mine.yaml")
+    own = SITE.replace("PORT", str(free_port())).replace("map: generic-registers", "map: ./mine.yaml")
     own = own.replace("    rmf: {name: Lift1, floors: {G: L1, First: L2}}\n", "").replace(
         "{G: 1, First: 2}", "{L1: 1, L2: 2}"
     )
@@ -116,6 +117,26 @@ def test_a_door_that_closes_by_its_timer_is_told_of_where_rmf_has_the_sites_own_
     done = call("check", site, "--building-map", files / "map.yaml")
     assert (done.returncode, done.stderr) == (0, "")
     assert "caution: Lift1: map generic-registers has no hold_door.front" in done.stdout
+
+
+def test_a_hold_too_short_for_rmf_is_refused_in_the_same_words_wherever_the_site_is_used_with_rmf(files: Path) -> None:
+    site = files / "site.yaml"
+    short = SITE.replace("PORT", "5020").replace("access: control\n", "access: control\n    max_session_hold_s: 60\n")
+    site.write_text(short, "utf-8")
+    named = call("check", site)
+    assert named.returncode == 2
+    assert "lifts.main.max_session_hold_s: 60 s is less than 3 times `rmf.clear_s` (30 s)" in named.stderr
+
+    without = short.replace("rmf: {namespace: building1}\n", "")
+    without = without.replace("    rmf: {name: Lift1, floors: {G: L1, First: L2}}\n", "").replace("main:", "Lift1:")
+    site.write_text(without.replace("{G: 1, First: 2}", "{L1: 1, L2: 2}"), "utf-8")
+    assert call("check", site).returncode == 0
+    expected = named.stderr.replace(f"{site}:10", f"{site}:9").replace("lifts.main", "lifts.Lift1")
+    with socket.create_server(("127.0.0.1", 0)) as taken:  # so that nothing is served if it is not refused before
+        served = call("serve", site, "--rmf", "--port", str(taken.getsockname()[1]))
+    assert (served.returncode, served.stderr) == (2, expected)
+    compared = call("check", site, "--building-map", files / "map.yaml")
+    assert (compared.returncode, compared.stderr) == (2, expected)
 
 
 def test_a_navigation_graph_is_compared_too(files: Path) -> None:
@@ -167,7 +188,7 @@ def test_without_cyclone_dds_every_command_says_what_to_install(files: Path) -> 
         cwd=files,
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=HANGS_S,
         check=True,
         env=os.environ | {"XDG_STATE_HOME": str(files)},
     )
@@ -198,7 +219,7 @@ def test_a_lift_moves_when_rmf_asks_for_it_and_is_offline_for_rmf_when_its_adapt
         assert done.stdout.splitlines()[-2] == "Lift1: at L2, door open, stopped, AGV, held by fleet/r1"
         looking.says(r"\d\d:\d\d:\d\d\.\d{3} Lift1: fleet/r1 wants L2, door open \(AGV\), to the lift")
         looking.says("Lift1: at L2, door open, stopped, AGV, held by fleet/r1")
-        with urllib.request.urlopen(f"{url}/metrics", timeout=5) as answer:
+        with urllib.request.urlopen(f"{url}/metrics", timeout=HANGS_S) as answer:
             assert 'lift_manager_rmf_requests_total{lift="Lift1",result="begun"} 1' in answer.read().decode()
         assert adapter.stop()[0] == 0
         looking.says("Lift1: at no known floor.*OFFLINE, held by fleet/r1")
@@ -210,7 +231,7 @@ def test_an_adapter_beside_a_manager_that_is_not_there_says_so_goes_on_and_ends_
     with running("rmf", "--manager-port", str(free_port()), "--metrics-port", str(metrics)) as adapter:
         adapter.says("Open-RMF lift adapter: ROS domain")
         adapter.logs("the manager cannot be heard: no manager answers")
-        with urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=5) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=HANGS_S) as answer:
             assert b"lift_manager_rmf_requests" in answer.read()
         code, took = adapter.stop()
         assert (code, took < 2.0) == (0, True)

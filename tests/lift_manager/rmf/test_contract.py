@@ -18,6 +18,7 @@ from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.publishing import PERIOD_S
 from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
+from tests.support.rows import each_row
 
 REST = HeldBy("api", "amr-7")
 
@@ -86,7 +87,7 @@ def test_another_session_is_ignored_while_one_has_the_lift() -> None:
     assert lift.adapter.counts.requests["lift_rmf", "held_by_another"] == 2
 
 
-@pytest.mark.parametrize("floor", ["", "Level 2", "Level 1", "nowhere"])
+@each_row("floor", ["", "Level 2", "Level 1", "nowhere"])
 def test_an_end_clears_the_session_whatever_floor_it_names_and_moves_nothing(floor: str) -> None:
     """A8, A9, and the template: END with an empty or unknown floor was refused, or sent the car there."""
     lift = riding()
@@ -579,9 +580,7 @@ def test_a_fleet_that_goes_on_asking_has_not_ended_its_session() -> None:
     assert (lift.state.session_id, lift.ended()) == (A, [])
 
 
-@pytest.mark.parametrize(
-    "request_", [ends(B), ends(""), ends(A, lift="another"), wants(B, "Level 3"), wants(A, "Level 3")]
-)
+@each_row("request_", [ends(B), ends(""), ends(A, lift="another"), wants(B, "Level 3"), wants(A, "Level 3")])
 def test_nothing_else_that_fleets_send_to_their_supervisor_does_anything(request_: LiftRequest) -> None:
     lift = riding()
     lift.fleet(*[request_] * 3)
@@ -686,7 +685,7 @@ def test_an_end_that_nobody_answered_is_said_again() -> None:
     assert len(lift.ended()) == said
 
 
-@pytest.mark.parametrize("code", ["bad_key", "internal_error", "not_recorded", "overloaded"])
+@each_row("code", ["bad_key", "internal_error", "not_recorded", "overloaded"])
 def test_an_end_that_was_refused_for_no_reason_of_the_lift_is_said_again_soon(code: str) -> None:
     """A key that was replaced, a full disk, or something in between that lets nothing through: the session goes on there."""
     lift = riding()

@@ -13,6 +13,7 @@ from lift_manager.lab.world.truth import Truth
 from lift_manager.rmf.messages import (
     AGV_MODE,
     DOOR_OPEN,
+    END_SESSION,
     MODE_AGV,
     MODE_HUMAN,
     MOTION_STOPPED,
@@ -44,6 +45,7 @@ from tests.support.rmf.playing import play
 from tests.support.rmf.schedules import Schedule, draw, shrink
 from tests.support.rmf.timeline import Timeline
 from tests.support.rmf.world import Setting
+from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
 A, B = "fleet_1/robot_1", "fleet_2/robot_2"
@@ -68,6 +70,7 @@ FOUND_BY: dict[str, tuple[str, tuple[Event, ...]]] = {
     "takes an END for the session of another": ("stolen", (RIDE, Ends(3.0, "nobody", "", 1, 0.1))),
     "does not hear who comes next": ("lost", (RIDE, NEXT)),
     "has no grace": ("door fell", (replace(RIDE, drives_s=6.0), WebEnd(3.0, A, 0))),
+    "lets go of the door after a while": ("open too long", (replace(RIDE, drives_s=20.0),)),
     "publishes changes only": ("silent", (RIDE,)),
     "gives the lift to whoever asks": ("stolen", (RIDE, Panel(3.0, 0, 3.0))),
     "does not read what fleets say": ("not ended", (RIDE, NEXT, Outage(9.0, 8.0))),
@@ -91,7 +94,7 @@ def test_no_interleaving_breaks_a_rule(first: int) -> None:
     assert tally.schedules == 4
 
 
-@pytest.mark.parametrize("fault", CARELESS)
+@each_row("fault", CARELESS)
 def test_an_adapter_with_a_fault_is_found(fault: str) -> None:
     rule, events = FOUND_BY[fault]
     with quiet():
@@ -127,6 +130,40 @@ def test_an_open_door_that_nothing_of_ours_holds_is_found(given: tuple[tuple[str
     one.holder.add(0.5, Holder("rmf", A))
     one.looked(0.9, "lift", truth(given=given))
     one.state_sent(1.0, said(1.0))
+    assert [found.rule for found in one.findings] == rules
+
+
+@pytest.mark.parametrize(
+    ("since_s", "otherwise", "rules"),
+    [
+        (29.9, "", ["open too long"]),
+        (30.1, "", []),
+        (5.0, "ended", []),
+        (5.0, "another floor", []),
+        (5.0, "fire", []),
+        (5.0, "locked out", []),
+    ],
+)
+def test_a_door_that_falls_within_30_s_of_open_is_found_unless_something_else_is_the_reason(
+    since_s: float, otherwise: str, rules: list[str]
+) -> None:
+    one, at = judge(), 1.0 + since_s
+    one.arrived(0.5, LiftRequest("lift", Time(), A, AGV_MODE, "level 1", DOOR_OPEN))
+    one.holder.add(0.5, Holder("rmf", A))
+    one.looked(0.9, "lift", truth(given=(("hold_door.front", 1),)))
+    one.state_sent(1.0, said(1.0))
+    match otherwise:
+        case "ended":
+            one.arrived(at - 1, LiftRequest("lift", Time(), A, END_SESSION, "level 1", DOOR_OPEN))
+        case "another floor":
+            one.arrived(at - 1, LiftRequest("lift", Time(), A, AGV_MODE, "level 2", DOOR_OPEN))
+        case "fire":
+            one.excuse(at - 1, "fire", on=True)
+        case "locked out":
+            one.excuse(at - 1, "kept off", on=True)
+        case _:
+            pass
+    one.looked(at, "lift", truth(open_at=None))
     assert [found.rule for found in one.findings] == rules
 
 

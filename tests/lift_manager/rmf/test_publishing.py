@@ -10,6 +10,7 @@ from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, HUMAN
 from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
 from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
+from tests.support.rows import each_row
 
 HUMAN, AGV, FIRE, OFFLINE, EMERGENCY = 1, 2, 3, 4, 5
 
@@ -44,7 +45,7 @@ def test_a_lift_that_was_never_read_has_no_time() -> None:
     assert (ride.state.lift_time, ride.state.current_mode) == (Time(0, 0), OFFLINE)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("seconds", "told"),
     [(1.0000000025, Time(1, 2)), (-5.0, Time(0, 0)), (1e12, Time(2**31 - 1, 0)), (1.9999999999, Time(2, 0))],
 )
@@ -52,14 +53,14 @@ def test_a_time_is_told_to_the_nanosecond_and_within_what_the_message_holds(seco
     assert Time.of(seconds) == told
 
 
-@pytest.mark.parametrize(("view", "motion"), [("stopped", 0), ("up", 1), ("down", 2), ("moving", 3), ("unknown", 3)])
+@each_row(("view", "motion"), [("stopped", 0), ("up", 1), ("down", 2), ("moving", 3), ("unknown", 3)])
 def test_motion_has_the_numbers_of_the_message(view: str, motion: int) -> None:
     ride = bench()
     ride.change(motion=view)
     assert ride.state.motion_state == motion
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("view", "mode"),
     [
         ("normal", HUMAN),
@@ -152,7 +153,7 @@ def test_the_adapter_wakes_when_a_state_becomes_too_old() -> None:
     assert told == ride.sent[-1].lift_time, "the time of the last good data"
 
 
-@pytest.mark.parametrize("field", [field.name for field in fields(LiftState)])
+@each_row("field", [field.name for field in fields(LiftState)])
 def test_a_change_of_any_field_but_the_time_is_a_change(field: str) -> None:
     told = bench().state
     other = {

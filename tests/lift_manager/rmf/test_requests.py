@@ -19,6 +19,7 @@ from lift_manager.rmf.messages import (
 from lift_manager.rmf.port import Wanted
 from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
+from tests.support.rows import each_row
 
 REST = HeldBy("api", "amr-7")
 
@@ -89,7 +90,7 @@ def test_the_numbers_of_a_request_are_not_those_of_a_mode() -> None:
     assert lift.state.session_id == ""
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "door", "holds"),
     [
         (AGV_MODE, DOOR_OPEN, True),

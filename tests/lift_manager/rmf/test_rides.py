@@ -26,6 +26,7 @@ from tests.support.rmf.events import (
 from tests.support.rmf.playing import STARTS_S, Played, play
 from tests.support.rmf.supervisors import SUPERVISORS
 from tests.support.rmf.world import Setting
+from tests.support.rows import each_row
 
 ALL = tuple(SUPERVISORS)
 A, B = "fleet_1/robot_1", "fleet_2/robot_2"
@@ -49,7 +50,7 @@ def truth(found: Played, at: float) -> Truth:
     return one
 
 
-@pytest.mark.parametrize("distribution", ALL)
+@each_row("distribution", ALL)
 def test_two_robots_of_two_fleets_ride_in_turn_and_each_calls_twice(distribution: str) -> None:
     found = played(distribution, RIDE, Ride(0.5, B, pickup=2, destination=1, drives_s=1.0))
     assert found.rides == 2
@@ -58,14 +59,14 @@ def test_two_robots_of_two_fleets_ride_in_turn_and_each_calls_twice(distribution
     assert not truth(found, UNDER_WAY).standing
 
 
-@pytest.mark.parametrize("distribution", ALL)
+@each_row("distribution", ALL)
 def test_a_crowded_lift_is_asked_for_again_and_a_new_plan_under_way_changes_the_floor(distribution: str) -> None:
     found = played(distribution, replace(RIDE, crowded=1, replans_after_s=1.2), way_s=0.02)
     assert found.rides == 1
     assert found.presses >= 3
 
 
-@pytest.mark.parametrize("distribution", ALL)
+@each_row("distribution", ALL)
 def test_supervisor_and_adapter_restart_in_the_door_and_under_way_and_nothing_physical_changes(
     distribution: str,
 ) -> None:
@@ -81,7 +82,7 @@ def test_supervisor_and_adapter_restart_in_the_door_and_under_way_and_nothing_ph
     assert found.presses == 2
 
 
-@pytest.mark.parametrize("distribution", ALL)
+@each_row("distribution", ALL)
 def test_old_floors_and_ends_are_replayed_and_none_of_them_reaches_the_lift(distribution: str) -> None:
     before = [replace(RIDE, destination=2), Ride(0.0, B, pickup=1, destination=3, drives_s=1.0)]
     last = Ride(30.0, "fleet_1/robot_3", pickup=1, destination=0, drives_s=1.0)

@@ -120,7 +120,7 @@ def test_a_signal_ends_the_program_in_order(port: int, number: signal.Signals) -
         assert program.stdout is not None
         assert "door_state=2" in program.stdout.readline()
         program.send_signal(number)
-        rest, errors = program.communicate(timeout=20)
+        rest, errors = program.communicate(timeout=120)
     assert program.returncode == 0
     assert {line.split()[0] for line in errors.splitlines()} == {"[info]"}
     assert "the manager answers: Lift 1" in errors

@@ -9,6 +9,7 @@ import pytest
 from lift_manager.domain.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT
 from lift_manager.rmf.dds_config import config_of
 from lift_manager.rmf.ros_settings import BadSettings, RosSettings
+from tests.support.rows import each_row
 
 
 def test_without_anything_it_is_domain_0_on_the_whole_subnet() -> None:
@@ -44,7 +45,7 @@ def test_only_a_1_means_localhost_only(said: str) -> None:
     assert RosSettings.of({"ROS_LOCALHOST_ONLY": said}).discovery_range == "SUBNET"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("environment", "message"),
     [
         ({"ROS_DOMAIN_ID": "two"}, "ROS_DOMAIN_ID is 'two'; it is a whole number from 0 to 232"),
@@ -77,9 +78,7 @@ def test_a_range_that_ros_does_not_have_is_refused() -> None:
         RosSettings(discovery_range="WORLD")
 
 
-@pytest.mark.parametrize(
-    "topic", ["", "lift states", "lift//states", "1st_floor", "lift-states", "~/lift_states", "lift/"]
-)
+@each_row("topic", ["", "lift states", "lift//states", "1st_floor", "lift-states", "~/lift_states", "lift/"])
 def test_a_topic_that_ros_cannot_have_is_refused(topic: str) -> None:
     with pytest.raises(BadSettings, match="the topic is"):
         RosSettings(states_topic=topic)
@@ -96,7 +95,7 @@ def test_a_namespace_that_ros_cannot_have_is_refused(namespace: str) -> None:
         RosSettings(namespace=namespace)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("namespace", "topic", "found"),
     [
         ("", "lift_states", "lift_states"),
@@ -168,7 +167,7 @@ def test_the_users_own_configuration_comes_last() -> None:
     assert own == config_of(RosSettings(), 1) + ",file:///x.xml"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("given", "known_as"),
     [
         ({}, ""),
@@ -186,7 +185,7 @@ def test_an_adapter_is_known_to_the_manager_by_domain_and_namespace_where_nothin
     assert RosSettings(**given).adapter == known_as
 
 
-@pytest.mark.parametrize("text", ["a@b", "a b", "\u00e4", "a\n", "x" * 301])
+@each_row("text", ["a@b", "a b", "\u00e4", "a\n", "x" * 301])
 def test_an_id_that_the_manager_does_not_take_is_refused(text: str) -> None:
     with pytest.raises(BadSettings, match="the adapter's id is"):
         RosSettings(adapter_id=text)

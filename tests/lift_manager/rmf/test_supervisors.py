@@ -20,6 +20,7 @@ from lift_manager.rmf.messages import (
 from tests.support.rmf.fleet import TRAITS, FleetRobot, Phase
 from tests.support.rmf.others import RmfWeb, panel_request, request_lift_script
 from tests.support.rmf.supervisors import SUPERVISORS, Supervisor
+from tests.support.rows import each_row
 
 A, B = "fleet_1/robot_1", "fleet_2/robot_2"
 ALL = tuple(SUPERVISORS)
@@ -71,7 +72,7 @@ class TestSupervisors:
         assert one.asked(ask(floor="L3"), 3.0) == [stamped(ask(floor="L3"), 3.0)]
         assert one.asked(ask(floor="L3"), 4.0) == [stamped(ask(floor="L3"), 4.0)]
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_anything_from_another_session_while_one_is_active_is_dropped_silently(self, distribution: str) -> None:
         one = supervisor(distribution)
         one.asked(ask(), 2.0)
@@ -93,7 +94,7 @@ class TestSupervisors:
         one.asked(ask(), 2.0)
         assert one.heard(SATISFIED, 3.0) == [stamped(ask(), 3.0)]
 
-    @pytest.mark.parametrize(
+    @each_row(
         ("said", "repeats"),
         [
             (SATISFIED, False),
@@ -126,27 +127,27 @@ class TestSupervisors:
         assert one.asked(ask(B), 4.0) == ([] if distribution == "iron" else [stamped(ask(B), 4.0)])
         assert [sent.session_id for sent in one.heard(state(), 5.0)] == [B]
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_end_when_no_session_is_active_is_dropped_but_by_jazzy(self, distribution: str) -> None:
         assert supervisor(distribution).asked(end(), 2.0) == ([stamped(end(), 2.0)] if distribution == "jazzy" else [])
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_a_session_that_should_not_be_is_ended_on_every_lift_state_but_by_humble(self, distribution: str) -> None:
         expected = [] if distribution == "humble" else [end(A, "L2", at=2.0)]
         one = supervisor(distribution)
         assert one.heard(state(A, "L2"), 2.0) == expected
         assert one.heard(state(A, "L2"), 2.0) == expected
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_iron_and_jazzy_spam_an_idle_lift_with_end_for_no_session(self, distribution: str) -> None:
         expected = [end("", "L1", at=2.0)] if distribution in ("iron", "jazzy") else []
         assert supervisor(distribution).heard(state(), 2.0) == expected
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_only_humble_gets_no_replay_of_old_requests(self, distribution: str) -> None:
         assert supervisor(distribution).replays == (distribution != "humble")
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_each_lift_has_a_session_of_its_own(self, distribution: str) -> None:
         one = supervisor(distribution)
         one.asked(ask(), 2.0)
@@ -163,11 +164,11 @@ def phase(one: FleetRobot) -> Phase:
 
 
 class TestFleetAdapter:
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_always_asks_agv_mode_and_door_open(self, distribution: str) -> None:
         assert robot(distribution).request_lift("L2", inside=False, now=1.0) == [ask()]
 
-    @pytest.mark.parametrize(
+    @each_row(
         ("said", "over"),
         [
             (SATISFIED, True),
@@ -179,7 +180,7 @@ class TestFleetAdapter:
             (state(B, "L2", DOOR_OPEN), False),
         ],
     )
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_request_lift_finishes_on_one_state_with_floor_open_and_its_session(
         self, distribution: str, said: LiftState, *, over: bool
     ) -> None:
@@ -196,7 +197,7 @@ class TestFleetAdapter:
         assert phase(one) is Phase.NONE
         assert one.heard(SATISFIED, 3.0) == [ask(at=3.0)]
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_iron_and_jazzy_ask_for_every_lift_state_of_any_lift(self, distribution: str) -> None:
         one = robot(distribution)
         one.request_lift("L2", inside=False, now=1.0)
@@ -231,7 +232,7 @@ class TestFleetAdapter:
         assert one.heard(SATISFIED, 3.5) == []
         assert one.tick(4.0) == [end(A, "L2", at=4.0)]
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_end_lift_session_finishes_on_a_state_with_another_session(self, distribution: str) -> None:
         one = robot(distribution)
         one.request_lift("L2", inside=True, now=1.0)
@@ -241,7 +242,7 @@ class TestFleetAdapter:
         one.heard(state(B), 5.0)
         assert phase(one) is Phase.NONE
 
-    @pytest.mark.parametrize(
+    @each_row(
         ("distribution", "saw", "over"),
         [
             ("humble", SATISFIED, False),
@@ -261,7 +262,7 @@ class TestFleetAdapter:
         one.request_lift("L2", inside=False, now=3.0)
         assert phase(one) is (Phase.NONE if over else Phase.REQUEST)
 
-    @pytest.mark.parametrize("distribution", ALL)
+    @each_row("distribution", ALL)
     def test_a_replan_to_another_floor_or_inside_waits_for_the_lift(self, distribution: str) -> None:
         one = robot(distribution)
         one.request_lift("L2", inside=False, now=1.0)
@@ -272,7 +273,7 @@ class TestFleetAdapter:
         one.request_lift("L3", inside=True, now=5.0)
         assert phase(one) is Phase.REQUEST
 
-    @pytest.mark.parametrize(
+    @each_row(
         ("distribution", "idle", "after_s"),
         [("kilted", False, 30.0), ("kilted", True, 10.0), ("jazzy", False, 0.0), ("jazzy", True, 2.0)],
     )

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from lift_manager.rmf.views import Alarms, BadAnswer, HeldBy, LiftView, Site, decision_of, site_of
 from tests.lift_manager.rmf.beside_rig import LIFT, SITE
+from tests.support.rows import each_row
 
 TEXT = st.text(max_size=8)
 SECONDS = st.floats(0, 1e6)
@@ -98,7 +99,7 @@ def test_a_manager_that_knows_no_adapters_has_one() -> None:
     assert lift.holder == HeldBy("rmf", "fleet/amr-7")
 
 
-@pytest.mark.parametrize("place", [key for key in KEYS if key != LATER])
+@each_row("place", [key for key in KEYS if key != LATER])
 def test_a_key_that_is_missing_is_named(place: str) -> None:
     said = as_sent(SITE)
     *way, last = place.split("/")
@@ -110,14 +111,14 @@ def test_a_key_that_is_missing_is_named(place: str) -> None:
         site_of(said)
 
 
-@pytest.mark.parametrize("place", KEYS)
-@pytest.mark.parametrize("value", [[[]], {"a": 1}, float("nan"), -1, 10**400])
+@each_row("place", KEYS)
+@each_row("value", [[[]], {"a": 1}, float("nan"), -1, 10**400])
 def test_a_value_of_another_kind_is_refused_with_its_place(place: str, value: object) -> None:
     with pytest.raises(BadAnswer, match=r"^(the answer|lifts\[0\]).* (is .* (no|neither) |lacks)"):
         site_of(spoil(place, value))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("place", "value", "why"),
     [
         ("lifts/0/live", 1, "lifts[0].live is 1, neither true nor false"),
@@ -142,7 +143,7 @@ def test_it_says_what_is_wrong_and_where(place: str, value: object, why: str) ->
     assert str(refused.value) == why
 
 
-@pytest.mark.parametrize("said", [None, [], "x", 7, True])
+@each_row("said", [None, [], "x", 7, True])
 def test_what_is_no_object_is_no_answer(said: object) -> None:
     for read in (site_of, decision_of):
         with pytest.raises(BadAnswer, match=r"^the answer is .* and no object$"):

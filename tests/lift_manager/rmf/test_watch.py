@@ -25,6 +25,7 @@ from lift_manager.rmf.messages import (
 )
 from lift_manager.rmf.request import Attempt, End, Errand
 from lift_manager.rmf.watch import AGAIN_S, MOST_KEPT, SILENT_S, Topics, Watch, request_words, state_words
+from tests.support.rows import each_row
 
 ADAPTER, LIFT = "adapter_lift_requests", "lift_requests"
 TOPICS = Topics(to_supervisor=ADAPTER, to_lift=LIFT)
@@ -45,7 +46,7 @@ REQUEST = LiftRequest("lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN
 END = replace(REQUEST, request_type=END_SESSION, destination_floor="", door_state=DOOR_CLOSED)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("state", "words"),
     [
         (STATE, "lift1: at L2, door open, stopped, AGV, held by fleet/robot1"),
@@ -69,7 +70,7 @@ def test_a_state_in_words(state: LiftState, words: str) -> None:
     assert state_words(state) == words
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("request_", "words"),
     [
         (REQUEST, "lift1: fleet/robot1 wants L2, door open (AGV)"),

@@ -28,9 +28,9 @@ from lift_manager.domain.service import (
     Remembered,
 )
 from lift_manager.domain.state import Holder, LiftState
-from lift_manager.web.accepting import HANDSHAKE_WITHIN_S
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
+from lift_manager.web.limits import HANDSHAKE_WITHIN_S
 from lift_manager.web.server import listen, serve
 from lift_manager.web.tls import ServerCertificates
 from tests.lift_manager.web.fake_rides import FakeRides

@@ -9,8 +9,8 @@ import pytest
 
 from lift_manager.domain.access import Role
 from lift_manager.domain.state import Holder
+from lift_manager.web.access import REFUSED_LINES, REFUSED_WINDOW_S, RefusalLog
 from lift_manager.web.app import make_app
-from lift_manager.web.attempts import LINES, WINDOW_S, Attempts
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, STATE, FakeManager, ask, ask_app
 from tests.lift_manager.web.keyed import bearing, key, ring
 
@@ -248,17 +248,17 @@ def test_refusals_are_logged_once_a_minute_for_each_address_and_ten_lines_at_the
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     clock = Clock()
-    attempts = Attempts(clock)
+    log = RefusalLog(clock)
     for _ in range(1000):
-        attempts.refused("192.0.2.7", "it has no key")
+        log.refused("192.0.2.7", "it has no key")
     assert caplog.messages == ["a request from 192.0.2.7 was refused: it has no key"]
     for number in range(1000):
-        attempts.refused(f"192.0.2.{number}", "it has no key")
-    assert len(caplog.messages) == LINES
-    clock.now += WINDOW_S
-    attempts.refused("192.0.2.7", "it has no key")
-    assert caplog.messages[LINES:] == [
-        f"{2000 - LINES} more requests were refused since, and not logged each",
+        log.refused(f"192.0.2.{number}", "it has no key")
+    assert len(caplog.messages) == REFUSED_LINES
+    clock.now += REFUSED_WINDOW_S
+    log.refused("192.0.2.7", "it has no key")
+    assert caplog.messages[REFUSED_LINES:] == [
+        f"{2000 - REFUSED_LINES} more requests were refused since, and not logged each",
         "a request from 192.0.2.7 was refused: it has no key",
     ]
 

@@ -11,11 +11,11 @@ from lift_manager.api.problem import Problem
 from lift_manager.domain.access import Role
 from lift_manager.domain.asking import Blocking
 from lift_manager.domain.state import Holder, LiftState, Quality
-from lift_manager.web.etags import is_known
+from lift_manager.web.lifts import is_known
+from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeManager, ask, one_lift
 from tests.lift_manager.web.fake_lifts import DOOR, IDLE
 from tests.lift_manager.web.keyed import bearing, ring
-from tests.lift_manager.web.test_people import refused
 
 LIFTS = "/api/v1/lifts"
 HELD = replace(IDLE, holder=Holder("api", "amr-7"), held_since_s=12.5)

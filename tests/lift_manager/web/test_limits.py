@@ -13,7 +13,6 @@ import uvicorn
 from uvicorn.server import ServerState
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.web.accepting import MOST_CONNECTIONS
 from lift_manager.web.app import make_app
 from lift_manager.web.body import KEYS_LIMIT, LIMIT_BYTES
 from lift_manager.web.connections import ConnectionLimits, Connections
@@ -24,6 +23,7 @@ from lift_manager.web.http_protocol import (
     TAKEN_WITHIN_S,
     JsonHttpProtocol,
 )
+from lift_manager.web.limits import MOST_CONNECTIONS
 from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, connected, serving
 from tests.lift_manager.web.listening import listening
 
@@ -217,13 +217,6 @@ def test_an_object_of_too_many_keys_is_refused(body: dict[str, object]) -> None:
     assert facade.asked == []
 
 
-@pytest.mark.parametrize("what", ["acknowledge", "lockout", "lockout/end", "session/force-release"])
-def test_every_route_with_a_body_has_the_same_limit(what: str) -> None:
-    url = f"http://127.0.0.1:5003/api/v1/lifts/lift/{what}"
-    assert ask(FakeManager(), "POST", url, content=b" " * (LIMIT_BYTES + 1)).status_code == 413
-    assert ask(FakeManager(), "POST", url, content=b" " * LIMIT_BYTES).status_code == 422
-
-
 def test_a_body_that_nobody_wants_is_not_waited_for() -> None:
     async def main() -> bytes:
         async with serving(make_app(FakeManager())) as port, connected(port) as (reader, writer), asyncio.timeout(5):
@@ -322,7 +315,7 @@ def test_clients_have_a_quarter_of_the_descriptors_and_streams_a_part_of_that(
     soft: int, hard: int, connections: int, streams: int
 ) -> None:
     code = (
-        "import resource; from lift_manager.web import accepting as a;"
+        "import resource; from lift_manager.web import limits as a;"
         f" resource.setrlimit(resource.RLIMIT_NOFILE, ({soft}, {hard})); a.allow_files();"
         " print(a.connections_limit(), a.streams_limit())"
     )

@@ -15,12 +15,13 @@ from lift_manager.api.problem import MEDIA_TYPE
 from lift_manager.api.rides import ANY
 from lift_manager.api.rmf import RmfEndedRequest
 from lift_manager.api.sessions import CommandRequest, OpenSessionRequest
-from lift_manager.domain.access import ROUTES, Need
+from lift_manager.domain.access import ROUTES, Need, Role
+from lift_manager.domain.keys import KeyRing, Keys
 from lift_manager.domain.session_requests import Do
 from lift_manager.web.codes import CODES
-from lift_manager.web.schemas import schema_of
 from tests.lift_manager.web.fake import FakeManager, ask
 from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.keyed import bearing, ring
 
 Json = dict[str, Any]
 API = [
@@ -40,6 +41,21 @@ def document() -> Json:
 def operation(method: str, path: str) -> Json:
     found: Json = document()["paths"][path][method]
     return found
+
+
+def schema_in(content: Mapping[str, Any]) -> Json:
+    """The schema of a body, which may be one of the components."""
+    schema: Json = content["schema"]
+    if "$ref" in schema:
+        schema = document()["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
+    return {**schema, "components": document()["components"]}
+
+
+def examples_in(content: Mapping[str, Any]) -> list[Json]:
+    """The examples of a body: its own, or those of what it is."""
+    schemas = [schema_in({"schema": one}) for one in content["schema"].get("anyOf", [content["schema"]])]
+    own = [example["value"] for example in content.get("examples", {}).values()]
+    return own or [example for schema in schemas for example in schema.get("examples", ())]
 
 
 def contents(of: Mapping[str, Any]) -> Iterator[tuple[str, Json]]:
@@ -86,12 +102,11 @@ def test_every_body_has_examples_and_they_are_as_its_schema_has_them(method: str
     if path.endswith("force-release"):
         return
     for where, content in contents(operation(method, path)):
-        schema = {**content["schema"], "components": document()["components"]}
-        examples = content.get("examples", {})
+        examples = examples_in(content)
         if not where.endswith(MEDIA_TYPE):
             assert examples, where
-        for example in examples.values():
-            jsonschema.validate(example["value"], schema, format_checker=jsonschema.FormatChecker())
+        for example in examples:
+            jsonschema.validate(example, schema_in(content), format_checker=jsonschema.FormatChecker())
 
 
 @pytest.mark.parametrize(("method", "path"), API)
@@ -144,7 +159,58 @@ def test_the_schema_of_a_body_takes_what_the_manager_takes_and_nothing_else(form
         taken = False
     else:
         taken = True
-    assert jsonschema.Draft202012Validator(schema_of(form)).is_valid(body) is taken
+    assert jsonschema.Draft202012Validator(form.model_json_schema()).is_valid(body) is taken
+
+
+WISH = {"lift": "lift", "from": "L1", "to": "L2"}
+OPENED, BEGUN = "/api/v1/lifts/{lift}/sessions", "/api/v1/rides"
+
+
+@pytest.mark.parametrize("keys", [None, ring(Role.OPERATOR)], ids=["without keys", "with keys"])
+@pytest.mark.parametrize("more", [{}, {"robot": "amr-7"}, {"robot": None}, {"idempotency_key": None}], ids=str)
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        (OPENED, {}),
+        (OPENED, {"idempotency_key": "k1"}),
+        (BEGUN, WISH),
+        (BEGUN, WISH | {"idempotency_key": "k1"}),
+        (BEGUN, WISH | {"idempotency_key": "k1", "dry_run": False}),
+        (BEGUN, WISH | {"idempotency_key": "k1", "dry_run": True}),
+    ],
+    ids=str,
+)
+def test_the_schema_needs_a_robot_beside_an_idempotency_key_exactly_where_the_manager_does(
+    path: str, body: Json, more: Json, keys: KeyRing | None
+) -> None:
+    facade, bears = FakeManager(), {} if keys is None else bearing(Role.OPERATOR)
+    wish = body | more
+    answer = ask(facade, "POST", path.format(lift="lift"), keys=keys, headers=bears, json=wish)
+    document = ask(facade, "GET", "/openapi.json", keys=keys).json()
+    schema = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
+    schema = {**schema, "components": document["components"]}
+    assert jsonschema.Draft202012Validator(schema).is_valid(wish) is (answer.status_code != 422)
+
+
+def test_the_document_follows_the_first_key_that_a_site_makes() -> None:
+    keys = Switch()
+    assert "if" in schema_of_rides(keys)
+    keys.needed = True
+    assert "if" not in schema_of_rides(keys)
+    keys.needed = False
+    assert "if" in schema_of_rides(keys)
+
+
+class Switch(KeyRing):
+    """Keys that come and go."""
+
+    needed = False
+
+
+def schema_of_rides(keys: Keys) -> Json:
+    said = ask(FakeManager(), "GET", "/openapi.json", keys=keys).json()["paths"][BEGUN]["post"]
+    found: Json = said["requestBody"]["content"]["application/json"]["schema"]
+    return found
 
 
 def test_every_reference_leads_somewhere() -> None:
@@ -166,8 +232,8 @@ def test_the_bodies_that_may_be_left_out_are_said_to_be() -> None:
     for method, path in API:
         body = operation(method, path).get("requestBody")
         if body is not None:
-            needs = body["content"]["application/json"]["schema"].get("required", [])
-            assert body["required"] is bool(needs), path
+            needs = schema_in(body["content"]["application/json"]).get("required", [])
+            assert body.get("required", False) is bool(needs), path
 
 
 def test_lifts_document_the_etag_of_both_answers() -> None:

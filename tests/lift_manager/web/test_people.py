@@ -1,17 +1,15 @@
 """What people say about a lift, over HTTP: taken from this computer alone, and every no says why."""
 
 import asyncio
-import json
 from typing import Any
 
 import httpx
 import pytest
 from starlette.requests import Request
 
-from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.web.app import make_app
-from lift_manager.web.body import LIMIT_BYTES
 from lift_manager.web.origin import from_this_computer
+from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import NAME, FakeManager, ask
 
 BASE = "http://127.0.0.1:5003/api/v1/lifts"
@@ -32,18 +30,6 @@ every_saying = pytest.mark.parametrize(("what", "body"), SAYINGS)
 
 def say(facade: FakeManager, what: str, lift: str = "lift", **more: Any) -> httpx.Response:
     return ask(facade, "POST", f"{BASE}/{lift}/{what}", **more)
-
-
-def refused(answer: httpx.Response, status: int, code: str) -> str:
-    """Check the form of a refusal; returns its detail."""
-    assert answer.status_code == status
-    assert answer.headers["content-type"] == "application/problem+json"
-    assert answer.headers["cache-control"] == "no-store"
-    said = answer.json()
-    assert {"type", "title", "status", "detail", "code"} <= said.keys()
-    assert (said["status"], said["code"], said["type"]) == (status, code, f"urn:lift-manager:problem:{code}")
-    assert said["title"]
-    return str(said["detail"])
 
 
 def test_an_acknowledgement_says_what_was_acknowledged() -> None:
@@ -112,67 +98,6 @@ def test_a_lift_with_any_name_can_be_named(what: str, body: dict[str, str]) -> N
     for quoted in ("G%2F2", "east%20wing", "G%C3%BCter"):
         assert say(facade, what, quoted, json=body).status_code == 200
     assert [said[1] for said in facade.said] == ["G/2", "east wing", "Güter"]
-
-
-@every_saying
-def test_an_unknown_lift_is_404_with_the_lifts_there_are(what: str, body: dict[str, str]) -> None:
-    assert "the lifts are lift" in refused(say(FakeManager(), what, "elevator", json=body), 404, "unknown_lift")
-
-
-@every_saying
-@pytest.mark.parametrize(
-    "code",
-    [Refusal.FIRE_ACTIVE, Refusal.OFFLINE, Refusal.NOTHING_TO_ACKNOWLEDGE, Refusal.LOCKED_OUT, Refusal.NOT_LOCKED_OUT],
-)
-def test_what_is_not_possible_now_is_409_with_the_reason(what: str, body: dict[str, str], code: Refusal) -> None:
-    answer = say(FakeManager(refused=Refused(code, "because")), what, json=body)
-    assert refused(answer, 409, code) == "because"
-
-
-MALFORMED: list[tuple[str, bytes, str | None, str]] = [
-    ("acknowledge", b"", None, "the body is empty"),
-    ("acknowledge", b"[]", None, "must be a JSON object"),
-    ("acknowledge", b'{"by": "A", "by": "B"}', None, "twice"),
-    ("acknowledge", b"{}", "by", "by is missing"),
-    ("acknowledge", b'{"by": 1}', "by", "by must be text"),
-    ("acknowledge", b'{"by": null}', "by", "by must be text"),
-    ("acknowledge", b'{"by": "  "}', "by", "by must not be empty"),
-    ("acknowledge", b'{"by": "A\\nB"}', "by", "one line"),
-    ("acknowledge", b'{"by": "A\\u202eB"}', "by", "one line"),
-    ("acknowledge", b'{"by": "\\ud800"}', "by", "by"),
-    ("acknowledge", json.dumps({"by": "x" * 65}).encode(), "by", "not be longer than 64"),
-    ("acknowledge", b'{"by": "A", "who": "B"}', "who", "who is not known here"),
-    ("lockout", b'{"by": "A"}', "reason", "reason is missing"),
-    ("lockout", b'{"by": "A", "reason": ""}', "reason", "reason must not be empty"),
-    ("lockout", json.dumps({"by": "A", "reason": "x" * 201}).encode(), "reason", "not be longer than 200"),
-    ("lockout/end", b'{"by": "A", "reason": "B"}', "reason", "reason is not known here"),
-]
-
-
-@pytest.mark.parametrize(("what", "body", "field", "words"), MALFORMED)
-def test_a_malformed_body_is_422_with_the_field_and_what_is_expected(
-    what: str, body: bytes, field: str | None, words: str
-) -> None:
-    facade = FakeManager()
-    answer = say(facade, what, content=body)
-    detail = refused(answer, 422, "malformed")
-    assert words in detail
-    assert '{"by": text' in detail
-    assert answer.json().get("field") == field
-    assert facade.said == []
-
-
-def test_a_body_that_is_too_long_is_413() -> None:
-    detail = refused(say(FakeManager(), "acknowledge", content=b"x" * (LIMIT_BYTES + 1)), 413, "too_long")
-    assert "65536 bytes" in detail
-
-
-@every_saying
-@pytest.mark.parametrize("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "http://evil.example"}])
-def test_a_web_page_of_another_site_is_refused(what: str, body: dict[str, str], headers: dict[str, str]) -> None:
-    facade = FakeManager()
-    refused(say(facade, what, json=body, headers={"host": "127.0.0.1", **headers}), 403, "another_site")
-    assert facade.said == []
 
 
 @every_saying
@@ -267,26 +192,3 @@ def test_a_path_or_a_method_that_does_not_exist_is_a_problem_too() -> None:
     refused(ask(FakeManager(), "PUT", f"{BASE}/lift/lockout"), 405, "wrong_method")
     refused(ask(FakeManager(), "POST", f"{BASE}/lift/nothing"), 405, "wrong_method")
     refused(ask(FakeManager(), "POST", "/api/v1/nothing"), 404, "no_such_path")
-
-
-def test_the_documentation_names_every_field_and_every_refusal() -> None:
-    schema = ask(FakeManager(), "GET", "/openapi.json").json()
-    for what, body in SAYINGS:
-        route = schema["paths"][f"/api/v1/lifts/{{lift}}/{what}"]["post"]
-        documented = route["requestBody"]["content"]["application/json"]["schema"]
-        assert documented["required"] == list(body)
-        assert sorted(route["responses"]) == [
-            "200",
-            "400",
-            "401",
-            "403",
-            "404",
-            "409",
-            "413",
-            "422",
-            "431",
-            "500",
-            "503",
-        ]
-        assert route["summary"]
-        assert route["description"]

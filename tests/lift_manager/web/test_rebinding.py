@@ -10,9 +10,9 @@ import pytest
 from lift_manager.domain.access import Role
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.browser import shown_by_chromium
+from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import ACCEPTED, CALL, NAME, REQUEST, STATE, FakeManager, ask, connected, serving
 from tests.lift_manager.web.keyed import bearing, ring
-from tests.lift_manager.web.test_people import refused
 
 REBOUND = {"host": "evil.example:5003", "origin": "http://evil.example:5003"}
 """Of one site, as far as the browser can tell."""

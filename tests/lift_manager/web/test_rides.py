@@ -7,15 +7,13 @@ import httpx
 import pytest
 
 from lift_manager.domain.access import Role
-from lift_manager.domain.asking import Blocking, Refusal, Refused
 from lift_manager.domain.ride import RideLimits, RideRequest
 from lift_manager.domain.state import Holder
-from lift_manager.web.codes import REFUSALS
 from register_maps.words import Side
+from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeManager, ask
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, ring
-from tests.lift_manager.web.test_people import refused
 
 RIDES = "/api/v1/rides"
 WISH = {"lift": "lift", "from": "L1", "to": "L2"}
@@ -185,14 +183,6 @@ def test_an_unknown_ride_is_404(word: str) -> None:
     assert '"r9"' in refused(ask(facade, "GET", f"{RIDES}/r9"), 404, "unknown_ride")
 
 
-@pytest.mark.parametrize("url", [RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)])
-def test_a_web_page_of_another_site_is_refused(url: str) -> None:
-    facade = of(ANYBODY)
-    answer = post(facade, url, json=WISH, headers={"host": "127.0.0.1", "sec-fetch-site": "cross-site"})
-    refused(answer, 403, "another_site")
-    assert facade.changes == []
-
-
 @pytest.mark.parametrize(
     ("change", "code", "status", "field"),
     [
@@ -209,47 +199,6 @@ def test_what_the_site_has_not_is_refused_with_the_field(
     answer = post(FakeManager(), RIDES, json={**WISH, **change, "dry_run": dry_run})
     refused(answer, status, code)
     assert answer.json()["field"] == field
-
-
-@pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
-def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(code: Refusal) -> None:
-    facade = of(ANYBODY)
-    facade.ride_refused = Refused(code, "because", Blocking(Holder("rmf", "rmf"), since_s=12.0, ahead=3))
-    for url in (RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)):
-        answer = post(facade, url, json=WISH if url == RIDES else None)
-        assert refused(answer, REFUSALS[code].status, code) == "because"
-        assert (answer.json()["holder"], answer.json()["ahead"]) == ("rmf", 3)
-
-
-MALFORMED: list[tuple[dict[str, object], str, str]] = [
-    ({"lift": None}, "lift", "lift must be text"),
-    ({"from": 1}, "from", "from must be text"),
-    ({"from_": "L1"}, "from_", "from_ is not known here"),
-    ({"to": "L1"}, "to", "to must be another floor than from"),
-    ({"to": "x" * 201}, "to", "to must not be longer than 200 characters"),
-    ({"door": "left"}, "door", "door must be 'front' or 'rear'"),
-    ({"limits": {"boarding_s": 0}}, "limits.boarding_s", "limits.boarding_s must be at least 1"),
-    ({"limits": {"nap_s": 5}}, "limits.nap_s", "limits.nap_s is not known here"),
-    ({"limits": 5}, "limits", "limits must be an object"),
-    ({"dry_run": "yes"}, "dry_run", "dry_run must be true or false"),
-]
-
-
-@pytest.mark.parametrize(("change", "field", "words"), MALFORMED)
-def test_a_malformed_wish_is_422_with_the_field(change: dict[str, object], field: str, words: str) -> None:
-    facade = FakeManager()
-    answer = post(facade, RIDES, json={**WISH, **change})
-    detail = refused(answer, 422, "malformed")
-    assert words in detail
-    assert 'expected {"lift": text, "from": text, "to": text, "door"?: one of front, rear' in detail
-    assert answer.json()["field"] == field
-    assert facade.changes == []
-
-
-def test_a_missing_floor_is_named_as_the_body_names_it() -> None:
-    answer = post(FakeManager(), RIDES, json={"lift": "lift", "to": "L2"})
-    assert "from is missing" in refused(answer, 422, "malformed")
-    assert answer.json()["field"] == "from"
 
 
 def test_rides_are_told_in_the_managers_order() -> None:

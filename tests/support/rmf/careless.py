@@ -40,6 +40,10 @@ class _Says(Adapter):
         super().heard(site, asked_at, now)
 
 
+HOLDS_FOR = 1
+"""So many requests for the same floor are passed on as they are."""
+
+
 class _Asks(Adapter):
     """Asks the manager something else than it should, one thing after the other; it takes the last answer for its own."""
 
@@ -334,6 +338,18 @@ def _without_grace(manager: Manager, out: Out, ros_time: Clock) -> Adapter:
     return _Asks(manager, out, ros_time, change)
 
 
+def _lets_go_of_the_door(manager: Manager, out: Out, ros_time: Clock) -> Adapter:
+    wanted: list[Wanted] = []
+
+    def change(asked: Asked) -> tuple[Asked, ...]:
+        if not isinstance(asked, Wanted):
+            return (asked,)
+        wanted[:] = [*(one for one in wanted if one == asked), asked]
+        return (asked if len(wanted) <= HOLDS_FOR else replace(asked, hold_door=False),)
+
+    return _Asks(manager, out, ros_time, change)
+
+
 CARELESS: Mapping[str, Callable[[Manager, Out, Clock], Adapter]] = {
     "executes stale floors": ExecutesStaleFloors,
     "clears the session on arrival": _says(lambda: _cleared_on_arrival),
@@ -352,6 +368,7 @@ CARELESS: Mapping[str, Callable[[Manager, Out, Clock], Adapter]] = {
     "gives the lift to whoever asks": LetsAnybodySteal,
     "does not hear who comes next": ForgetsWhoComesNext,
     "has no grace": _without_grace,
+    "lets go of the door after a while": _lets_go_of_the_door,
     "publishes changes only": _says(_only_changes),
     "does not read what fleets say": DoesNotReadAlong,
     "does what fleets want of their supervisor": TakesWhatFleetsWant,

@@ -28,6 +28,7 @@ RULES: Mapping[str, str] = {
     "open and not held": "OPEN for a session only while our hold is what keeps the door open",
     "open in fire": "never OPEN a second after a fire began",
     "door fell": "the door stays open while a robot that saw it open drives through it",
+    "open too long": "OPEN stands for a session only while it has at least 30 s until the manager itself lets go of the door",
     "stale floor": "no car call but for a floor that the session on the wire wants",
     "storm": "a state that says nothing new goes out twice a second, and not for each request",
     "silent": "a state goes out at least once a second",
@@ -58,6 +59,8 @@ PASSES_ON_S = 2.0
 FLEET_ENDS_S = 3.0
 """And within what the session is then over: a state and some messages later."""
 FIRE_TAKES_S = 1.0
+CLEAR_S = 30.0
+"""A robot sets out on one OPEN and does not look again: from the last one on it has so long until the door falls."""
 WORDS_OF_A_ROBOT = frozenset({"robot_in_place", "robot_left"})
 """What the lift may still be told of a robot that was in it."""
 CALLS = frozenset({"go_to", "call", "go", "landing_call"})
@@ -148,6 +151,8 @@ class Judge:
         self._adapter_since = -math.inf
         self._fire = False
         self._locked_since = math.inf
+        self._opened: tuple[float, LiftState] | None = None
+        """When OPEN was last said for a session, until the door falls or the session wants something else."""
 
     # -- what the world tells
 
@@ -156,6 +161,7 @@ class Judge:
             return
         before = self.truth.last
         self.truth.add(at, truth)
+        self._judge_fall(at, truth)
         if before is None or not before.robot_mode or truth.robot_mode or before.standing or truth.standing:
             return
         if truth.mode not in FALLS_FOR and not self._is_excused("down", "offline", at=at, lately_s=10.0):
@@ -217,7 +223,12 @@ class Judge:
         """Note a request that reaches the adapter."""
         self.requests += 1
         session = self.sessions[request.session_id]
-        if request.request_type == END_SESSION:
+        opened = None if self._opened is None else self._opened[1]
+        is_end = request.request_type == END_SESSION
+        wants_else = opened is not None and (is_end or request.destination_floor != opened.current_floor)
+        if opened is not None and wants_else and request.session_id == opened.session_id:
+            self._opened = None  # from its own word on it needs the door no more
+        if is_end:
             session.ended_at = at
             session.asks = 0
             self._ends.append(at)
@@ -244,6 +255,8 @@ class Judge:
         self.said.add(at, timeless)
         if state.door_state == DOOR_OPEN:
             self._judge_open(at, state)
+            if state.session_id and self.holds:
+                self._opened = at, state
         self._judge_session(at, "" if before is None else before.session_id, state)
         self._judge_lost(at, state)
 
@@ -297,6 +310,25 @@ class Judge:
             self._find(at, "open for another", f"for nobody, and the manager has it for {holders}")
         if ours is not None and self.holds and not any(truth.commands & self.holds for truth in truths):
             self._find(at, "open and not held", f"at {state.current_floor} for {state.session_id!r}")
+
+    def _judge_fall(self, at: float, truth: Truth) -> None:
+        """The door falls for its holder's own word, for a reason that nobody knows beforehand, or no sooner than it was announced."""
+        if self._opened is None:
+            return
+        said_at, state = self._opened
+        if truth.open_at is not None and self.floors[truth.open_at] == state.current_floor:
+            return
+        self._opened = None
+        fleet_ended = self.sessions[state.session_id].fleet_ended_at <= at
+        excuses = ("down", "offline", "fire", "kept off", "taken", "adapter", "ended")
+        excused = truth.mode in FALLS_FOR or self._is_excused(*excuses, at=at, lately_s=at - said_at)
+        if at - said_at < CLEAR_S and not fleet_ended and not excused:
+            left_s = at - said_at
+            self._find(
+                at,
+                "open too long",
+                f"{left_s:.2f} s before the door fell at {state.current_floor} for {state.session_id!r}",
+            )
 
     def _judge_call(self, at: float, floor: str) -> None:
         since = at - PRESS_S

@@ -8,6 +8,7 @@ from lift_manager.commissioning.plc.terminals import GUARDS
 from register_maps.codec import UNLISTED
 from register_maps.words import Door, Mode, Motion
 from tests.lift_manager.commissioning.plc.rig import ALL_WELL, COILS, CYCLE_S, LAYOUTS, REGISTERS, Layout, Rig
+from tests.support.rows import each_row
 
 each_map = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.map_name)
 LATE_S = 2 * CYCLE_S
@@ -424,7 +425,7 @@ def test_flags_are_told_as_they_are(layout: Layout) -> None:
         assert rig.says(signal) is told, contact
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wires", "told"),
     [
         ((), Mode.NORMAL),
@@ -452,7 +453,7 @@ def test_the_mode_word_says_robot_once_it_is_granted() -> None:
     assert rig.says("mode") is Mode.ROBOT
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wire", "signal"),
     [
         ("NoInspection", "inspection"),

@@ -18,6 +18,7 @@ from register_maps.load import MAPS, load
 from register_maps.schema import RegisterMap
 from tests.lift_manager.commissioning.plc.rig import LAYOUTS, REGISTERS, Layout, program
 from tests.lift_manager.commissioning.plc.structured_text import Machine
+from tests.support.rows import each_row
 
 each_map = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.map_name)
 FLOORS = {"B1": -1, "L1": 1, "L2": 2}
@@ -87,7 +88,7 @@ def test_every_name_of_the_interface_is_in_the_sheet_once_with_its_contact_and_a
     assert contacts["RobotsAllowed"] == "NO"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("map_name", "row"),
     [
         ("generic-registers", "| fire | holding:5.0 | 5 bit 0 | FC03 | 0 = fire |"),
@@ -146,7 +147,7 @@ def test_a_map_without_doors_commands_and_counters_gives_a_smaller_program() -> 
     machine.scan(0.0)
 
 
-@pytest.mark.parametrize("name", ["x *) y", "(* x", "a | b", "Größe", "two\nlines"])
+@each_row("name", ["x *) y", "(* x", "a | b", "Größe", "two\nlines"])
 def test_no_floor_name_breaks_out_of_a_comment_or_a_table(name: str) -> None:
     made = render(load("generic-registers").map, {"B1": -1, name: 1})
     assert made.st.isascii()
@@ -182,7 +183,7 @@ def put(part: str, name: str, **keys: object) -> Callable[[dict[str, Any]], obje
     return change
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "reason"),
     [
         (drop("commands", "robot_mode"), "needs the command robot_mode"),
@@ -215,7 +216,7 @@ def test_what_the_program_could_not_serve_is_refused_with_its_cure(
         render(changed(change), FLOORS)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("map_name", "floors", "reason"),
     [
         ("generic-registers", {"L1": 1}, "at least two floors"),

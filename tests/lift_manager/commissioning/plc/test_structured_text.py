@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.lift_manager.commissioning.plc.structured_text import Machine, StError
+from tests.support.rows import each_row
 
 BLOCK = """FUNCTION_BLOCK B
 VAR_INPUT In : BOOL; END_VAR
@@ -27,7 +28,7 @@ def trace(kind: str, levels: str, *, preset: str = "PT := T#300ms") -> str:
     return seen
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "levels", "seen"),
     [
         ("TON", "0111111000", "0000111000"),
@@ -55,7 +56,7 @@ def test_what_a_caller_passes_in_has_a_type_with_a_name() -> None:
         Machine(named.replace("Cells : Row", "Cells : ARRAY [0..3] OF WORD"))
 
 
-@pytest.mark.parametrize(
+@each_row(
     "body",
     [
         "Out := In",  # no semicolon

@@ -22,6 +22,7 @@ from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.trace import Entry, Value
 from lift_manager.lab.scenario.vocabulary import KINDS
 from register_maps.source import read
+from tests.support.rows import each_row
 
 
 def entry(at_s: float, kind: str, **fields: Value) -> Entry:
@@ -64,9 +65,7 @@ def with_press(at_s: float) -> Run:
     return Run([*before, entry(at_s, "press", command="go_to", floor="L2"), *after], FIRE.lasts_s)
 
 
-@pytest.mark.parametrize(
-    ("at_s", "broken"), [(9.9, False), (10.0, True), (12.0, True), (14.9, True), (15.0, False), (18.0, False)]
-)
+@each_row(("at_s", "broken"), [(9.9, False), (10.0, True), (12.0, True), (14.9, True), (15.0, False), (18.0, False)])
 def test_no_press_while_fire_was_active(m: Matches, at_s: float, broken: bool) -> None:
     demand = Never(m("kind: press"), While(m("kind: truth, mode: fire")))
     result = judge(demand, with_press(at_s))
@@ -81,7 +80,7 @@ def test_a_fault_may_have_its_time_to_be_seen(m: Matches, at_s: float, broken: b
     assert isinstance(judge(demand, with_press(at_s)), Broken) is broken
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("opens", "closes", "broken"),
     [(2.0, 4.0, False), (2.0, 5.0, False), (2.0, 5.1, True), (6.0, 7.0, True), (8.0, 9.0, False), (4.0, 20.0, True)],
 )
@@ -212,7 +211,7 @@ def test_faults_hold_beside_one_another(m: Matches) -> None:
     assert judge(Count(m("kind: press"), 1, 1, during), faults) == Met("once")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("match", "fields", "fits"),
     [
         ("floor: L2", {"floor": "L2"}, True),
@@ -239,7 +238,7 @@ def test_a_match_compares_fields(m: Matches, match: str, fields: dict[str, Value
     assert not m(f"kind: state, {match}").fits(entry(1, "truth"))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("match", "commands", "fits"),
     [
         ("go_to", ("go_to", "robot_mode"), True),

@@ -4,13 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 from jsonschema import Draft7Validator
 
 from lift_manager.lab.scenario import editors
 from lift_manager.lab.scenario.editors import json_schema
 from tests.lift_manager.lab.scenario.scenario_files import EXAMPLES, text_of
+from tests.support.rows import each_row
 
 FILE = Path(editors.__file__).parent / "scenario.schema.json"
 SCHEMA = json.loads(json_schema())
@@ -29,12 +29,12 @@ def test_it_is_a_draft_7_schema() -> None:
     Draft7Validator.check_schema(SCHEMA)
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
+@each_row("path", sorted(EXAMPLES.glob("*.yaml")))
 def test_it_accepts_the_examples(path: Path) -> None:
     assert errors_of(path.read_text()) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     "step",
     [
         "{at: 1, fault: stuck_door}",
@@ -50,7 +50,7 @@ def test_it_accepts_what_the_loader_accepts(step: str) -> None:
     assert errors_of(text_of(do=f"  - {step}\n")) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     "step",
     [
         "{at: 1, fault: stuk_door}",

@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from lift_manager.lab.scenario.load import load_scenario
 from lift_manager.lab.scenario.play import play
 from lift_manager.lab.scenario.verdict import lines, verdict_of
 from tests.lift_manager.lab.scenario.scenario_files import EXAMPLES
+from tests.support.rows import each_row
 
 FILES = sorted(EXAMPLES.glob("*.yaml"))
 
@@ -17,7 +16,7 @@ def test_there_are_examples() -> None:
     assert len(FILES) >= 6
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+@each_row("path", FILES)
 def test_an_example_is_as_it_says(path: Path) -> None:
     verdict = verdict_of(play(load_scenario(path)))
     assert verdict.ok, "\n".join(lines(verdict))
@@ -26,7 +25,7 @@ def test_an_example_is_as_it_says(path: Path) -> None:
     assert all("foreign_writer" in line for line in verdict.undetectable)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+@each_row("path", FILES)
 def test_an_example_says_what_it_is_about_and_names_its_schema(path: Path) -> None:
     first, about, *rest = path.read_text().splitlines()
     assert first == "# yaml-language-server: $schema=../../lift_manager/lab/scenario/scenario.schema.json"

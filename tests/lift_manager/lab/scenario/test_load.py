@@ -8,6 +8,7 @@ from lift_manager.lab.scenario.load import load_scenario
 from register_maps.errors import MapFileError
 from register_maps.load import MAPS, shipped
 from tests.lift_manager.lab.scenario.scenario_files import ANYTHING, HEAD, NOTHING, loaded, text_of
+from tests.support.rows import each_row
 from tests.support.trip_sites import COMPLETIONS
 
 
@@ -22,7 +23,7 @@ def only(folder: Path, text: str) -> str:
     return one
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("step", "said"),
     [
         ("{at: 1}", "do[0]: must have one of request, robot, fault"),
@@ -80,7 +81,7 @@ def test_a_step_with_a_mistake_is_refused(tmp_path: Path, step: str, said: str) 
     assert line.startswith("6: do[0]")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("expectation", "said"),
     [
         ("{because: I like it}", "must have one of never, eventually, ordered, count"),
@@ -106,7 +107,7 @@ def test_an_expectation_with_a_mistake_is_refused(tmp_path: Path, expectation: s
     assert line.startswith("8: expect[0]")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("head", "said"),
     [
         (HEAD.replace("map: generic-registers\n", ""), "names either a `map`, for one lift, or a `site`"),
@@ -172,9 +173,7 @@ def test_a_map_may_be_a_file_beside_the_scenario(tmp_path: Path) -> None:
     assert scenario.lifts["lift"].floors == tuple(f"L{number}" for number in range(1, 9))
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in shipped() if name not in COMPLETIONS and name != "thingweb-elevator"]
-)
+@each_row("name", [name for name in shipped() if name not in COMPLETIONS and name != "thingweb-elevator"])
 def test_every_shipped_map_that_is_a_whole_lift_can_be_named(tmp_path: Path, name: str) -> None:
     scenario = loaded(tmp_path, text_of(head=HEAD.replace("generic-registers", name), do=NOTHING, expect=ANYTHING))
     assert len(scenario.lifts["lift"].floors) >= 2

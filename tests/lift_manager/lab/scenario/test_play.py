@@ -14,6 +14,7 @@ from lift_manager.lab.scenario.trace import Entry
 from lift_manager.lab.scenario.verdict import lines, verdict_of
 from lift_manager.lab.scenario.vocabulary import KINDS
 from lift_manager.lab.world.judged import Finding
+from register_maps.errors import MapFileError
 from register_maps.words import Table
 from simulator.faults import ForeignCell
 from tests.lift_manager.lab.scenario.scenario_files import EXAMPLES, HEAD, ROOT, first, loaded, played, text_of, verdict
@@ -98,6 +99,42 @@ def test_a_landing_button_brings_the_car(tmp_path: Path) -> None:
     do = "  - {at: 1, inputs: {landing_buttons: [L2]}, for_s: 0.5}\n"
     trace = played(tmp_path, text_of(do=do, head=SHORT)).trace
     assert first(trace, "truth", open_at="L2") < 20.0
+
+
+def test_a_drain_lets_the_session_go_on_and_refuses_the_next_until_its_end(tmp_path: Path) -> None:
+    do = """\
+  - {at: 1, request: {floor: L2, holder: "fleet:r1"}}
+  - {at: 2, drain: {by: Dana, reason: update}}
+  - {at: 15, request: {floor: L2, door: closed, holder: "fleet:r1"}}
+  - {at: 18, request: {floor: L1, holder: "fleet:r2"}}
+  - {at: 20, end_drain: {by: Dana}}
+  - {at: 21, request: {floor: L1, holder: "fleet:r2"}}
+"""
+    trace = played(tmp_path, text_of(do=do, head=SHORT)).trace
+    said = [(entry.fields["says"], entry.fields["accepted"]) for entry in of(trace, "person")]
+    assert said == [("drain", True), ("end_drain", True)]
+    assert [entry.fields["code"] for entry in of(trace, "request")] == [None, None, "draining", None]
+    assert first(trace, "state", drain="by Dana: update") == 2.0
+
+
+@pytest.mark.parametrize("clear_s", [2, 8])
+def test_clear_s_of_a_scenario_says_how_long_before_the_end_of_a_hold_open_is_withdrawn(
+    tmp_path: Path, clear_s: int
+) -> None:
+    head = HEAD + f"options: {{max_session_hold_s: 24, clear_s: {clear_s}}}\n"
+    do = "  - {at: 1, request: {floor: L2}, every_s: 1}\n"
+    trace = played(tmp_path, text_of(do=do, head=head)).trace
+    (opened, *_) = [entry.at_s for entry in of(trace, "state") if entry.fields["robot_door"] == "open"]
+    withdrawn = next(
+        entry.at_s for entry in of(trace, "state") if entry.at_s > opened and entry.fields["robot_door"] == "moving"
+    )
+    let_go = next(entry.at_s for entry in of(trace, "release") if entry.fields["command"] == "hold_door.front")
+    assert let_go - withdrawn == pytest.approx(clear_s, abs=0.3)
+
+
+def test_a_clear_s_that_leaves_no_time_is_a_mistake_where_it_stands(tmp_path: Path) -> None:
+    with pytest.raises(MapFileError, match=r"options\.max_session_hold_s: 20 s is less than 3 times `clear_s`"):
+        played(tmp_path, text_of(head=HEAD + "options: {max_session_hold_s: 20, clear_s: 8}\n"))
 
 
 def test_a_blocked_doorway_keeps_the_door_open_until_it_is_free(tmp_path: Path) -> None:
@@ -260,7 +297,7 @@ def test_one_seed_gives_one_trace_in_every_process(tmp_path: Path) -> None:
         trace = tmp_path / f"{number}.jsonl"
         command = [sys.executable, "-m", "lift_manager", "scenario", "run", str(file), "--trace", str(trace)]
         environment = {**os.environ, "PYTHONHASHSEED": number}
-        subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, timeout=60, check=True)
+        subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, timeout=240, check=True)
         texts.append(trace.read_text())
     assert texts[0] == texts[1]
 
@@ -278,6 +315,7 @@ def test_every_kind_of_entry_and_every_field_comes_about(tmp_path: Path) -> None
   - {at: 43, end_lockout: {by: Dana}}
   - {at: 44, request: {floor: L2, holder: "fleet:r2"}}
   - {at: 45, end_lockout: {by: Dana}}
+  - {at: 45.5, drain: {by: Dana, reason: update}}
   - {at: 46, wire: drop_request, for_s: 3}
 """
     trace = played(tmp_path, text_of(do=do)).trace

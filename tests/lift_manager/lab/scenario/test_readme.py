@@ -17,6 +17,7 @@ from lift_manager.lab.scenario.schema import Expectation, Inputs, Options, Reque
 from lift_manager.lab.scenario.verdict import verdict_of
 from lift_manager.lab.scenario.vocabulary import KINDS, Field
 from tests.lift_manager.lab.scenario.scenario_files import HEAD, ROOT, loaded, text_of
+from tests.support.rows import each_row
 
 README = (Path(load.__file__).parent / "README.md").read_text()
 BLOCKS = re.findall(r"^```yaml\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
@@ -54,7 +55,7 @@ def test_every_key_is_listed_and_no_other(section: str, model: type[Scenario | S
     assert sorted(keys_of(section)) == names_of(model)
 
 
-@pytest.mark.parametrize("model", [Options, Simulated, Request, Robot, Inputs])
+@each_row("model", [Options, Simulated, Request, Robot, Inputs])
 def test_every_part_of_a_key_is_named(model: type[Options | Simulated | Request | Robot | Inputs]) -> None:
     missing = [name for name, field in model.model_fields.items() if f"`{field.alias or name}`" not in README]
     assert missing == []
@@ -108,5 +109,5 @@ def test_the_command_that_writes_the_json_schema_works_as_printed() -> None:
     words = shlex.split(line)
     assert words[3:] == [">", "lift_manager/lab/scenario/scenario.schema.json"]
     command = [sys.executable, *words[1:3]]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=True)
     assert result.stdout == json_schema()

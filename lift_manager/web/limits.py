@@ -1,4 +1,4 @@
-"""Taking connections: few enough to leave descriptors to the controllers and to the disk, counted from the first moment on."""
+"""How many clients may be connected: few enough to leave descriptors to the controllers and the disk, counted from the first moment on."""
 
 from __future__ import annotations
 

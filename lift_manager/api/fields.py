@@ -1,13 +1,22 @@
-"""What the models of /api/v1 share."""
+"""Base classes and types of fields that the models of /api/v1 share."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, StringConstraints
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    StringConstraints,
+)
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from lift_manager.domain.state import Holder
 from register_maps.words import Side
 
 _JOINERS = "\u200c\u200d"
@@ -66,7 +75,6 @@ Seconds = Annotated[float, AfterValidator(to_ms)]
 Door = Annotated[Side, Field(strict=False)]
 """A door by its name: a body that was decoded from JSON holds text, which strict would not take."""
 
-
 Recorded = Annotated[
     bool,
     Field(
@@ -77,13 +85,24 @@ Recorded = Annotated[
 ]
 
 
-class Part(BaseModel):
-    """Any object of /api/v1: immutable, nothing unknown in it, nothing coerced."""
+def _name_of(value: object) -> object:
+    return str(value) if isinstance(value, Holder) else value
+
+
+HolderName = Annotated[str, BeforeValidator(_name_of)]
+"""A holder as `face:name`."""
+
+
+class RequestModel(BaseModel):
+    """An object that a caller sends: immutable, nothing unknown in it, nothing coerced."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Answer(BaseModel):
-    """An object that the manager sends. A client takes one with more in it: a newer manager may say more."""
+    """An object that the manager sends, made of a value of its own by `model_validate`.
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    A client takes one with more in it: a newer manager may say more.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", from_attributes=True)
