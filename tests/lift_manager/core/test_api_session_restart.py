@@ -148,7 +148,7 @@ def test_one_that_ran_out_meanwhile_says_so_and_its_robot_may_still_say_that_it_
         made.closed(session, RobotWord.LEFT)
         assert made.state.restrictions.maybe_aboard is None
 
-    over_a_restart(arrived, after, PLAIN, off_s=TTL_S + 1)
+    over_a_restart(arrived, after, PLAIN, off_s=TTL_S + 11)
 
 
 def test_a_session_without_a_floor_keeps_what_is_known_of_its_robot_over_a_restart() -> None:
