@@ -212,13 +212,10 @@ class Watch:
         output, now = self._outputs.output(name), asyncio.get_running_loop().time()
         if output.was_taken(now):
             output.refresh_at = now
-        elif output.only_kept:
-            output.release()
-        else:
-            if output.codec.is_call:
-                output.release()
-            else:
-                output.fall(now, pause_s=0.0, excused=False)
+            return
+        is_asked_for = not output.only_kept
+        output.lose(now, pause_s=0.0, excused=False)
+        if is_asked_for:
             self._found_off(name, where)
 
     def _found_off(self, name: str, where: str) -> None:

@@ -44,7 +44,7 @@ class Image:
 
     def beside(self, step: Step) -> tuple[str, ...]:
         """Other outputs in the cells of a step, on or not: it writes them as they stand."""
-        if step.block is None and self._codec(step).shared:
+        if self._codec(step).shared:
             return ()
         cells = set(self.covered(step))
         return tuple(

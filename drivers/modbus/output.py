@@ -250,10 +250,7 @@ class Output:
             self.pause_at = now + (self.spec.width_s or math.inf)
 
     def found(self, *, holds: bool, now: float, excused: bool) -> bool:
-        """It was read back before a refresh. Returns whether it is to be refreshed: what is off is pressed again, or kept off.
-
-        A call that is off is never pressed again: whoever needs the car asks again.
-        """
+        """It was read back before a refresh. Returns whether it is to be refreshed: what is off is pressed again, or kept off."""
         if holds:
             # after a write without an answer only the read-back of the next one counts
             self.verified, self.was_seen = self.answered, True
@@ -262,11 +259,15 @@ class Output:
         if self.was_taken(now):
             self.set_at = now
             return True
+        self.lose(now, pause_s=0.0 if self.verified or not self.was_seen else LOOK_S, excused=excused)
+        return False
+
+    def lose(self, now: float, *, pause_s: float, excused: bool) -> None:
+        """It was on, and was seen to be off: what is only kept stays so, and so does a call: whoever needs the car asks again."""
         if self.only_kept or self.codec.is_call:
             self.release()
-            return False
-        self.fall(now, pause_s=0.0 if self.verified or not self.was_seen else LOOK_S, excused=excused)
-        return False
+        else:
+            self.fall(now, pause_s=pause_s, excused=excused)
 
     def was_taken(self, now: float) -> bool:
         """Whether the controller has cleared it to have it written again, as its map says; then the hold goes on."""

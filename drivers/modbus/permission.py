@@ -110,7 +110,7 @@ class Permissions:
         return allowed
 
     def _unless_unread(self) -> str | None:
-        """Say why a block at rest is not written now: before the first reading nobody knows what of it a session still wants."""
+        """Say why nothing is pressed before the first reading, nor a block at rest written: a session may still want what is on."""
         return "the connection is new and has not been read yet" if self._is_unread() else None
 
     def _unless_looked_at(self, step: Step) -> Permit | None:
@@ -139,8 +139,8 @@ class Permissions:
 
     def _refusal(self, name: str) -> str | None:
         """Say why an output may not be written as pressed now."""
-        if self._is_unread():
-            return "the connection is new and has not been read yet"
+        if (unread := self._unless_unread()) is not None:
+            return unread
         if missing := self.missing(name):
             return f"{name} needs {', '.join(missing)}"
         press = self._presses.of(name)

@@ -128,8 +128,12 @@ class SessionKeeper:
 
     @property
     def may_be_crossed(self) -> bool:
-        """Whether a robot may be on its way through the door that is held for the session, or about to be."""
-        return self.arrived and self.door_held
+        """Whether a robot may be on its way through the door that is held for the session, or about to be.
+
+        A hold whose refresh was not answered no longer counts as held, and one that a restart found on may be at a floor that is not
+        known yet: a robot may be in its door all the same.
+        """
+        return (self.arrived or self.serving.keeps_found_hold) and self.serving.door_given
 
     @property
     def letting_go(self) -> bool:
@@ -306,6 +310,8 @@ class SessionKeeper:
                 self.serving.close(self._permit_to_close, now)
             else:
                 self.end(*served, now)
+        else:
+            self.session = self.serving.unread(self.session, now)
         self.note(now)
 
     def _end_what_is_over(self, now: float) -> None:

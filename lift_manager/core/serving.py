@@ -88,6 +88,20 @@ class Serving:
             self.call.told and self._button.keeps_door and not self._button.forgotten
         )
 
+    @property
+    def door_given(self) -> bool:
+        """Whether anything is on, or asked for, to hold a door; whether the lift shows that is another question."""
+        return self.doors.given or self._call_keeps_door
+
+    @property
+    def keeps_found_hold(self) -> bool:
+        """Whether a door hold of before a restart waits until the car is seen to stand there."""
+        return self._found_held
+
+    @property
+    def _call_keeps_door(self) -> bool:
+        return self.call.arrived and not self._button.door_at_rest
+
     def keeps_open(self, session: Session, sight: Sight | None) -> bool:
         """Whether the door is held at the session's floor, on a map that has anything for that."""
         # a session from before a restart may name a floor that is no more
@@ -121,13 +135,12 @@ class Serving:
     def view(self, session: Session, sight: Sight | None, waits: str, now: float) -> View:
         """Return what the session has on the lift; `waits` is what it waits for."""
         in_place, left_word = self._handshake.told(now)
-        calls_held = self.call.arrived and not self._button.door_at_rest
         return View(
             floor=session.floor,
             call=self.call.progress(now),
             door_held=self.door_held(session, sight),
-            door_given=self.doors.given or calls_held,
-            door_free=self.doors.at_rest and not calls_held,
+            door_given=self.door_given,
+            door_free=self.doors.at_rest and not self._call_keeps_door,
             hold_spent=session.hold_spent,
             in_place=in_place,
             left=left_word,
@@ -196,6 +209,14 @@ class Serving:
                 self._button.let_go()
             return self._keep_found(session, call, sight, permit, now)
         return session
+
+    def unread(self, session: Session, now: float) -> Session:
+        """Let go of the doors once the site's limit of a hold has come: that needs no reading."""
+        after = self._spent(session, now)
+        if after is not session:
+            self._let_go_of_doors()
+            self._button.let_go_of_door()
+        return after
 
     def _call_is_hold(self, session: Session) -> bool:
         """Whether nothing but the call to the session's floor keeps the door open there."""

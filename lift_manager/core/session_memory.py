@@ -48,10 +48,13 @@ class SessionMemory:
             return EndReason.NOT_RESTORED, "the site file no longer says `access: control`"
         if session.floor is not None and session.floor not in options.floors:
             return EndReason.NOT_RESTORED, f"the site file no longer has its floor {session.floor}"
-        if people.lockout:
+        if people.lockout and session.closing is None:
             return EndReason.LOCKOUT, f"the lift is locked out {people.lockout}"
         if people.fire_latched:
             return EndReason.FIRE, "there was a fire"
+        if session.closing is not None and session.over_at is not None:
+            # a lockout lets go only then: its robot may be in the doorway
+            return session if now < session.over_at else session.closing
         lease_s, ends_at = sessions.lease_of(session, options.lease_s), sessions.lease_ends_at(session, options.lease_s)
         if now >= ends_at + _written_every_s(lease_s):
             return EndReason.LEASE, f"the lease of {lease_s:g} s ran out while the manager was not running"
@@ -95,7 +98,7 @@ class SessionMemory:
 
         One that its holder has ended is over for a restart: it would come back for as long as a session may last.
         """
-        if session is None or session.ending:
+        if session is None or (session.ending and session.closing is None):
             self._noted = None
             self._people.note_session(None)
             return

@@ -307,6 +307,10 @@ class KeptSession:
     lease_s: float | None = None
     key: str = field(default="", repr=False)
     key_ttl_s: float | None = None
+    closes_at: datetime | None = None
+    """When it ends whatever its holder wants, where a person has ended it and a robot may still be in its doorway."""
+    closing: tuple[EndReason, str] | None = None
+    """Why it ends then, as a code and in words."""
 
 
 def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetime, now: float) -> KeptSession:
@@ -334,6 +338,8 @@ def kept(session: Session, boarding: KeptBoarding, *, pressed: bool, at: datetim
         lease_s=session.lease_s,
         key=session.key,
         key_ttl_s=session.key_ttl_s,
+        closes_at=None if session.closing is None or session.over_at is None else wall(session.over_at),
+        closing=session.closing,
     )
 
 
@@ -350,6 +356,7 @@ def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Ses
     def monotonic(when: datetime) -> float:
         return now - gone_s - max(0.0, (kept_at - when.astimezone(UTC)).total_seconds())
 
+    closes_at = kept.closes_at
     return Session(
         number=number,
         holder=kept.holder,
@@ -367,4 +374,6 @@ def restored(kept: KeptSession, *, number: int, at: datetime, now: float) -> Ses
         lease_s=kept.lease_s,
         key=kept.key,
         key_ttl_s=kept.key_ttl_s,
+        over_at=None if closes_at is None else now - gone_s + (closes_at.astimezone(UTC) - kept_at).total_seconds(),
+        closing=kept.closing,
     )

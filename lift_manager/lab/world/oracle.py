@@ -141,7 +141,7 @@ class _Watched:
     asks: dict[Holder, tuple[Ask, Ask]] = field(default_factory=dict)
     """The last request of each holder that was accepted, and the last one before it for another floor."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
-    """When a robot of each holder last said that it is inside."""
+    """When a robot of each holder last said that it is inside, in words or by asking for another floor."""
     floor: FloorName | None = None
     """Of the last request that was accepted, and since when it is that one."""
     floor_asked_at: float = -math.inf
@@ -276,9 +276,10 @@ class Oracle:
         watched = self._lifts[ask.lift]
         if ask.floor != watched.floor:
             watched.floor, watched.floor_asked_at = ask.floor, at
-        if ask.robot is RobotWord.IN_PLACE:
-            watched.in_place_at[ask.holder] = at
         last, before = watched.asks.get(ask.holder, (ask, ask))
+        if ask.robot is RobotWord.IN_PLACE or ask.floor != last.floor:
+            # one without words says by its next floor that it is inside
+            watched.in_place_at[ask.holder] = at
         watched.asks[ask.holder] = ask, before if last.floor == ask.floor else last
 
     def struck(self, at: float, struck: Struck) -> None:
@@ -349,7 +350,10 @@ class Oracle:
             watched.foreign[command] = math.inf if struck.began else at + FOREIGN_CLEARED_S
         if excuse is None:
             return
-        watched.faults = [one for one in watched.faults if at - one.until <= KEPT_S]
+        # one that goes on is known for as long as it does, even when it excuses nothing more
+        watched.faults = [
+            one for one in watched.faults if math.isinf(one.ended_at) or at - max(one.until, one.ended_at) <= KEPT_S
+        ]
         if struck.began:
             until = math.inf if excuse.within_s is None else at + excuse.within_s
             watched.faults.append(_Fault(name, excuse.kinds, at, until, command))
@@ -500,11 +504,21 @@ class Oracle:
         if by_motion and self._set_out(watched, outcome.command, pressed_at, claimed_at):
             self.let_pass(lift, "confirmed without effect", FOR_OTHERS)
             return
+        if outcome.proof is Proof.READBACK and (mode := self._untold_mode(watched, pressed_at, at)) is not None:
+            # the register has the call, and in that mode the lift does not look at it
+            self.let_pass(lift, "confirmed without effect", untold(mode))
+            return
         since = min(pressed_at, watched.floor_asked_at)
         only = MISREAD if by_motion else None
         name = outcome.command.name
         finding = Finding(claimed_at, lift, "confirmed without effect", text, Wrong.EFFECT)
         self.weigh(finding, since=since, only=only, about=name)
+
+    @staticmethod
+    def _untold_mode(watched: _Watched, since: float, until: float) -> Mode | None:
+        """Return a mode in which the lift obeyed no robot meanwhile, and which its map does not tell."""
+        modes = (truth.mode for truth in watched.history.during(since, until))
+        return next((mode for mode in modes if mode in FORBIDDEN - watched.about.shows.modes), None)
 
     @staticmethod
     def _set_out(watched: _Watched, command: Command, pressed_at: float, claimed_at: float) -> bool:

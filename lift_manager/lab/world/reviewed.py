@@ -225,6 +225,8 @@ def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float) -> dict[s
         "contradicting_limits": Excuse(frozenset({Wrong.OPEN, Wrong.SHOWN}), max_age_s),
         "frozen_registers": Excuse(_UNSEEN, stands_still),
         "stopped": Excuse(_UNSEEN, stands_still),
+        # nothing is wrong by it, but nobody knows where the car is
+        "frozen_heartbeat": Excuse(frozenset(), None),
         "lost_press": Excuse(_LATE, None),
         "ignored_writes": Excuse(_LATE | {Wrong.OUTPUT}, None),
         "ignored_writes.stored": Excuse(_LATE | {Wrong.OUTPUT}, None),

@@ -100,6 +100,16 @@ class _Book:
     doubts: list[tuple[float, Holder, Holder | None]] = field(default_factory=list)
     """Requests that were accepted and are not judged yet: when, of whom, and who held the lift then."""
 
+    def index(self, floor: FloorName | None) -> int | None:
+        """Return the place of a floor; None for one that the lift does not have, or for a session that was asked for none."""
+        floors = self.about.floors
+        return floors.index(floor) if floor is not None and floor in floors else None
+
+    def reached(self, floor: FloorName) -> None:
+        """The calls to this floor are served."""
+        there = self.index(floor)
+        self.standing_calls = {call: since for call, since in self.standing_calls.items() if call[1] != there}
+
 
 class Rules:
     """A witness that tells its findings to the oracle, which knows what is excused."""
@@ -157,8 +167,7 @@ class Rules:
         book.live_at = at
         if state.standing and state.floor is not None and book.standing_calls:
             # for the manager the car was there; where it was not, another rule finds that
-            there = book.about.floors.index(state.floor)
-            book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] != there}
+            book.reached(state.floor)
         if state.mode is Mode.FIRE:
             book.fire_since = min(book.fire_since, at)
             book.fire_published_at = at
@@ -228,10 +237,7 @@ class Rules:
         if ask.floor != book.floor:
             book.floor = ask.floor
             book.calls.clear()
-            floors = book.about.floors
-            index = (
-                floors.index(ask.floor) if ask.floor in floors else None
-            )  # a session may have been asked for no floor
+            index = book.index(ask.floor)
             book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] == index}
         truth = book.truth
         told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
@@ -271,8 +277,7 @@ class Rules:
         index = dict(book.truth.given).get(name) if book.truth is not None else None
         if name.partition(".")[0] not in _CALLS or index is None:
             return bool(floors)
-        all_floors = book.about.floors
-        return any(floor in all_floors and all_floors.index(floor) == index for floor in floors)
+        return any(book.index(floor) == index for floor in floors)
 
     def _by_itself(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
         """Note a press that nobody asked for, unless somebody else took away what it presses: then a refresh presses it again."""
@@ -291,14 +296,19 @@ class Rules:
             if at - book.fell_at <= within_s:
                 return
             blinded = self._oracle.was_blinded(lift, book.fell_at - NOTICED_WITHIN_S, BLINDS_TO_A_HOLD)
-            if blinded is None:
-                text = f"for {holder}; no hold has been on for {at - book.fell_at:.1f} s"
-                self._oracle.find(at, lift, "said open and not held", text)
-            else:
-                self._oracle.let_pass(lift, "said open and not held", blinded)
+            text = f"for {holder}; no hold has been on for {at - book.fell_at:.1f} s"
+            self._find_unless(blinded, at, lift, "said open and not held", text)
         elif since < book.pressed_since - ROUNDING_S and at - book.fell_at > NOTICED_WITHIN_S:
+            blinded = self._oracle.was_blinded(lift, since, BLINDS_TO_A_HOLD)
             text = f"for {holder}; it was read {book.pressed_since - since:.2f} s before the hold was on"
-            self._oracle.find(at, lift, "said open on a reading from before the hold", text)
+            self._find_unless(blinded, at, lift, "said open on a reading from before the hold", text)
+
+    def _find_unless(self, blinded: str | None, at: float, lift: str, rule: str, text: str) -> None:
+        """Note a finding, or count the fault that kept the manager from knowing."""
+        if blinded is None:
+            self._oracle.find(at, lift, rule, text)
+        else:
+            self._oracle.let_pass(lift, rule, blinded)
 
     def _let_fall(self, at: float, lift: str, book: _Book) -> None:
         """See whether our release shuts the door on a robot that was invited a moment ago, and did not ask for it."""
@@ -319,16 +329,10 @@ class Rules:
         )
         if truth.open_at != floor or gave_up or sudden:
             return
-        rule, blinded = (
-            "the door fell while a robot was invited",
-            self._oracle.was_blinded(lift, book.invited_at, MISREAD),
-        )
-        if blinded is not None:
-            # a car that seems to have left takes its door along
-            self._oracle.let_pass(lift, rule, blinded)
-            return
+        # a car that seems to have left takes its door along
+        blinded = self._oracle.was_blinded(lift, book.invited_at, MISREAD)
         text = f"{holder} was invited at {floor} {at - book.invited_at:.1f} s before our release"
-        self._oracle.find(at, lift, rule, text)
+        self._find_unless(blinded, at, lift, "the door fell while a robot was invited", text)
 
     def _invited(self, at: float, lift: str, book: _Book, state: LiftState) -> None:
         """Nobody is invited by a lift that a person must check, or keeps robots off."""
@@ -353,6 +357,9 @@ class Rules:
             self._oracle.find(at, event.lift, "two holders", text)
         if isinstance(event, HandedOver):
             book.session = event.to
+            if book.invited is not None and book.invited[0] == event.holder:
+                # the robot in the door is the new holder's, who speaks for it from here on
+                book.invited = event.to, book.invited[1]
             if book.asked_since is not None and (ask := self._oracle.ask_of(event.lift, event.holder)) is not None:
                 # its holder was heard by this very word, and the session goes on with what it wants
                 book.asked_since.setdefault(event.to, set()).add(ask.floor)
@@ -383,8 +390,12 @@ class Rules:
             if since_s < AGAIN_AFTER_S:
                 self._by_itself(at, lift, "pressed again", f"{name}, {since_s:.2f} s after its last press", name)
             if self._stands(book, key):
-                text = f"{name}, and the lift still has the call of before"
-                self._by_itself(at, lift, "pressed again after a restart", text, name)
+                text, rule = f"{name}, and the lift still has the call of before", "pressed again after a restart"
+                # registers that stand still do not show the call, and one that nothing shows is pressed again
+                if (blinded := self._oracle.was_blinded(lift, book.restarted_at, STANDS_STILL)) is not None:
+                    self._oracle.let_pass(lift, rule, blinded)
+                else:
+                    self._by_itself(at, lift, rule, text, name)
             book.calls[key] = book.standing_calls[key] = at
 
     @staticmethod
@@ -404,9 +415,11 @@ def _follow(at: float, book: _Book, truth: Truth) -> None:
     elif math.isinf(book.held_since):
         book.held_since = at
     if not book.about.holds <= truth.commands:
+        if not math.isinf(book.pressed_since):
+            # cleared before the drive had obeyed it: nobody can know sooner than of one that it obeyed
+            book.fell_at = at
         book.pressed_since = math.inf
     elif math.isinf(book.pressed_since):
         book.pressed_since = at
     if book.standing_calls and truth.open_at is not None:
-        there = book.about.floors.index(truth.open_at)
-        book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] != there}
+        book.reached(truth.open_at)

@@ -71,6 +71,8 @@ go_to 4F (code 0): held until the car is there, at most 120 s unless wanted anew
   every 2 s
   0 s         press: write 4 coils from 0 := on off off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 01
+  2 s         is it still on: read 4 coils from 0, unit 1
+              00 00 00 06 01 01 00 00 00 04
   2 s         written again: write 4 coils from 0 := on off off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 01
   at the end  let go: write 4 coils from 0 := off off off off, unit 1
@@ -81,6 +83,8 @@ go_to 4F (code 0): held until the car is there, at most 120 s unless wanted anew
 go_to 5F (code 1): all else as for 4F
   0 s         press: write 4 coils from 0 := off on off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 02
+  2 s         is it still on: read 4 coils from 0, unit 1
+              00 00 00 06 01 01 00 00 00 04
   2 s         written again: write 4 coils from 0 := off on off off, unit 1
               00 00 00 08 01 0F 00 00 00 04 01 02
 """

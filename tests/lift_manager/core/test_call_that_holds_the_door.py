@@ -269,7 +269,7 @@ def test_a_hold_that_waits_for_the_car_has_its_limit_and_goes_with_another_floor
 
 def test_nobody_else_is_held_a_door_that_a_restart_found_held() -> None:
     async def after(made: Bench) -> None:
-        made.task.force_release("M. Weber", "nobody comes")
+        made.task.force_release("M. Weber", "nobody comes", at_once=True)
         await elapse(0.5)
         assert made.driver.on == set()
         made.task.acknowledge("M. Weber")

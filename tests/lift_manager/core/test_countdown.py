@@ -6,7 +6,7 @@ from lift_manager.domain.events import StateChanged
 from lift_manager.domain.state import RobotDoor
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.rmf_words import open_for_it
-from tests.lift_manager.core.scripted import PLAIN, Bench, on_bench
+from tests.lift_manager.core.scripted import PLAIN, ROBOT, Bench, on_bench
 from tests.lift_manager.core.test_session_restart import open_at_l1
 from tests.support.virtual_time import elapse
 
@@ -84,3 +84,18 @@ def test_a_session_of_rmf_has_its_open_withdrawn_sooner_and_no_lease() -> None:
         assert made.driver.on
 
     on_bench(check, PLAIN, lease_s=30.0, max_session_hold_s=120.0)
+
+
+def test_the_limit_of_a_hold_ends_it_though_the_lift_cannot_be_read() -> None:
+    async def check(made: Bench) -> None:
+        await open_at_l1(made)
+        left_s = made.state.releases_in_s
+        assert left_s is not None
+        made.driver.silent = True
+        await elapse(left_s - 0.1)
+        assert made.driver.on == {"hold_door.front"}
+        await elapse(0.2)
+        assert made.driver.on == set()
+        assert made.state.holder == ROBOT
+
+    on_bench(check, PLAIN, max_session_hold_s=60.0)

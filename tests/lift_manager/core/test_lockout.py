@@ -2,20 +2,21 @@
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from drivers.model import LiftValues
 from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Accepted, Refusal, Refused, RobotWord
 from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
 from lift_manager.domain.service import Advice, EndReason, ForceReleased, Lockout, LockoutEnded
 from lift_manager.domain.state import Quality, RobotDoor
-from register_maps.words import Door, Motion
+from register_maps.words import Door, Mode, Motion
 from simulator.state import Inputs
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import PHASES, door_held, outputs, travelling
-from tests.lift_manager.core.scripted import PERMITTING, Bench, boarded, on_bench
+from tests.lift_manager.core.scripted import FRONT, PERMITTING, PLAIN, Bench, boarded, on_bench
 from tests.lift_manager.core.test_what_cannot_be_read import WITH_MODE
 from tests.support.spine import WORKSHOP, Spine, on_spine, spine
 from tests.support.virtual_time import elapse, run_virtual
@@ -233,12 +234,12 @@ def test_robot_mode_waits_for_a_word_that_cannot_be_given_while_the_lift_cannot_
     on_bench(check, REPORTING)
 
 
-def withdraw_by_lockout(made: Spine) -> EndReason:
+def withdraw_by_lockout(made: Spine | Bench) -> EndReason:
     assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
     return EndReason.LOCKOUT
 
 
-def withdraw_by_release(made: Spine) -> EndReason:
+def withdraw_by_release(made: Spine | Bench) -> EndReason:
     released = made.task.force_release("M. Weber", "it blocks the lift")
     assert isinstance(released, ForceReleased)
     assert released.clear_s == 10.0
@@ -272,6 +273,68 @@ def test_a_person_withdraws_open_at_once_and_the_door_is_released_clear_s_later(
         assert ended.reason is reason
 
     on_spine(check)
+
+
+def test_a_robot_in_the_door_has_clear_s_though_the_hold_was_not_answered_a_moment_ago() -> None:
+    async def check(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.robot_door() is RobotDoor.OPEN
+        made.driver.unseen = True
+        await elapse(0.5)
+        assert made.robot_door() is RobotDoor.MOVING
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(9.0)
+        assert made.driver.on == {"hold_door.front"}
+        await elapse(2.0)
+        assert made.driver.on == set()
+
+    on_bench(check, PLAIN)
+
+
+def test_a_robot_in_the_door_has_clear_s_though_a_restart_does_not_know_yet_where_the_car_stands() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.robot_door() is RobotDoor.OPEN
+
+    async def after(made: Bench) -> None:
+        assert isinstance(made.task.lock_out("M. Weber", "new ropes"), Lockout)
+        await elapse(9.0)
+        assert made.driver.log == []
+        await elapse(2.0)
+        assert made.driver.log == ["let go hold_door.front"]
+
+    on_bench(before, PLAIN, memory=memory)
+    nobody_knows = LiftValues(floor=None, mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
+    on_bench(after, PLAIN, memory=memory, found=nobody_knows, left_on=frozenset({"hold_door.front"}))
+
+
+@pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
+def test_a_robot_in_the_door_has_clear_s_from_a_persons_word_also_over_a_crash(
+    withdraw: Callable[[Bench], EndReason],
+) -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        await made.called_to("L1")
+        assert made.robot_door() is RobotDoor.OPEN
+        withdraw(made)
+        await elapse(4)
+        assert made.driver.on == {"hold_door.front"}
+
+    async def after(made: Bench) -> None:
+        assert made.robot_door() is not RobotDoor.OPEN
+        await elapse(5)
+        assert made.driver.log == []
+        await elapse(2)
+        assert made.driver.log == ["let go hold_door.front"]
+        assert made.state.holder is None
+
+    on_bench(before, PLAIN, memory=memory, clock=lambda: AT)
+    at_l1 = LiftValues(floor="L1", mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
+    at = AT + timedelta(seconds=4)
+    on_bench(after, PLAIN, memory=memory, clock=lambda: at, found=at_l1, left_on=frozenset({"hold_door.front"}))
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])

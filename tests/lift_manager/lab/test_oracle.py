@@ -13,7 +13,7 @@ from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
 from register_maps import frames
 from register_maps.words import Mode, Motion, Side, Table
-from simulator.faults import FrozenRegisters, InMode, LostPress
+from simulator.faults import FrozenHeartbeat, FrozenRegisters, InMode, LostPress, ReopeningDoor
 from simulator.wire_faults import Exchange
 from tests.support.rows import each_row
 
@@ -197,6 +197,24 @@ def test_a_confirmed_hold_that_the_controller_never_had_is_found() -> None:
     assert rules(oracle) == ["confirmed without effect"]
 
 
+@pytest.mark.parametrize(
+    ("modes", "findings"),
+    [(frozenset(), []), (frozenset({Mode.INSPECTION}), ["confirmed without effect"])],
+    ids=["not told", "told"],
+)
+def test_a_call_that_reads_on_in_a_mode_without_robots_is_let_pass_where_nothing_tells_the_mode(
+    modes: frozenset[Mode], findings: list[str]
+) -> None:
+    oracle = judge(shows=Shows(modes=modes))
+    inspected = replace(DRIVES, mode=Mode.INSPECTION)
+    polled(oracle, 4.0, inspected)
+    outcome = Outcome(Command(CommandKind.CALL, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
+    oracle.heard(4.1, CommandEnded("lift", outcome))
+    polled(oracle, 9.0, inspected, since=8.0)
+    assert rules(oracle) == findings
+    assert bool(oracle.excused) is not bool(findings)
+
+
 HELD = replace(STANDS_OPEN, given=(("hold_door.front", 1),))
 
 
@@ -300,6 +318,22 @@ def test_robot_mode_may_last_while_the_car_is_under_way() -> None:
     polled(oracle, 20.0, driving, since=2.2)
     assert rules(oracle) == []
     polled(oracle, 30.0, replace(driving, standing=True), since=20.2)
+    assert set(rules(oracle)) == {"output on too long"}
+
+
+def test_robot_mode_may_last_while_a_heartbeat_that_stands_still_hides_the_car() -> None:
+    oracle = judge(excuses={"frozen_heartbeat": Excuse(frozenset(), None)})
+    stands = replace(STANDS_OPEN, given=(("robot_mode", 1),))
+    polled(oracle, 2.0, stands)
+    oracle.struck(2.0, Struck("lift", FrozenHeartbeat(), began=True))
+    oracle.published(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
+    polled(oracle, 15.0, stands, since=2.2)
+    # what strikes meanwhile does not make the judge forget it
+    oracle.struck(15.0, Struck("lift", ReopeningDoor(Side.FRONT), began=True))
+    polled(oracle, 25.0, stands, since=15.2)
+    assert rules(oracle) == []
+    oracle.struck(25.0, Struck("lift", FrozenHeartbeat(), began=False))
+    polled(oracle, 35.0, stands, since=25.2)
     assert set(rules(oracle)) == {"output on too long"}
 
 

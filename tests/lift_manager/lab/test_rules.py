@@ -16,12 +16,13 @@ from lift_manager.domain.events import (
 )
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.state import Holder, LiftState
-from lift_manager.lab.world.judged import FloorBy, Shows
+from lift_manager.lab.world.judged import Excuse, FloorBy, Shows, Wrong
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import RESTART, Struck
 from register_maps.words import Mode
-from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, STANDS_OPEN, judge, polled, state
+from simulator.faults import Stopped
+from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, judge, polled, state
 
 OTHER = Holder("fleet", "r2")
 
@@ -244,6 +245,27 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
     rules.asked(5.0, replace(ask("L2"), hold_door=False, robot=RobotWord.LEFT), Accepted())
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
+
+
+@pytest.mark.parametrize(
+    ("stands_still", "findings"),
+    [(False, ["pressed again after a restart"]), (True, [])],
+    ids=["shown", "registers stand still"],
+)
+def test_a_call_that_stands_is_not_pressed_again_after_a_restart(stands_still: bool, findings: list[str]) -> None:
+    oracle, rules = book(excuses={"stopped": Excuse(frozenset({Wrong.EFFECT, Wrong.OUTPUT}), None)})
+    if stands_still:
+        oracle.struck(1.0, Struck("lift", Stopped(), began=True))
+    called = replace(SHUT, calls=frozenset({"L1"}), given=(("go_to", 0),))
+    rules.asked(1.0, ask(), Accepted())
+    rules.looked(1.1, "lift", called)
+    rules.pressed(1.1, "lift", frozenset({"go_to"}))
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(4.0, ask(), Accepted())
+    rules.looked(9.0, "lift", called)
+    rules.pressed(9.0, "lift", frozenset({"go_to"}))
+    assert found(oracle) == findings
+    assert bool(oracle.excused) is stands_still
 
 
 @pytest.mark.parametrize("told_by_doors", [True, False])

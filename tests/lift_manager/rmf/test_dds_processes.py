@@ -13,7 +13,7 @@ from lift_manager.rmf.messages import END_SESSION, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.views import Alarms
 from tests.support.dds_oracle import BOOL
-from tests.support.dds_partner import Offer, Partner, Process, process
+from tests.support.dds_partner import Offer, Process, process
 from tests.support.dds_rig import ORACLE, adapter, config, padded, request, settings_of_test, state
 
 REQUESTS, STATES, FIRE = "rt/lift_requests", "rt/lift_states", "rt/fire_alarm_trigger"
@@ -72,15 +72,14 @@ def test_an_adapter_that_starts_again_is_found_and_hears_nothing_of_before(setti
         supervisor.write(REQUESTS, *(ORACLE.request(request(floor=f"old{n}")) for n in range(30)))
         supervisor.has_written(REQUESTS, 30)
         for turn in (1, 2):
-            with adapter(settings) as (dds, heard):
+            # in a process of its own: readers of one process share what the first of them asks a writer for
+            with adapter(settings) as (dds, heard), process(settings.domain, config(settings)) as history:
                 heard.wait_for("matched")
-                history = Partner(settings.domain)
-                ear = history.hear(REQUESTS, "request", Offer(transient=True))
-                ear.wait_for(lambda samples, turn=turn: len(samples) == 29 + turn)  # type: ignore[misc]
+                history.hear(REQUESTS, "request", Offer(transient=True))
+                history.heard(REQUESTS, padded(ORACLE.request(request(floor="old29"))))
                 supervisor.write(REQUESTS, ORACLE.request(request(floor=f"turn{turn}")))
                 assert heard.wait_for("requested") == [request(floor=f"turn{turn}")]
                 tell(supervisor, dds, state(floor=f"first words {turn}"))
-                history.close()
                 dds.alarm.say(Alarms(fire_alarm=True), on=turn == 1)
                 dds.publish(state(floor=f"last words {turn}"))
             supervisor.heard(STATES, padded(ORACLE.state(state(floor=f"last words {turn}"))))
@@ -92,14 +91,13 @@ def test_no_old_end_of_a_fleet_reaches_an_adapter_that_starts(settings: RosSetti
         fleet.offer(FLEETS, "request", Offer(transient=True), readers=0)
         fleet.write(FLEETS, ORACLE.request(request("old", kind=END_SESSION)))
         fleet.has_written(FLEETS, 1)
-        with adapter(settings) as (_, heard):
-            history = Partner(settings.domain)
-            ear = history.hear(FLEETS, "request", Offer(transient=True))
-            ear.wait_for(bool)
+        # in a process of its own: readers of one process share what the first of them asks a writer for
+        with adapter(settings) as (_, heard), process(settings.domain, config(settings)) as history:
+            history.hear(FLEETS, "request", Offer(transient=True))
+            history.heard(FLEETS, padded(ORACLE.request(request("old", kind=END_SESSION))))
             fleet.says(lambda said: said.get("read_by", 0) >= 2)
             fleet.write(FLEETS, ORACLE.request(request("new", kind=END_SESSION)))
             assert heard.wait_for("fleet requested") == [request("new", kind=END_SESSION)]
-            history.close()
 
 
 def test_a_subscriber_that_stands_still_holds_up_nobody(

@@ -128,6 +128,7 @@ DOES = (
         Proof.EFFECT,
         (
             Exchange(0.0, GO_5F, GO_5F),
+            Exchange(2.0, READ_FLOOR, "00 00 00 05 01 03 02 00 05"),
             Exchange(2.0, GO_5F, GO_5F),
             Exchange(3.0, NO_FLOOR, NO_FLOOR),
             Exchange(3.0, READ_FLOOR, READS_0),

@@ -106,6 +106,7 @@ DOES = (
         Proof.EFFECT,
         (
             Exchange(0.0, CALL_2F, CALL_2F),
+            Exchange(2.0, READ_CALL, "00 00 00 05 00 03 02 00 02"),
             Exchange(2.0, CALL_2F, CALL_2F),
             Exchange(3.0, NO_CALL, NO_CALL),
             Exchange(3.0, READ_CALL, READS_0),
@@ -135,6 +136,7 @@ DOES = (
             Exchange(0.0, NO_CALL, NO_CALL),
             Exchange(0.0, READ_CALL, READS_0),
             Exchange(0.0, GO_3F, GO_3F),
+            Exchange(2.0, READ_GO, "00 00 00 05 00 03 02 00 03"),
             Exchange(2.0, GO_3F, GO_3F),
             Exchange(3.0, NO_GO, NO_GO),
             Exchange(3.0, READ_GO, READS_0),

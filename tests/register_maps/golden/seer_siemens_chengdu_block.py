@@ -79,9 +79,10 @@ REST = "00 00 00 0F 00 10 00 64 00 04 08 00 00 00 00 00 00 00 00"
 WRITTEN = "00 00 00 06 00 10 00 64 00 04"
 READ_BACK = "00 00 00 06 00 03 00 64 00 04"
 AT_REST = "00 00 00 0B 00 03 08 00 00 00 00 00 00 00 00"
+CALLS_2F = "00 00 00 0B 00 03 08 00 02 00 00 00 00 00 00"
 
 DOES = (
-    # "read, sleep one polling period, write": what is wanted goes out in every cycle
+    # "read, sleep one polling period, write": what is wanted goes out in every cycle, if it is still on
     Does(
         "call the empty car to 2F",
         Command(CommandKind.CALL, "2F"),
@@ -90,7 +91,9 @@ DOES = (
         Proof.EFFECT,
         (
             Exchange(0.0, CALL_2F, WRITTEN),
+            Exchange(0.5, READ_BACK, CALLS_2F),
             Exchange(0.5, CALL_2F, WRITTEN),
+            Exchange(1.0, READ_BACK, CALLS_2F),
             Exchange(1.0, CALL_2F, WRITTEN),
             Exchange(1.2, REST, WRITTEN),
             Exchange(1.2, READ_BACK, AT_REST),

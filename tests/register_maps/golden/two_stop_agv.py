@@ -101,7 +101,7 @@ HOLD_OPEN = "00 00 00 08 01 0F 00 00 00 04 01 04"
 HOLD_CLOSED = "00 00 00 08 01 0F 00 00 00 04 01 08"
 
 DOES = (
-    # Coil 1, so 2 in the byte. It is a level: written again every 2 s, and let go on arrival.
+    # Coil 1, so 2 in the byte. It is a level: written again every 2 s if it is still on, and let go on arrival.
     Does(
         "from 4F to 5F: the car has left 4F with its door closed",
         Command(CommandKind.GO_TO, "5F"),
@@ -110,6 +110,7 @@ DOES = (
         Proof.EFFECT,
         (
             Exchange(0.0, GO_5F, WRITTEN),
+            Exchange(2.0, READ_BACK, "00 00 00 04 01 01 01 02"),
             Exchange(2.0, GO_5F, WRITTEN),
             Exchange(3.0, LET_GO, WRITTEN),
             Exchange(3.0, READ_BACK, AT_REST),

@@ -1,0 +1,382 @@
+"""How what happens to a lift is worded in the journal, and how much of what repeats has rows of its own.
+
+Row suppression is a reducer beside `step`: it sees each request with its reply, and remembers what it only counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from enum import StrEnum, unique
+
+from drivers.model import FloorName, Outcome, Proof
+from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
+from lift_manager.lift.events import (
+    Acknowledged,
+    Advised,
+    Alarm,
+    CommandEnded,
+    CommandFollowed,
+    Event,
+    ForceReleased,
+    HandedOver,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+)
+from lift_manager.lift.inputs import (
+    CloseSession,
+    EndSession,
+    GiveCommand,
+    HandOver,
+    LiftRequest,
+    OpenSession,
+    RenewSession,
+    Request,
+)
+from lift_manager.lift.refusals import Refused
+from lift_manager.lift.session import Holder
+from register_maps.words import Mode
+
+FLOOR_LETTERS = 64
+"""As many of the name of a floor as a site file may give it; callers make up longer ones."""
+REQUEST_ROWS = 30
+"""Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
+COUNTED_FOR_S = 60.0
+"""How long something is counted before a row tells of it. Chosen: robots repeat themselves once a second, and one row a minute shows that
+they still do."""
+SHARE_OF_MANY = 6
+"""A caller that had more than its share gets this part of it in the next minute. Chosen: what goes on for weeks must not fill a journal."""
+CALLERS = 64
+"""Callers that are told apart. Chosen: far more robots than wait for one lift."""
+
+Json = str | int | float | bool | None | list[str] | dict[str, int]
+
+
+@unique
+class RowKind(StrEnum):
+    """What a row of a lift is about; stable words for filters and exports."""
+
+    REQUEST = "request"
+    OUTCOME = "outcome"
+    SESSION = "session"
+    MODE = "mode"
+    LINK = "link"
+    ALARM = "alarm"
+    PERSON = "person"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row, before it has a number and a time."""
+
+    kind: RowKind
+    text: str
+    lift: str
+    caller: str = ""
+    data: Mapping[str, Json] = field(default_factory=dict)
+
+
+# -- events
+
+
+def row_of(event: Event) -> Row | None:
+    """Return the row of an event; None for a command that has not ended, or has no row of its own."""
+    match event:
+        case CommandEnded(lift, outcome, holder):
+            return _outcome(lift, outcome, holder)
+        case Alarm(lift, text, holder):
+            return Row(RowKind.ALARM, text, lift, "" if holder is None else str(holder))
+        case CommandFollowed(_, status, is_recorded):
+            return _command(status) if is_recorded else None
+        case RestrictionBegun() | RestrictionEnded() | Acknowledged() | ForceReleased():
+            return _person(event)
+        case _:
+            return _session(event)
+
+
+def _session(event: SessionOpened | SessionRestored | SessionEnded | HandedOver | Advised) -> Row:
+    holder, data, text = str(event.holder), dict[str, Json](), ""
+    match event:
+        case SessionOpened(_, _, floor):
+            data, text = {"to": floor or ""}, f"{holder} holds the lift" + (f", to {floor}" if floor else "")
+        case SessionRestored(_, _, floor, why):
+            to_floor = f", to {floor}" if floor else ""
+            data, text = {"to": floor or ""}, f"{holder} holds the lift as before the restart{to_floor}: {why}"
+        case SessionEnded(_, _, reason, why, advice):
+            data, text = {"reason": reason, "advice": advice}, f"the session of {holder} is over: {why}"
+        case HandedOver(_, _, to):
+            data, text = {"handed_to": str(to)}, f"{holder} hands the lift over to {to}"
+        case Advised(_, _, advice, why):
+            data, text = {"advice": advice}, f"{holder} is told {advice}: {why}"
+    return Row(RowKind.SESSION, text, event.lift, holder, data)
+
+
+def _person(event: RestrictionBegun | RestrictionEnded | Acknowledged | ForceReleased) -> Row:
+    match event:
+        case ForceReleased():
+            text = f"{event.by} took the lift from {event.holder}: {event.reason}"
+            taken: dict[str, Json] = {"said": "release", "from": str(event.holder), "reason": event.reason}
+            return Row(RowKind.PERSON, text, event.lift, event.by, taken)
+        case RestrictionBegun(lift, one):
+            did = "locked out" if one.kind is RestrictionKind.LOCKOUT else "drain begun"
+            text = f"{did} by {one.by}: {one.reason}"
+            return Row(RowKind.PERSON, text, lift, one.by, {"said": one.kind, "reason": one.reason})
+        case RestrictionEnded(lift, by, _, one):
+            text = f"the {one.kind} by {one.by} is ended by {by}"
+            data: dict[str, Json] = {"said": f"{one.kind}_end", "since": _shown(one.since)}
+            return Row(RowKind.PERSON, text, lift, by, data)
+        case Acknowledged(lift, by, _, causes):
+            text = f"{' and '.join(causes)} acknowledged by {by}"
+            return Row(RowKind.PERSON, text, lift, by, {"said": "acknowledge", "what": [*causes]})
+
+
+def _outcome(lift: str, outcome: Outcome, holder: Holder | None) -> Row:
+    text = f"{outcome.command} {outcome.result}" + (f": {outcome.reason}" if outcome.reason else "")
+    data: dict[str, Json] = {
+        "command": outcome.command.name,
+        "floor": outcome.command.floor,
+        "result": outcome.result,
+        "proof": outcome.proof,
+        "frames": list(outcome.frames),
+    }
+    return Row(RowKind.OUTCOME, text, lift, "" if holder is None else str(holder), data)
+
+
+def _command(status: CommandStatus) -> Row | None:
+    if status.state is CommandState.PENDING:
+        return None
+    what = f"{status.kind} {status.floor}" if status.floor else status.kind
+    seen = "" if status.proof is Proof.NONE else f", seen by {status.proof}"
+    text = f"{what} {status.state}{seen}" + (f": {status.reason}" if status.reason else "")
+    data: dict[str, Json] = {
+        "do": status.kind,
+        "floor": status.floor,
+        "status": status.state,
+        "proof": status.proof,
+    }
+    return Row(RowKind.REQUEST, text, status.lift, str(status.holder), data)
+
+
+# -- modes
+
+
+def mode_row(lift: str, mode: Mode, before: Mode | None) -> Row:
+    """Return the row of a mode that is seen for the first time or has changed."""
+    text = f"the mode is {mode}" if before is None else f"the mode was {before} and is {mode}"
+    return Row(RowKind.MODE, text, lift, "", {"mode": mode, "before": before})
+
+
+# -- requests
+
+
+@dataclass(frozen=True, slots=True)
+class RequestWords:
+    """A request as it is written down, without the id of the session and without keys; repeats of it are equal."""
+
+    holder: Holder
+    what: str
+    floor: FloorName | None = None
+    more: str = ""
+    """What else it says, in words."""
+    data: Mapping[str, Json] = field(default_factory=dict)
+    """The same as values."""
+
+    @property
+    def text(self) -> str:
+        """It in words."""
+        return " ".join(part for part in (self.what, short(self.floor or ""), self.more) if part)
+
+
+def words_of(request: Request) -> RequestWords:
+    """Return a request as it is written down."""
+    match request:
+        case LiftRequest():
+            hold = ", hold the door there" if request.hold_door else ", no hold"
+            word = "" if request.robot is None else f", robot {request.robot}"
+            data: dict[str, Json] = {"hold_door": request.hold_door, "robot": request.robot}
+            return RequestWords(request.holder, "", request.floor, f"{hold}{word}", data)
+        case OpenSession():
+            return RequestWords(request.holder, "open", more="a session")
+        case RenewSession():
+            return RequestWords(request.holder, "renew", more="its session")
+        case CloseSession():
+            word = "" if request.robot is None else f", robot {request.robot}"
+            return RequestWords(request.holder, "close", more=f"its session{word}")
+        case EndSession():
+            grace = f" in {request.grace_s:g} s" if request.grace_s > 0 else ""
+            return RequestWords(request.holder, "end", more=f"its session{grace}")
+        case HandOver():
+            return RequestWords(request.holder, "hand over", more=f"its session to {request.to}")
+        case GiveCommand():
+            command = request.request
+            more = "" if command.side is None else str(command.side)
+            if command.kind is CommandType.GO_TO:
+                more = "and hold the door there" if command.hold_door else "and hold no door"
+            return RequestWords(command.holder, command.kind, command.floor, more)
+
+
+def short(text: str) -> str:
+    """Return a caller's text without what is beyond any name of a floor or lift."""
+    return text if len(text) <= FLOOR_LETTERS else f"{text[:FLOOR_LETTERS]}..."
+
+
+def request_row(lift: str, words: RequestWords) -> Row:
+    """Return the row of a request."""
+    floor = short(words.floor or "")
+    if not words.what:
+        return Row(
+            RowKind.REQUEST, f"asks for {floor}{words.more}", lift, str(words.holder), {"floor": floor, **words.data}
+        )
+    return Row(RowKind.REQUEST, f"asks: {words.text}", lift, str(words.holder), {"do": words.what, "floor": floor})
+
+
+def refusal_row(lift: str, words: RequestWords, refused: Refused) -> Row:
+    """Return the row of a refusal; what was accepted shows by what follows."""
+    floor = words.floor or ""
+    text = refused.message.replace(repr(floor), repr(short(floor)))
+    return Row(RowKind.REQUEST, f"refused: {text}", lift, str(words.holder), {"refused": refused.code})
+
+
+# -- how much of it
+
+
+@dataclass(frozen=True, slots=True)
+class RowLimiter:
+    """Admits some rows a minute one by one; repeats of the last, and what is beyond, are counted."""
+
+    rows: int
+    last: object = None
+    began: float = -math.inf
+    used: int = 0
+    share: int | None = None
+    """None until the first minute."""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    counted_since: float = 0.0
+    only_repeats: bool = True
+    """All that was counted is what was admitted last."""
+
+    def admit(self, what: object, now: float, *, again: bool = False) -> tuple[RowLimiter, bool]:
+        """Return whether this is to have a row of its own; `again` where the last one did not end like this."""
+        if what == self.last and not again:
+            return self, False
+        share, began, used = self.rows if self.share is None else self.share, self.began, self.used
+        if now - began >= COUNTED_FOR_S:
+            had_more = used > share and now - began < 2 * COUNTED_FOR_S
+            share, began, used = max(1, self.rows // SHARE_OF_MANY) if had_more else self.rows, now, 0
+        after = replace(self, share=share, began=began, used=used + 1)
+        if after.used > share:
+            return replace(after, only_repeats=False), False
+        return replace(after, last=what), True
+
+    def count(self, word: str, now: float) -> RowLimiter:
+        """Count one that was not admitted, by what it was."""
+        counts = {**self.counts, word: self.counts.get(word, 0) + 1}
+        return replace(self, counts=counts, counted_since=self.counted_since if self.counts else now)
+
+    def is_due(self, now: float) -> bool:
+        """Whether something was counted for long enough."""
+        return bool(self.counts) and now - self.counted_since >= COUNTED_FOR_S
+
+    def cleared(self) -> RowLimiter:
+        """Return it once a row has told what was counted."""
+        return replace(self, counts={}, only_repeats=True)
+
+
+@dataclass(frozen=True, slots=True)
+class CallerRows:
+    """What one caller asked of one lift last, and what of it was only counted."""
+
+    limiter: RowLimiter = field(default_factory=lambda: RowLimiter(REQUEST_ROWS))
+    words: RequestWords | None = None
+    """The newest with a row of its own."""
+    answer: str = ""
+    """What it was answered: `accepted`, or the code of the refusal."""
+
+
+@dataclass(frozen=True, slots=True)
+class RequestRows:
+    """The requests for one lift, as far as the journal has them. Callers that were silent for longest are forgotten first."""
+
+    lift: str
+    callers: Mapping[Holder, CallerRows] = field(default_factory=dict)
+
+    def take(
+        self, words: RequestWords, refused: Refused | None, now: float, *, known: bool
+    ) -> tuple[RequestRows, tuple[Row, ...]]:
+        """Return the rows of a request and its reply; `known` tells a floor that the lift has: others count as one."""
+        kind, answer = words if known else replace(words, floor=""), "accepted" if refused is None else refused.code
+        rows, caller, made = self._having_room(words.holder, now)
+        limiter, is_admitted = caller.limiter.admit(kind, now)
+        if not is_admitted and kind == limiter.last and caller.answer and caller.answer != answer:
+            limiter, is_admitted = limiter.admit(kind, now, again=True)
+        if not is_admitted:
+            limiter = limiter.count(answer, now)
+            if limiter.is_due(now):
+                made += _counted(self.lift, words.holder, replace(caller, limiter=limiter), now)
+                limiter = limiter.cleared()
+            return rows.having(words.holder, replace(caller, limiter=limiter)), made
+        made += (*_counted(self.lift, words.holder, caller, now), request_row(self.lift, words))
+        if refused is not None:
+            made += (refusal_row(self.lift, words, refused),)
+        return rows.having(words.holder, CallerRows(limiter.cleared(), words, answer)), made
+
+    def tell(self, holder: Holder, now: float) -> tuple[RequestRows, tuple[Row, ...]]:
+        """Return the row of what was only counted of a caller: something is pressed because of it."""
+        caller = self.callers.get(holder)
+        if caller is None or not caller.limiter.counts:
+            return self, ()
+        made = _counted(self.lift, holder, caller, now)
+        return self.having(holder, replace(caller, limiter=caller.limiter.cleared())), made
+
+    def tell_due(self, now: float, *, end: bool = False) -> tuple[RequestRows, tuple[Row, ...]]:
+        """Return the rows of what was counted for long enough, or at the end of all of it."""
+        rows: RequestRows = self
+        made: tuple[Row, ...] = ()
+        for holder, caller in self.callers.items():
+            if end or caller.limiter.is_due(now):
+                rows, told = rows.tell(holder, now)
+                made += told
+        return rows, made
+
+    def having(self, holder: Holder, caller: CallerRows) -> RequestRows:
+        """Return this with one caller as it is now, the newest."""
+        others = {other: one for other, one in self.callers.items() if other != holder}
+        return replace(self, callers={**others, holder: caller})
+
+    def _having_room(self, holder: Holder, now: float) -> tuple[RequestRows, CallerRows, tuple[Row, ...]]:
+        """Return a caller, and the row of the one that is forgotten for it."""
+        caller = self.callers.get(holder, CallerRows())
+        callers = {**self.callers, holder: caller}
+        if len(callers) <= CALLERS:
+            return replace(self, callers=callers), caller, ()
+        oldest = next(iter(callers))
+        told = _counted(self.lift, oldest, callers.pop(oldest), now)
+        return replace(self, callers=callers), caller, told
+
+
+def _counted(lift: str, holder: Holder, caller: CallerRows, now: float) -> tuple[Row, ...]:
+    """Return the row of what was only counted of a caller, if there is anything."""
+    limiter, words = caller.limiter, caller.words
+    if not limiter.counts:
+        return ()
+    times, for_s = sum(limiter.counts.values()), now - limiter.counted_since
+    if not limiter.only_repeats or words is None:
+        answers = ", ".join(f"{count} {code}" for code, count in sorted(limiter.counts.items()))
+        text = f"asks {times} times more within {for_s:.0f} s: {answers}"
+        data: dict[str, Json] = {"times": times, "answers": dict(limiter.counts)}
+        return (Row(RowKind.REQUEST, text, lift, str(holder), data),)
+    floor = short(words.floor or "")
+    again = f"asks again: {words.text}," if words.what else f"asks for {floor} again,"
+    said: dict[str, Json] = {"do": words.what} if words.what else {"floor": floor}
+    text = f"{again} {times} times within {for_s:.0f} s, with the same answer"
+    return (Row(RowKind.REQUEST, text, lift, str(holder), {**said, "times": times}),)
+
+
+def _shown(at: datetime) -> str:
+    return at.isoformat(timespec="seconds")

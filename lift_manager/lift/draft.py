@@ -1,0 +1,83 @@
+"""A step while it is being worked out: the record so far, and what is to be done because of it. It never leaves its step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from drivers.model import Command
+from lift_manager.lift.call import PressId
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.events import Alarm, Event
+from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, AuditRow, Cancel, Press
+from lift_manager.lift.observation import Moment, Observation, is_fresh
+from lift_manager.lift.record import DurableRecord, LiftRecord, PendingPress
+from lift_manager.lift.session import Holder, Session
+
+
+class Draft:
+    """The one mutable thing in this package: rules read `record`, and change it with `change`."""
+
+    def __init__(self, config: LiftConfig, record: LiftRecord, moment: Moment) -> None:
+        self.config = config
+        self.record = record
+        self.moment = moment
+        self.actions: list[Action] = []
+        self.events: list[Event] = []
+
+    @property
+    def now(self) -> float:
+        """Monotonic seconds."""
+        return self.moment.now
+
+    @property
+    def session(self) -> Session | None:
+        """The session that holds the lift now."""
+        return self.record.session
+
+    @property
+    def observation(self) -> Observation | None:
+        """What is known of the lift, unless it is too old."""
+        return self.record.observation if is_fresh(self.config.capabilities, self.moment) else None
+
+    def change(self, **fields: Any) -> None:
+        """Go on with another record. The names are those of `LiftRecord`; the rules' tests see to the rest."""
+        record = self.record
+        for name, value in fields.items():
+            known = getattr(record, name)
+            if known is not value and known != value:
+                self.record = replace(record, **fields)
+                return
+
+    def change_durable(self, **fields: Any) -> None:
+        """Go on with a record that remembers something else over a restart."""
+        durable: DurableRecord = replace(self.record.durable, **fields)
+        if durable != self.record.durable:
+            self.record = replace(self.record, durable=durable)
+
+    def emit(self, event: Event) -> None:
+        """Make something known, once this step is done."""
+        self.events.append(event)
+
+    def alarm(self, text: str, holder: Holder | None = None) -> None:
+        """Tell people of something."""
+        self.events.append(Alarm(self.config.name, text, holder))
+
+    def press(self, command: Command) -> PressId:
+        """Press a command once this step is on the disk. An earlier press of it that has no outcome yet is withdrawn."""
+        self.cancel(command)
+        record = self.record
+        press, session = PressId(record.presses_made + 1), record.session
+        holder = "" if session is None else str(session.holder)
+        row = AuditRow(f"{command} is to be pressed", holder, {"command": command.name, "floor": command.floor})
+        self.actions.append(Press(press, command, self.now + LEAVE_WITHIN_S, row))
+        pending = PendingPress(press, command, record.sequence + 1)
+        self.change(presses=(*record.presses, pending), presses_made=press)
+        return press
+
+    def cancel(self, command: Command) -> None:
+        """Withdraw what is pressed of a command and has no outcome yet."""
+        gone = tuple(pending for pending in self.record.presses if pending.command.name == command.name)
+        if gone:
+            self.actions += [Cancel(pending.id) for pending in gone]
+            self.change(presses=tuple(pending for pending in self.record.presses if pending not in gone))

@@ -1,0 +1,283 @@
+"""Everything the manager remembers about one lift, as one frozen value. `DurableRecord` is the part that outlives the manager."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from drivers.model import Command, FloorName
+from lift_manager.lift.call import Call, CallOutput, CallPhase, PressId
+from lift_manager.lift.commands import CommandEntry, CommandProgress, PastSession, SavedCommand, SavedPast
+from lift_manager.lift.events import Acknowledged, Restriction, RestrictionKind
+from lift_manager.lift.inputs import Outputs, OutputStatus
+from lift_manager.lift.observation import Observation
+from lift_manager.lift.occupancy import Boarding, Occupancy, SavedBoarding
+from lift_manager.lift.queue import Queue
+from lift_manager.lift.session import EndReason, Holder, Session
+from lift_manager.lift.trust import Track, Trust
+from register_maps.words import Side
+
+
+@dataclass(frozen=True, slots=True)
+class Occupied:
+    """A robot may be in the car, and its session is over or may end with this process."""
+
+    holder: Holder
+    aboard: bool
+    """It was said to be aboard, or inferred; otherwise it was merely possible."""
+    since: datetime
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SavedSession:
+    """A session as it outlives the manager. Times are wall-clock times in UTC, taken all at once at `saved_at`."""
+
+    holder: Holder
+    floor: FloorName | None
+    hold_door: bool
+    opened_at: datetime
+    lease_from: datetime
+    holding_since: datetime | None
+    saved_at: datetime
+    opened_at_target: bool
+    hold_spent: bool
+    pressed: bool
+    """Its call was given to the lift, or may have been."""
+    boarding: SavedBoarding
+    id: str = field(default="", repr=False)
+    stays: bool = False
+    lease_s: float | None = None
+    key: str = field(default="", repr=False)
+    key_ttl_s: float | None = None
+    ends_at: datetime | None = None
+    """When it ends whatever its holder wants: a person has ended it, and a robot may still be in its doorway."""
+    ends_for: tuple[EndReason, str] | None = None
+    """Why it ends then, as a code and in words."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DurableRecord:
+    """What of one lift outlives the manager. A step that changes it waits for the disk before anything is pressed."""
+
+    fire_since: datetime | None = None
+    """When the fire was seen that nobody has acknowledged."""
+    restrictions: tuple[Restriction, ...] = ()
+    """At most one of a kind."""
+    occupied: Occupied | None = None
+    robot_left_owed_since: datetime | None = None
+    """Since when the lift has not taken the word that a robot left; None where it is owed none."""
+    robot_mode_until: datetime | None = None
+    """Until when robot mode is kept at the most although its session is over; None where it is not."""
+    acknowledged: Acknowledged | None = None
+    """The newest one."""
+    session: SavedSession | None = None
+    """Who holds the lift."""
+    commands: tuple[SavedCommand, ...] = ()
+    """Of that session, those with idempotency keys."""
+    past_sessions: tuple[SavedPast, ...] = ()
+    """The newest of those that are over and were opened with idempotency keys."""
+    trust: Trust = field(default_factory=Trust)
+    """What its readings have proved, and what they contradicted."""
+
+    def restriction(self, kind: RestrictionKind) -> Restriction | None:
+        """Return the restriction of a kind, if a person has begun one."""
+        return next((one for one in self.restrictions if one.kind is kind), None)
+
+
+@dataclass(frozen=True, slots=True)
+class HandshakeWord:
+    """One word to the controller about its passenger. It follows the rules of a call: pressed once, and again after a pause."""
+
+    call: Call | None = None
+    """None where the lift need not be told."""
+    is_on: bool = False
+    """A word that is a level stays on from its press, until it is released."""
+    renewed_at: float = -math.inf
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether it is to be pressed, or on its way."""
+        return self.call is not None and self.call.phase in (CallPhase.WANTED, CallPhase.PRESSED)
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether it is to be pressed."""
+        return self.call is not None and self.call.phase is CallPhase.WANTED
+
+    @property
+    def is_owed(self) -> bool:
+        """Whether it was wanted, and the lift has not taken it."""
+        return self.call is not None and self.call.phase is not CallPhase.CONFIRMED
+
+    @property
+    def is_late(self) -> bool:
+        """Whether it is owed after it failed, or from before a restart."""
+        if self.call is None or not self.is_owed:
+            return False
+        return self.call.phase is CallPhase.FAILED or self.call.failures > 0
+
+
+@dataclass(frozen=True, slots=True)
+class DoorHold:
+    """The doors of a floor are held."""
+
+    floor: FloorName
+    may_begin: bool
+    """What is found off is put on; otherwise only what is on stays."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoorClosing:
+    """The close button, for one door or several."""
+
+    sides: tuple[Side, ...] = ()
+    since: float = 0.0
+    progress: CommandProgress = field(default_factory=CommandProgress)
+    presses: tuple[PressId, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RobotModeHold:
+    """The lift's robot mode, as far as it is ours."""
+
+    is_wanted: bool = False
+    may_begin: bool = False
+    was_pressed: bool = False
+    """Its bytes have left, or it may be found on after a restart."""
+    kept_until: float | None = None
+    """Its session is over, and the car still moves: until then at the most it is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class PendingPress:
+    """A press without an outcome."""
+
+    id: PressId
+    command: Command
+    sequence: int
+    """The step that made it: it leaves once that is on the disk."""
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """A holder that does not renew while others ask: for whom people were told of it."""
+
+    session: int
+    holder: Holder
+    contacted_at: float | None
+    callers: frozenset[Holder] = frozenset()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiftRecord:
+    """One lift. Only `step` makes another one of it."""
+
+    durable: DurableRecord = field(default_factory=DurableRecord)
+
+    # what the lift says
+    observation: Observation | None = None
+    """None before the first reading."""
+    track: Track = field(default_factory=Track)
+    """What speaks for its door signal and against it, since the connection began."""
+    fault: str = "no answer yet"
+    """Why the last poll failed, or came to nothing; empty when it did not."""
+    outputs: Outputs = field(default_factory=dict)
+    departed_at: Mapping[FloorName, float] = field(default_factory=dict)
+    """When the car last left each floor while nobody held the lift."""
+
+    # who holds it, and for what
+    session: Session | None = None
+    sessions_opened: int = 0
+    used_by: int = 0
+    """The newest session for which anything was pressed or held."""
+    people_until: float = -math.inf
+    """Until then people have the lift to themselves between two robots."""
+    released_open: bool = False
+    """A session has ended with its door open, and the door has not been seen to close since."""
+    waiting_for: str = ""
+    """What the lift, or the holder, has still to give before anything is pressed."""
+    ungranted: tuple[int, FloorName, float] | None = None
+    """Session, stop and time since which a door was to be held without robot mode."""
+    silence: Silence | None = None
+    queue: Queue = field(default_factory=Queue)
+    turns: Mapping[Holder, tuple[float, float]] = field(default_factory=dict)
+    """How many turns each caller had used up, and when that was so; one that is absent has all."""
+
+    # what is pressed and held for it
+    call: Call | None = None
+    """The call of the session."""
+    call_output: CallOutput | None = None
+    """The button of the call that was pressed last, which may outlast its session."""
+    door_call: Command | None = None
+    """The newest call that kept the door open."""
+    door_hold: DoorHold | None = None
+    door_hold_found: bool = False
+    """A door hold of before a restart waits until the car is seen to stand there."""
+    door_held_since: float | None = None
+    """Since when what keeps the door open has been seen to be on."""
+    closing: DoorClosing = field(default_factory=DoorClosing)
+    robot_mode: RobotModeHold = field(default_factory=RobotModeHold)
+    presses: tuple[PendingPress, ...] = ()
+    presses_made: int = 0
+
+    # where its robot is
+    boarding: Boarding = field(default_factory=Boarding)
+    abandoned_by: Holder | None = None
+    """Whose session ended while its robot was, or may have been, in the car."""
+    in_place: HandshakeWord = field(default_factory=HandshakeWord)
+    robot_left: HandshakeWord = field(default_factory=HandshakeWord)
+
+    # what was commanded in it, and in those before
+    commands: tuple[CommandEntry, ...] = ()
+    past_sessions: tuple[PastSession, ...] = ()
+
+    # fire, stopping and the disk
+    fire_release_at: float | None = None
+    """The robot has been told of the fire; then everything is released."""
+    is_stopping: bool = False
+    saved_as: tuple[Session, SavedBoarding, bool] | None = None
+    """The session, its robot, and whether its call was pressed, as they were saved last."""
+    sequence: int = 0
+    """Rises with every step that has something for the disk."""
+    committed: int = 0
+    """The newest sequence number that is on the disk."""
+    disk_trouble: str = ""
+    """Why nothing may be pressed, because it cannot be written down; empty while it can."""
+
+    def status(self, command: Command) -> OutputStatus:
+        """Return where an output is."""
+        return self.outputs.get(command.name, OutputStatus.AT_REST)
+
+    def restriction(self, kind: RestrictionKind) -> Restriction | None:
+        """Return the restriction of a kind, if a person has begun one."""
+        return self.durable.restriction(kind)
+
+    @property
+    def call_has_arrived(self) -> bool:
+        """Whether the session's call is fulfilled, or was and the car has not left since."""
+        return self.call is not None and self.call.has_arrived
+
+    @property
+    def owes_robot_left(self) -> bool:
+        """Whether the lift has not taken that a robot left. One that is aboard again makes its picture right."""
+        return self.robot_left.is_owed and self.boarding.occupancy is not Occupancy.ABOARD
+
+    @property
+    def repeats_robot_left(self) -> bool:
+        """Whether the word that a robot left is given until it is taken: not while one may be going in."""
+        return self.robot_left.is_owed and not self.boarding.may_be_inside
+
+    @property
+    def robot_in_car(self) -> tuple[Holder, bool] | None:
+        """Whose robot may be in the car, and whether it is known to be; None where there is none."""
+        holder = self.session.holder if self.session is not None else self.abandoned_by
+        if holder is None or not self.boarding.may_be_inside:
+            return None
+        return holder, self.boarding.occupancy is Occupancy.ABOARD
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether every reading matters, changed or not."""
+        return self.session is not None or self.robot_mode.kept_until is not None or self.owes_robot_left

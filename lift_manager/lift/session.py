@@ -1,0 +1,320 @@
+"""Who commands a lift and for how long: the session, its lease, its limits, and its end.
+
+A session has one end, `Session.end`. From it follow the withdrawal of OPEN, the release of the door, and what is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from enum import StrEnum, unique
+
+from drivers.model import FloorName
+from lift_manager.lift.config import LiftConfig
+from register_maps.words import Door, Side
+
+RMF = "rmf"
+"""The face of every holder that Open-RMF has."""
+
+NO_LEASE: Mapping[str, str] = {
+    RMF: "on humble, RMF asks no more once the lift is where it is wanted, so silence says nothing (open-rmf 1.6.12)",
+}
+"""Faces whose callers cannot renew a lease, and why. Their sessions end by request, or after `max_session_s`."""
+
+NO_ROBOT_WORDS: Mapping[str, str] = {
+    RMF: "a request of RMF names a floor and a door, and nothing of what the robot does (rmf_lift_msgs/LiftRequest)",
+}
+"""Faces whose callers cannot say where their robots are, and why: the end of a session is all they say."""
+
+ACTS_ONCE: Mapping[str, str] = {
+    RMF: "RMF sends its robot on one OPEN and does not look again: one publish period, its decision and the crossing (open-rmf 1.6)",
+}
+"""Faces whose robots need `rmf_clear_s` between the withdrawal of OPEN and the release of the door, and why."""
+
+SILENT_S = 30.0
+"""A holder that was silent for so long, while another one asks, is worth a person's look (DESIGN section 6)."""
+
+CLEAR_AT_STOP_S = 3.0
+"""`clear_s` of a manager that stops: the process has five seconds in all. A robot at 0.5 m/s drives 1.5 m in that time."""
+
+STOPPING_TEXT = "the manager is stopping; the session is kept and goes on at the next start"
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """The caller whose session it is: the face it came through and its name there."""
+
+    face: str
+    name: str
+
+    def __str__(self) -> str:
+        return self.name if self.face == self.name else f"{self.face}:{self.name}"
+
+
+@unique
+class EndReason(StrEnum):
+    """Why a session is over; stable codes for faces."""
+
+    RELEASED = "released"
+    ARRIVED = "arrived"
+    """It wanted no more than to get there."""
+    LEASE = "lease"
+    NOT_GRANTED = "not_granted"
+    """The lift did not grant what the call needs, such as robot mode."""
+    MODE = "mode"
+    FIRE = "fire"
+    LOCKOUT = "lockout"
+    STOPPING = "stopping"
+    """The manager stops. The session goes on when it starts again, if its time is not over by then."""
+    FORCED = "forced"
+    """A person ended it."""
+    TAKEN_OVER = "taken_over"
+    """Its holder was silent for as long as the site allows, and another caller asked."""
+    MAX_SESSION = "max_session"
+    """It lasted for as long as the site allows."""
+    UNCLAIMED = "unclaimed"
+    """It is from before a restart, and another caller asked first."""
+    NOT_RESTORED = "not_restored"
+    """It is from before a restart, and the site file no longer has what it needs."""
+
+
+BY_HOLDER = frozenset({EndReason.RELEASED, EndReason.ARRIVED})
+"""The holder wanted it so, and needs no advice."""
+
+
+@unique
+class Advice(StrEnum):
+    """What a robot does best when the lift is taken from it."""
+
+    CLEAR_DOORWAY = "clear_doorway"
+    """Keep out of the doorway: leave it by the nearer side, and do not enter it."""
+    STAY_ABOARD = "stay_aboard"
+    """The door is shut: a robot inside stays where it is, and tells its people."""
+
+
+def advise(doors: Mapping[Side, Door] | None, *, may_be_aboard: bool) -> Advice:
+    """Return what the robot of a session does best. `doors` is None while nobody knows them.
+
+    Behind a door that is not seen to be shut the doorway decides, for that is where a robot is hurt and where it keeps people
+    in. A robot that cannot be inside has nothing to do but keep out.
+    """
+    is_shut = bool(doors) and doors is not None and all(door is Door.CLOSED for door in doors.values())
+    return Advice.STAY_ABOARD if is_shut and may_be_aboard else Advice.CLEAR_DOORWAY
+
+
+@dataclass(frozen=True, slots=True)
+class SessionPolicy:
+    """How the sessions of one kind of caller differ from those of another."""
+
+    stays: bool
+    """It ends at its holder's request only; otherwise arrival, or letting go of the door, ends it as well."""
+    has_lease: bool
+    has_robot_words: bool
+    """Its holder can say that the robot left, and so has to."""
+    clear_s: float
+    """From the withdrawal of OPEN to the release of a held door."""
+
+
+def policy_for(config: LiftConfig, holder: Holder, *, stays: bool) -> SessionPolicy:
+    """Return the policy of a session of this holder."""
+    return SessionPolicy(
+        stays=stays,
+        has_lease=holder.face not in NO_LEASE,
+        has_robot_words=stays and holder.face not in NO_ROBOT_WORDS,
+        clear_s=config.rmf_clear_s if holder.face in ACTS_ONCE else config.clear_s,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnd:
+    """The end of a session that goes on until `at`. Until then outputs stay on, and nothing is pressed for it."""
+
+    reason: EndReason
+    text: str
+    at: float
+    is_announced: bool
+    """A person or the manager ends it whatever its holder wants; otherwise its holder did, and may still think again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Session:
+    """One caller's right to command one lift."""
+
+    number: int
+    holder: Holder
+    policy: SessionPolicy
+    floor: FloorName | None
+    """Its target; None before the first request for a floor."""
+    hold_door: bool
+    """Hold the door open there; otherwise a session that does not stay ends on arrival."""
+    opened_at: float
+    opened_clock: datetime
+    """The same by the clock of the building, over restarts and hand-overs."""
+    lease_from: float
+    """The lease runs from here: the later of the last request and the moment the door stood open at the target."""
+    opened_at_target: bool = False
+    """The door has stood open at the target since that floor was requested."""
+    holding_since: float | None = None
+    """Since when the door has been held for this session without a break."""
+    hold_spent: bool = False
+    """The hold reached its limit and was released; it does not begin again at this stop by itself."""
+    shut_at: float | None = None
+    """When the door was first seen shut after the hold was spent."""
+    contacted_at: float | None = None
+    """When its holder last asked for anything; None while it has not since a restart of the manager."""
+    restored_at: float | None = None
+    """When it went on after a restart of the manager."""
+    is_restored: bool = False
+    """It is from before a restart, and its holder has asked for nothing since: what is found off is not put on."""
+    id: str = field(default="", repr=False)
+    """Known to the holder alone: in no event, no log line and no row of the journal."""
+    lease_s: float | None = None
+    """The lease that its holder asked for; the site's is the longest, and the one where it asked for none."""
+    key: str = field(default="", repr=False)
+    """Idempotency key that it was opened with; empty for none."""
+    key_ttl_s: float | None = None
+    """The lease that was requested with the key, which renewing does not change."""
+    end: SessionEnd | None = None
+
+    @property
+    def is_ending(self) -> bool:
+        """Whether its end is known."""
+        return self.end is not None
+
+    @property
+    def end_is_announced(self) -> bool:
+        """Whether it ends whatever its holder wants."""
+        return self.end is not None and self.end.is_announced
+
+    @property
+    def ended_by_holder(self) -> bool:
+        """Whether its holder has ended it and may still think again."""
+        return self.end is not None and not self.end.is_announced
+
+    @property
+    def may_begin(self) -> bool:
+        """Whether what is found off is put on for it."""
+        return not (self.is_restored or self.is_ending)
+
+    @property
+    def is_unclaimed(self) -> bool:
+        """Whether its holder has asked for nothing since a restart."""
+        return self.contacted_at is None
+
+    def silent_for(self, now: float) -> float:
+        """Return for how long its holder has been silent, as far as this process can know."""
+        since = self.restored_at if self.contacted_at is None else self.contacted_at
+        return 0.0 if since is None else now - since
+
+
+# -- what its holder asks for
+
+
+def renew(session: Session, now: float) -> Session:
+    """Begin the lease again at the holder's request; one from before a restart goes on, and so does one that its holder ended.
+
+    One whose end was announced is renewed in vain.
+    """
+    end = session.end if session.end_is_announced else None
+    return replace(session, lease_from=now, contacted_at=now, is_restored=False, end=end)
+
+
+def set_target(session: Session, floor: FloorName, now: float, *, hold_door: bool) -> Session:
+    """Take its holder's request for a floor: another one, or the same again."""
+    after = replace(renew(session, now), hold_door=hold_door)
+    if session.floor == floor:
+        return after
+    return replace(after, floor=floor, opened_at_target=False, holding_since=None, hold_spent=False, shut_at=None)
+
+
+def end_by_holder(session: Session, grace_s: float, now: float) -> Session:
+    """End a session at its holder's request in so many seconds; of two requests the earlier end counts."""
+    at = now + grace_s if session.end is None else min(session.end.at, now + grace_s)
+    end = SessionEnd(EndReason.RELEASED, "released", at, is_announced=False)
+    return replace(session, contacted_at=now, end=end if not session.end_is_announced else _at(session.end, at))
+
+
+def announce_end(session: Session, reason: EndReason, text: str, at: float) -> Session:
+    """End a session at `at` whatever its holder wants; until then its door is held and invites nobody."""
+    return replace(session, end=SessionEnd(reason, text, at, is_announced=True))
+
+
+def hand_session_over(session: Session, config: LiftConfig, to: Holder, session_id: str, now: float) -> Session:
+    """Give a session to another caller. Its lease starts again; how long it may last in all does not.
+
+    It gets an id of its own, which the holder before does not know.
+    """
+    policy = policy_for(config, to, stays=session.policy.stays)
+    return replace(renew(session, now), holder=to, policy=policy, id=session_id, key="", key_ttl_s=None)
+
+
+def door_opened_at_target(session: Session, now: float) -> Session:
+    """Note the first time the door stands open at the target: the lease begins again.
+
+    Not for one that is about to end: whoever has ended it may not see the door open.
+    """
+    if session.opened_at_target or session.is_ending:
+        return session
+    return replace(session, opened_at_target=True, lease_from=max(session.lease_from, now))
+
+
+def may_hold_again(session: Session, config: LiftConfig, now: float) -> bool:
+    """Whether a spent hold may begin again: the door has been shut, and people have had it for `between_sessions_s`."""
+    return session.hold_spent and session.shut_at is not None and now >= session.shut_at + config.between_sessions_s
+
+
+def hold_again(session: Session, config: LiftConfig, now: float) -> Session:
+    """Let a spent hold begin again at its holder's request, once it may."""
+    if not may_hold_again(session, config, now):
+        return session
+    return replace(session, hold_spent=False, holding_since=None, opened_at_target=False, shut_at=None)
+
+
+# -- how long it lasts
+
+
+def lease_of(session: Session, config: LiftConfig) -> float:
+    """Return the length of its lease in seconds."""
+    return config.lease_s if session.lease_s is None else min(session.lease_s, config.lease_s)
+
+
+def lease_ends_at(session: Session, config: LiftConfig) -> float:
+    """Return when the lift goes back to people unless the holder renews; infinity for faces without a lease."""
+    return session.lease_from + lease_of(session, config) if session.policy.has_lease else math.inf
+
+
+def longest_until(session: Session, config: LiftConfig) -> float:
+    """Return from when on the session ends as soon as that harms nobody, however often it is renewed or handed over."""
+    return session.opened_at + config.max_session_s
+
+
+def hold_ends_at(session: Session, config: LiftConfig) -> float:
+    """Return when the door is released whatever the holder wants; infinity while it is not held."""
+    return math.inf if session.holding_since is None else session.holding_since + config.max_session_hold_s
+
+
+def releases_at(session: Session, config: LiftConfig) -> float:
+    """Return the earliest time at which the manager releases the door by itself, as far as it knows."""
+    end_at = math.inf if session.end is None else session.end.at
+    return min(lease_ends_at(session, config), longest_until(session, config), hold_ends_at(session, config), end_at)
+
+
+def invites_until(session: Session, config: LiftConfig) -> float:
+    """Return from when on the door invites nobody any more, although it is held for `clear_s` longer."""
+    return -math.inf if session.is_ending else releases_at(session, config) - session.policy.clear_s
+
+
+def time_is_over(session: Session, config: LiftConfig, now: float, *, rides: bool) -> tuple[EndReason, str] | None:
+    """Return why a session is over by its time. `rides` says that a robot may be under way in the car: that is waited for."""
+    if now >= lease_ends_at(session, config):
+        return EndReason.LEASE, f"the lease of {lease_of(session, config):g} s ran out"
+    patience_s = config.capabilities.arrive_within_s if rides else 0.0
+    if now < longest_until(session, config) + patience_s:
+        return None
+    return EndReason.MAX_SESSION, f"it lasted for {config.max_session_s:g} s, as long as the site allows"
+
+
+def _at(end: SessionEnd | None, at: float) -> SessionEnd | None:
+    return None if end is None else replace(end, at=at)

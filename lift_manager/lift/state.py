@@ -1,0 +1,234 @@
+"""What every face publishes of a lift, and what it does not: the one place where a robot is invited through a door."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from enum import StrEnum, unique
+from operator import attrgetter
+
+from drivers.model import FloorName
+from lift_manager.lift import doors, queue
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.inhibits import age_s, clock_text, fresh, offline_reason, restriction_text, waits_for
+from lift_manager.lift.observation import (
+    Moment,
+    Observation,
+    RobotDoor,
+    is_shut,
+    may_be_moving,
+    permissions_needed,
+    robot_door,
+    robot_mode_granted,
+)
+from lift_manager.lift.occupancy import is_aboard
+from lift_manager.lift.record import LiftRecord
+from lift_manager.lift.refusals import how_to_acknowledge
+from lift_manager.lift.session import Holder, invites_until, releases_at
+from lift_manager.lift.trust import TRIPS
+from register_maps.words import Door, Mode, Motion, Side
+
+PERMISSIONS = ("may_enter", "may_leave", "robot_mode_on", "robots_allowed", "ready")
+"""Flags of a lift that tell what a robot may do."""
+
+
+@unique
+class Quality(StrEnum):
+    """Whether the state may be acted on."""
+
+    LIVE = "live"
+    OFFLINE = "offline"
+    """No reading younger than `max_age_s`: floor, door and motion are not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Restrictions:
+    """What keeps robots off a lift, or lets them wait, beside what the lift itself tells."""
+
+    fire_latched: bool = False
+    """There was a fire, and no person has acknowledged it."""
+    lockout: str = ""
+    """Who locked the lift out, since when and why; empty when nobody did."""
+    drain: str = ""
+    """Who lets sessions end and no new one begin, since when and why; empty when nobody does."""
+    maybe_aboard: Holder | None = None
+    """Whose robot may be in the car; others are refused while it holds no session."""
+    distrusted: str = ""
+    """Which of its signals contradicted each other, and what ends that; no door counts as open meanwhile. Empty where none did."""
+    waiting_for: str = ""
+    """What the session waits for before anything is pressed; empty when it does not."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiftState:
+    """One lift at one moment, as every face shows it."""
+
+    lift: str
+    floors: tuple[FloorName, ...]
+    quality: Quality
+    reason: str
+    """Why it is offline; empty while live."""
+    age_s: float | None
+    """Age of the last whole reading; None when there never was one."""
+    floor: FloorName | None
+    """The floor the car stands at or passes; None when nobody reports it. Never the destination before arrival."""
+    standing: bool
+    """By the map's evidence the car stands at `floor`."""
+    destination: FloorName | None
+    """The session's target, else the current floor."""
+    robot_door: RobotDoor
+    doors: Mapping[Side, Door]
+    motion: Motion
+    mode: Mode
+    holder: Holder | None
+    held_since_s: float | None
+    """Seconds since the session began."""
+    not_visible: Mapping[str, str]
+    """Safety signals this lift's interface does not show, with the reason."""
+    restrictions: Restrictions = Restrictions()
+    permissions: Mapping[str, bool] = field(default_factory=dict)
+    """What the lift itself tells of robots: those of `PERMISSIONS` that it has."""
+    waiting: int = 0
+    """How many rides and faces wait for the lift."""
+    ending: bool = False
+    """The session is over in a moment, until which door and robot mode stay: its holder ended it, a person did, or the manager stops."""
+    releases_in_s: float | None = None
+    """Seconds until the manager releases the door by itself at the earliest, as far as it knows; None while nobody holds the lift."""
+    releases_at: float | None = None
+    """The same as monotonic seconds of the event loop, which only a renewal moves."""
+
+
+_PASSING = ("age_s", "held_since_s", "releases_in_s", "releases_at", "reason")
+_LASTING = attrgetter(*(one.name for one in fields(LiftState) if one.name not in _PASSING))
+_SECONDS = re.compile(r"\d+(?:\.\d+)? s\b")
+
+
+def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
+    """Return what is published of a lift now."""
+    observation, session, now = fresh(config, record, moment), record.session, moment.now
+    floor = reported_floor(config, record, moment)
+    values = None if observation is None else observation.values
+    released_at = None if session is None else releases_at(session, config)
+    flags = {} if values is None else values.flags
+    return LiftState(
+        lift=config.name,
+        floors=config.floors,
+        quality=Quality.OFFLINE if observation is None else Quality.LIVE,
+        reason=offline_reason(config, record) if observation is None else "",
+        age_s=age_s(record, moment),
+        floor=floor,
+        standing=observation is not None and observation.is_standing,
+        destination=floor if session is None or session.floor is None else session.floor,
+        robot_door=door_for_robots(config, record, moment),
+        doors={} if observation is None else observation.doors,
+        motion=Motion.UNKNOWN if observation is None else _motion(observation),
+        mode=Mode.UNKNOWN if values is None else values.mode,
+        holder=None if session is None else session.holder,
+        held_since_s=None if session is None else now - session.opened_at,
+        permissions={name: flags[name] for name in PERMISSIONS if name in flags},
+        not_visible=config.capabilities.not_visible,
+        restrictions=restrictions(config, record, moment),
+        waiting=len(queue.waiting(record.queue, now)),
+        ending=session is not None and session.is_ending,
+        releases_at=released_at,
+        releases_in_s=None if released_at is None else max(0.0, released_at - now),
+    )
+
+
+def door_for_robots(config: LiftConfig, record: LiftRecord, moment: Moment) -> RobotDoor:
+    """Return the door word; OPEN means that a robot may drive, and while a session holds the lift, that its robot may.
+
+    Behind a lockout or an unacknowledged fire it invites nobody, nor a session that still waits for its lift, nor one whose door
+    is released soon.
+    """
+    observation, session = fresh(config, record, moment), record.session
+    if observation is None:
+        return RobotDoor.MOVING
+    here = config.doors_at.get(observation.floor, ()) if observation.floor is not None else ()
+    aboard = None if session is None else is_aboard(record.boarding, config.capabilities)
+    door = robot_door(observation, here, permissions_needed(config.capabilities, aboard=aboard))
+    if door is not RobotDoor.OPEN:
+        return door
+    is_kept_out = record.durable.fire_since is not None or record.restriction(RestrictionKind.LOCKOUT) is not None
+    if is_kept_out or waits_for(config, record, moment) or moment.now >= _invites_until(config, record):
+        return RobotDoor.MOVING
+    if session is None:
+        return door
+    is_held = observation.floor == session.floor and _door_was_read_while_held(config, record, moment)
+    is_granted = robot_mode_granted(observation, config.capabilities)
+    return RobotDoor.OPEN if is_granted and is_held else RobotDoor.MOVING
+
+
+def reported_floor(config: LiftConfig, record: LiftRecord, moment: Moment) -> FloorName | None:
+    """Return the floor, unless that is where the car is still travelling to: nobody may take it for arrived."""
+    observation, session = fresh(config, record, moment), record.session
+    if observation is None or observation.is_standing:
+        return None if observation is None else observation.floor
+    floor = observation.floor
+    if session is not None and floor == session.floor and not record.call_has_arrived:
+        return None
+    return None if may_be_moving(observation) and floor == observation.values.destination else floor
+
+
+def restrictions(config: LiftConfig, record: LiftRecord, moment: Moment) -> Restrictions:
+    """Return what keeps robots off, and what the session waits for."""
+    occupied = record.durable.occupied
+    return Restrictions(
+        fire_latched=record.durable.fire_since is not None,
+        lockout=restriction_text(record, RestrictionKind.LOCKOUT, moment),
+        drain=restriction_text(record, RestrictionKind.DRAIN, moment),
+        maybe_aboard=None if occupied is None else occupied.holder,
+        distrusted=_distrusted(config, record, moment),
+        waiting_for=waits_for(config, record, moment),
+    )
+
+
+def same_but_for_time(one: LiftState, other: LiftState) -> bool:
+    """Whether two states differ in nothing but the passing of time; some reasons say for how many seconds."""
+    if one.reason != other.reason and _SECONDS.sub("", one.reason) != _SECONDS.sub("", other.reason):
+        return False
+    same: bool = _LASTING(one) == _LASTING(other)  # twice a poll of each lift: a copy of each costs four times as much
+    return same
+
+
+def _invites_until(config: LiftConfig, record: LiftRecord) -> float:
+    """Return from when on an open door invites nobody, because it is released soon."""
+    session = record.session
+    if session is None:
+        return -math.inf if record.released_open else math.inf
+    return -math.inf if record.is_stopping else invites_until(session, config)
+
+
+def _door_was_read_while_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> bool:
+    """Whether the lift was read after its door was seen to be held.
+
+    A door that was read open may have begun to close by its own timer before the hold reached the lift, and goes on closing until
+    the lift obeys: "open" of that reading would let a robot drive at it.
+    """
+    since = record.door_held_since
+    return since is not None and moment.read_at > since and doors.door_is_held(config, record)
+
+
+def _distrusted(config: LiftConfig, record: LiftRecord, moment: Moment) -> str:
+    distrust = record.durable.trust.distrust
+    if not distrust:
+        return ""
+    said = "; ".join(f"{one.text} (since {clock_text(one.since, moment)})" for one in distrust)
+    how = how_to_acknowledge(config.name)
+    return (
+        f"{said}. No door counts as open for robots until {TRIPS} trips in a row agree, or a person has looked: {how}"
+    )
+
+
+def _motion(observation: Observation) -> Motion:
+    """Return the motion that the lift tells. Where it tells none, a car is known to stand only by its evidence and an open door.
+
+    Behind shut doors it may have set out: its floor contact, or its level flag, stays made for a moment.
+    """
+    if observation.values.motion is not None:
+        return observation.values.motion
+    stands = observation.is_standing and not is_shut(observation.values)
+    return Motion.STOPPED if stands else Motion.UNKNOWN

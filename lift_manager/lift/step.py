@@ -1,0 +1,351 @@
+"""One input, one step: the next record of a lift, what to do because of it, and the reply.
+
+The only entrance to the rules. Nothing here waits, asks anybody, or knows what time it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from drivers.model import LiftReading, Outcome, Result
+from lift_manager.lift import command_requests, doors, endings, handshake, operator_actions, queue, requests, restart
+from lift_manager.lift.advance import advance
+from lift_manager.lift.call import PressId, call_answered
+from lift_manager.lift.commands import DOOR_WITHIN_S, CommandStatus, SessionInfo
+from lift_manager.lift.config import ROBOT_MODE, LiftConfig
+from lift_manager.lift.draft import Draft
+from lift_manager.lift.events import Acknowledged, CommandEnded, Event, ForceReleased, Restriction, RestrictionEnded
+from lift_manager.lift.inhibits import blocking_values
+from lift_manager.lift.inputs import (
+    Acknowledge,
+    Action,
+    AnnounceStop,
+    CloseSession,
+    CommitFailed,
+    Committed,
+    EndSession,
+    ForceRelease,
+    GiveCommand,
+    HandOver,
+    Input,
+    JoinQueue,
+    LeaveQueue,
+    LiftRequest,
+    News,
+    OpenSession,
+    OutputChanged,
+    Outputs,
+    OutputStatus,
+    PressEnded,
+    ReadFailed,
+    Reading,
+    RenewSession,
+    Request,
+    Restrict,
+    Stop,
+    Tick,
+    Unrestrict,
+)
+from lift_manager.lift.observation import Moment, Observation, is_fresh, observe
+from lift_manager.lift.record import DurableRecord, LiftRecord
+from lift_manager.lift.refusals import Accepted, Refused
+from lift_manager.lift.requests import SessionBegun
+from lift_manager.lift.session import Session, invites_until, longest_until, releases_at
+from lift_manager.lift.trust import OPEN_FOR_S, OwnCommands, judge
+
+Reply = (
+    Accepted
+    | Refused
+    | SessionBegun
+    | SessionInfo
+    | CommandStatus
+    | Restriction
+    | RestrictionEnded
+    | ForceReleased
+    | Acknowledged
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What an input comes to."""
+
+    record: LiftRecord
+    actions: tuple[Action, ...] = ()
+    """In this order. A press leaves only once everything of its step is on the disk."""
+    reply: Reply | None = None
+    """None where nobody asked."""
+    events: tuple[Event, ...] = ()
+    """Published before the holds of this record are declared: robots hear of a fire first."""
+    wake_at: float = math.inf
+    """The next moment at which anything changes without another input; a `Tick` is due then."""
+
+
+def start(config: LiftConfig, durable: DurableRecord, moment: Moment) -> Step:
+    """Return the first record of a process, from what outlived the one before. To be called before the lift is read."""
+    draft = Draft(config, LiftRecord(durable=durable), moment)
+    restart.restore(draft)
+    return _finish(draft, LiftRecord(durable=durable), None)
+
+
+def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment) -> Step:
+    """Return what one input changes. For a `Reading`, `moment.read_at` is that of the reading before it."""
+    draft = Draft(config, record, moment)
+    reply = _take(draft, happened)
+    if isinstance(reply, Refused):
+        reply = blocking_values(config, record, reply, moment)
+    return _finish(draft, record, reply)
+
+
+def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, moment: Moment) -> bool:
+    """Whether a reading has to be stepped: most only show that nothing has changed, and cost next to nothing."""
+    before, max_age_s = record.observation, config.capabilities.max_age_s
+    is_same = before is not None and reading.values is before.values and reading.epoch == before.epoch
+    is_quiet = not (record.is_busy or record.fault or reading.notices)
+    in_time = reading.at - moment.read_at <= max_age_s and moment.now - reading.at <= max_age_s
+    return not (is_same and is_quiet and in_time and before is not None and before.is_settled)
+
+
+def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, moment: Moment) -> LiftRecord:
+    """Return the record with what the driver knows of the outputs; nothing is done because of it."""
+    mode = record.robot_mode
+    status = outputs.get(ROBOT_MODE.name, OutputStatus.AT_REST)
+    if mode.is_wanted and not mode.was_pressed and status in (OutputStatus.ON, OutputStatus.HELD):
+        mode = replace(mode, was_pressed=True)
+    return _note_door_held(config, replace(record, outputs=outputs, robot_mode=mode), moment)
+
+
+def _take(draft: Draft, happened: Input) -> Reply | None:
+    """Take one input; return the reply to whoever made it."""
+    match happened:
+        case (
+            LiftRequest() | EndSession() | OpenSession() | RenewSession() | CloseSession() | HandOver() | GiveCommand()
+        ):
+            return _take_request(draft, happened)
+        case Restrict():
+            return operator_actions.restrict(draft, happened)
+        case Unrestrict():
+            return operator_actions.unrestrict(draft, happened)
+        case ForceRelease():
+            return operator_actions.force_release(draft, happened)
+        case Acknowledge():
+            return operator_actions.acknowledge(draft, happened)
+        case _:
+            _take_news(draft, happened)
+            return None
+
+
+def _take_request(draft: Draft, request: Request) -> Reply:
+    """Take what a caller requests."""
+    match request:
+        case LiftRequest():
+            return requests.request_lift(draft, request)
+        case EndSession():
+            return requests.end_own_session(draft, request)
+        case OpenSession():
+            return requests.open_session(draft, request)
+        case RenewSession():
+            return requests.renew_session(draft, request)
+        case CloseSession():
+            return requests.close_session(draft, request)
+        case HandOver():
+            return requests.hand_over(draft, request)
+        case GiveCommand():
+            return command_requests.give_command(draft, request)
+
+
+def _take_news(draft: Draft, happened: News) -> None:
+    """Take what the driver, the store, the rides and the runtime report."""
+    match happened:
+        case Committed(sequence):
+            draft.change(committed=max(draft.record.committed, sequence), disk_trouble="")
+        case JoinQueue(holder):
+            draft.change(queue=queue.join(draft.record.queue, holder, draft.now))
+        case LeaveQueue(holder):
+            draft.change(queue=queue.leave(draft.record.queue, holder))
+        case AnnounceStop(clear_s):
+            endings.announce_stop(draft, clear_s)
+        case Stop():
+            endings.stop(draft)
+        case _:
+            _take_change(draft, happened)
+            advance(draft)
+
+
+def _take_change(
+    draft: Draft, happened: Reading | ReadFailed | OutputChanged | PressEnded | CommitFailed | Tick
+) -> None:
+    """Take what may change what is pressed and held."""
+    match happened:
+        case Reading(reading, outputs):
+            _note(draft, outputs)
+            _take_reading(draft, reading)
+        case ReadFailed(fault):
+            draft.change(fault=fault)
+        case OutputChanged(outputs):
+            _note(draft, outputs)
+        case PressEnded(press, outcome):
+            _take_outcome(draft, press, outcome)
+        case CommitFailed(reason):
+            _take_commit_failure(draft, reason)
+        case Tick():
+            pass
+
+
+def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
+    restart.save(draft)
+    config, record = draft.config, _note_door_held(draft.config, draft.record, draft.moment)
+    if record.queue.asked_at:
+        record = replace(record, queue=queue.lapse(record.queue, draft.now))
+    if record.durable is not before.durable or draft.actions or draft.events:
+        record = replace(record, sequence=record.sequence + 1)
+    wake_at = min((at for at in _moments(config, record, draft.moment) if at > draft.now), default=math.inf)
+    return Step(record, tuple(draft.actions), reply, tuple(draft.events), wake_at)
+
+
+# -- readings
+
+
+def _take_reading(draft: Draft, reading: LiftReading) -> None:
+    """Add a reading to what is known, and go on with it."""
+    config, before, at = draft.config, draft.record.observation, reading.at
+    gap_s = at - draft.moment.read_at
+    draft.moment = replace(draft.moment, read_at=at)
+    for notice in reading.notices:
+        draft.alarm(notice, draft.session.holder if draft.session is not None else None)
+    observation = observe(before, reading, config.capabilities, gap_s=gap_s)
+    observation, alarms = _judged(draft, observation, at)
+    draft.change(
+        observation=observation, fault=_late_text(config, draft.now - at), departed_at=_departed(draft, observation, at)
+    )
+    for alarm in alarms:
+        draft.alarm(alarm, draft.session.holder if draft.session is not None else None)
+
+
+def _judged(draft: Draft, observation: Observation, at: float) -> tuple[Observation, tuple[str, ...]]:
+    """Return an observation with what speaks against its open door, and what people should know of that."""
+    config, record = draft.config, draft.record
+    pressed = (record.call is not None and record.call.was_pressed) or doors.door_is_given(config, record)
+    own = OwnCommands(record.call, pressed)
+    judged = judge(config, record.track, record.durable.trust, observation, own, at, draft.moment.clock)
+    draft.change(track=judged.track)
+    draft.change_durable(trust=judged.trust)
+    is_settled = observation.is_settled and not judged.pending
+    after = replace(observation, doubt=judged.doubt, must_close=judged.must_close, is_settled=is_settled)
+    return after, judged.alarms
+
+
+def _departed(draft: Draft, observation: Observation, at: float) -> dict[str, float]:
+    """Return when the car last left each floor while nobody held the lift."""
+    record, before = draft.record, draft.record.observation
+    if record.session is not None:
+        return {}
+    departed = dict(record.departed_at)
+    if before is not None and before.floor is not None and before.floor != observation.floor:
+        departed[before.floor] = at
+    return departed
+
+
+def _late_text(config: LiftConfig, took_s: float) -> str:
+    """Say that a controller answers, and that what it says is too old by then; empty where that is not so."""
+    max_age_s = config.capabilities.max_age_s
+    if took_s <= max_age_s:
+        return ""
+    return (
+        f"{config.source} answers too late: its last poll took {took_s:.1f} s, and a reading counts for {max_age_s:g} s (max_age_s); "
+        "look for what slows it down, or allow a longer `max_age_s` for this lift"
+    )
+
+
+# -- outputs, outcomes and commits
+
+
+def _note(draft: Draft, outputs: Outputs) -> None:
+    draft.record = note_outputs(draft.config, draft.record, outputs, draft.moment)
+
+
+def _note_door_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftRecord:
+    """Remember since when the door is seen to be held."""
+    is_held = doors.door_is_held(config, record)
+    if is_held is (record.door_held_since is not None):
+        return record
+    return replace(record, door_held_since=moment.now if is_held else None)
+
+
+def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
+    """Take what became of a press."""
+    record, session = draft.record, draft.session
+    draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
+    draft.emit(CommandEnded(draft.config.name, outcome, None if session is None else session.holder))
+    name = outcome.command.name
+    if outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels:
+        # it stays on until the driver reports otherwise
+        on = draft.record.status(outcome.command)
+        draft.change(outputs={**draft.record.outputs, name: on if on.is_given else OutputStatus.ON})
+    if record.call is not None and record.call.press == press:
+        # one that its holder's end came before has not failed
+        kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED
+        forgiving = replace(outcome, not_granted=outcome.not_granted or kept_back)
+        draft.change(call=call_answered(record.call, forgiving, draft.now))
+    doors.closing_answered(draft, press, outcome)
+    for word_name in handshake.COMMAND_OF:
+        word = record.in_place if word_name == "in_place" else record.robot_left
+        if word.call is not None and word.call.press == press:
+            handshake.word_answered(draft, word_name, outcome)
+
+
+def _take_commit_failure(draft: Draft, reason: str) -> None:
+    """Reject every press that waits for the disk: it never leaves, even if it is written down later."""
+    draft.change(disk_trouble=reason)
+    waiting = [pending for pending in draft.record.presses if pending.sequence > draft.record.committed]
+    for pending in waiting:
+        draft.cancel(pending.command)
+        outcome = Outcome(pending.command, Result.REJECTED, f"not recorded: {reason}")
+        _take_outcome(draft, pending.id, outcome)
+
+
+# -- when to look again
+
+
+def _moments(config: LiftConfig, record: LiftRecord, moment: Moment) -> Iterator[float]:
+    """Yield every moment at which something changes without an input."""
+    yield queue.next_lapse(record.queue)
+    yield from _moments_of_reading(config, record, moment)
+    if record.fire_release_at is not None:
+        yield record.fire_release_at
+    if record.robot_mode.kept_until is not None:
+        yield record.robot_mode.kept_until
+    if record.repeats_robot_left and record.robot_left.call is not None:
+        yield record.robot_left.call.not_before
+    if record.session is not None:
+        yield from _moments_of_session(config, record, record.session)
+
+
+def _moments_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) -> Iterator[float]:
+    observation, capabilities = record.observation, config.capabilities
+    if observation is None or not is_fresh(capabilities, moment):
+        return
+    yield math.nextafter(moment.read_at + capabilities.max_age_s, math.inf)
+    yield observation.floor_since + capabilities.evidence_for_s
+    yield from (since + capabilities.door_closes_within_s for since in observation.not_open_since.values())
+    if record.track.opened_at is not None:
+        yield record.track.opened_at + OPEN_FOR_S
+
+
+def _moments_of_session(config: LiftConfig, record: LiftRecord, session: Session) -> Iterator[float]:
+    capabilities, call = config.capabilities, record.call
+    yield record.people_until
+    yield releases_at(session, config)
+    yield invites_until(session, config)
+    yield longest_until(session, config) + capabilities.arrive_within_s
+    if call is not None:
+        yield call.since + capabilities.arrive_within_s
+        yield call.since + capabilities.granted_within_s
+    if record.ungranted is not None:
+        yield record.ungranted[2] + doors.UNGRANTED_S
+    yield record.closing.since + DOOR_WITHIN_S
+    for entry in record.commands:
+        if entry.pending is not None and entry.pending.due_since is not None:
+            yield entry.pending.due_since + DOOR_WITHIN_S

@@ -1,0 +1,108 @@
+"""What is declared to be on, until when, when a lift is looked at again, and what a reading without news costs."""
+
+import math
+
+from drivers.model import LiftReading
+from lift_manager.lift.inputs import OutputChanged, OutputStatus, Reading, Tick
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.record import DurableRecord
+from lift_manager.lift.state import same_but_for_time
+from lift_manager.lift.step import is_news
+from register_maps.words import Door, Mode, Motion
+from tests.lift_manager.lift.paper import HANDSHAKE, PaperLift
+
+
+def test_holds_fall_by_themselves_when_no_reading_comes() -> None:
+    lift = PaperLift(site={"max_hold_s": {"hold_door.front": 30.0}})
+    lift.called_to("L2")
+    lift.now += 5.0
+    assert lift.holds["hold_door.front"].until == lift.read_at + 30.0
+
+
+def test_a_held_call_is_renewed_only_while_its_door_is_held() -> None:
+    lift = PaperLift(HANDSHAKE, site={"max_hold_s": {"call": 300.0}})
+    lift.called_to("L2")
+    before = lift.holds["call"].until
+    lift.wait(3.0)
+    assert lift.holds["call"].until == before + 3.0
+
+
+def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> None:
+    lift = PaperLift(HANDSHAKE)
+    lift.called_to("L2")
+    lift.status["call"] = OutputStatus.AT_REST
+    lift.take(OutputChanged(dict(lift.status)))
+    lift.wait(1.0)
+    assert lift.log == ["call L2"]
+    assert "ask again" in lift.state.restrictions.waiting_for
+    assert lift.door is RobotDoor.MOVING
+    lift.wait(2.0)
+    lift.accept("L2")
+    lift.wait(0.5)
+    assert lift.log == ["call L2", "call L2"]
+
+
+def test_a_door_hold_that_is_lost_withdraws_open() -> None:
+    lift = PaperLift()
+    lift.called_to("L2")
+    lift.take(OutputChanged({**lift.status, "hold_door.front": OutputStatus.ON}))
+    assert lift.door is RobotDoor.MOVING
+
+
+def test_a_door_that_has_to_be_seen_shut_is_not_put_on_hold() -> None:
+    lift = PaperLift(durable=DurableRecord())
+    lift.read("L2", Door.OPEN)
+    lift.accept("L2")
+    lift.wait(1.0)
+    assert "hold_door.front" not in {name for name, hold in lift.holds.items() if hold.begin}
+    assert "proof" in lift.state.restrictions.waiting_for
+
+
+def test_an_unchanged_reading_of_an_idle_lift_is_no_news() -> None:
+    lift = PaperLift()
+    lift.read()
+    assert not is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values), lift.moment)
+    assert is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 2, lift.values), lift.moment)
+    assert is_news(lift.config, lift.record, LiftReading(lift.now + 5.0, 1, lift.values), lift.moment)
+    assert is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)), lift.moment)
+
+
+def test_a_lift_that_is_not_read_is_looked_at_when_its_reading_gets_too_old() -> None:
+    lift = PaperLift()
+    lift.read()
+    assert lift.newest.wake_at == math.nextafter(lift.now + 1.0, math.inf)
+    lift.now = lift.newest.wake_at
+    lift.take(Tick())
+    assert lift.state.quality == "offline"
+    assert lift.state.floor is None
+    assert lift.state.mode is Mode.UNKNOWN
+
+
+def test_the_lift_is_looked_at_when_open_is_withdrawn_and_when_the_door_is_released() -> None:
+    lift = PaperLift(site={"max_session_hold_s": 20.0, "clear_s": 5.0, "lease_s": 300.0})
+    lift.called_to("L2")
+    assert lift.record.session is not None
+    assert lift.record.session.holding_since is not None
+    lift.now = lift.record.session.holding_since + 14.9
+    lift.poll()
+    lift.take(Tick())
+    assert lift.newest.wake_at == lift.record.session.holding_since + 15.0
+
+
+def test_a_reading_that_took_too_long_counts_as_none() -> None:
+    lift = PaperLift()
+    reading = LiftReading(lift.now, 1, lift.values)
+    lift.now += 1.5
+    lift.take(Reading(reading, {}))
+    assert lift.state.quality == "offline"
+    assert "answers too late" in lift.state.reason
+
+
+def test_states_that_differ_only_in_time_are_the_same() -> None:
+    lift = PaperLift()
+    lift.called_to("L2")
+    before = lift.state
+    lift.wait(1.0)
+    assert same_but_for_time(before, lift.state)
+    lift.read(None, Door.CLOSED, motion=Motion.UP)
+    assert not same_but_for_time(before, lift.state)
