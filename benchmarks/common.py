@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import multiprocessing
 import os
+import re
 import resource
 import ssl
 import struct
-from collections.abc import Iterator
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 import uvloop
 
@@ -37,6 +44,16 @@ STANDING = (1, 1, 1, 1, 0b101, 0, 0)
 """After the alive counter: at floor 1, stopped, door closed, normal, no fire (1) and level, no destination, no call."""
 FORK = multiprocessing.get_context("fork")
 _FILES_BESIDE = 100
+
+ROOT = Path(__file__).resolve().parents[1]
+FLOOR_NAMES = tuple(FLOORS)
+ALIVE, FLOOR, MOTION, DOOR, MODE, BITS, DESTINATION, ACCEPTED = range(8)
+GO_TO, HOLD_DOOR, ROBOT_MODE = 16, 17, 18
+STOPPED, UP = 1, 2
+READY_WITHIN_S = 30.0
+_PLC_REGISTERS = 24
+_IDLE = {FLOOR: 1, MOTION: 1, DOOR: 1, MODE: 1, BITS: 0b101}
+_GRANTED = 0b10
 
 
 def building(ports: list[int], poll_s: float) -> Building:
@@ -145,3 +162,99 @@ def _serve(count: int, beat: int, core: int | None, tell: Connection, tls: ssl.S
 
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(forever())
+
+
+class Controller(asyncio.Protocol):
+    """A lift that stands still, believes what is written, and knows when that was."""
+
+    def __init__(self) -> None:
+        self.registers = [0] * _PLC_REGISTERS
+        for address, value in _IDLE.items():
+            self.registers[address] = value
+        self._asked = 0
+        self._awaited: tuple[int, asyncio.Future[float]] | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Answer one request; a link has no second one in flight."""
+        head, function = data[:4], data[7]
+        if function == 3:
+            start, count = struct.unpack(">HH", data[8:12])
+            self._asked += 1
+            self.registers[ALIVE] = self._asked // 2 & 0xFFFF
+            values = struct.pack(f">{count}H", *self.registers[start : start + count])
+            self._answer(head, data[6:8] + bytes([2 * count]) + values)
+        elif function == 6:
+            self._write(*struct.unpack(">HH", data[8:12]))
+            self._answer(head, data[6:12])
+        else:
+            start, count = struct.unpack(">HH", data[8:12])
+            for offset, value in enumerate(struct.unpack(f">{count}H", data[13 : 13 + 2 * count])):
+                self._write(start + offset, value)
+            self._answer(head, data[6:12])
+
+    def called(self, code: int) -> asyncio.Future[float]:
+        """When the car is called to that floor."""
+        future: asyncio.Future[float] = asyncio.get_running_loop().create_future()
+        self._awaited = code, future
+        return future
+
+    def _write(self, address: int, value: int) -> None:
+        self.registers[address] = value
+        if address == ROBOT_MODE:
+            self.registers[BITS] = _IDLE[BITS] | (_GRANTED if value else 0)
+            self.registers[MODE] = 2 if value else 1
+        if address == GO_TO and value:
+            self.registers[DESTINATION] = self.registers[ACCEPTED] = value
+            if self._awaited is not None and self._awaited[0] == value and not self._awaited[1].done():
+                self._awaited[1].set_result(time.monotonic())
+
+    def _answer(self, head: bytes, rest: bytes) -> None:
+        self._transport.write(head + struct.pack(">H", len(rest)) + rest)  # type: ignore[attr-defined]  # a transport for writing
+
+
+def only(controller: Controller) -> Controller:
+    """One connection at a time is all that a controller gets."""
+    return controller
+
+
+def site_file(folder: Path, ports: Mapping[str, int], poll_s: float) -> Path:
+    """Write the site file of one lift at each port, whose state is kept in the folder, too."""
+    lift = {"access": "control", "floors": {name: code for code, name in enumerate(FLOOR_NAMES, 1)}, "poll_s": poll_s}
+    site = {
+        "schema": 1,
+        "name": "benchmark",
+        "state": "state",
+        "controllers": {lift: {"host": "127.0.0.1", "port": port, "map": MAP} for lift, port in ports.items()},
+        "lifts": {name: {"controller": name, **lift} for name in ports},
+    }
+    file = folder / "site.yaml"
+    file.write_text(json.dumps(site), "utf-8")  # JSON is YAML
+    return file
+
+
+@contextlib.contextmanager
+def running(*words: str, says: str, tree: Path = ROOT) -> Iterator[re.Match[str]]:
+    """Run the `lift-manager` of a source tree in a process of its own until the block ends; gives what it says when it is ready."""
+    with tempfile.TemporaryFile("w+") as log:
+        process = subprocess.Popen(  # noqa: S603  our own program, with words of our own
+            [sys.executable, "-m", "lift_manager", *words], cwd=tree, stdout=subprocess.PIPE, stderr=log, text=True
+        )
+        try:
+            yield _said(process, says)
+        except BaseException:
+            log.seek(0)
+            print(log.read(), file=sys.stderr)
+            raise
+        finally:
+            process.terminate()
+            process.wait(READY_WITHIN_S)
+
+
+def _said(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
+    for line in process.stdout or ():
+        if (found := re.search(pattern, line)) is not None:
+            return found
+    raise SystemExit(f"the program ended with {process.wait()} before it was ready")

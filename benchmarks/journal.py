@@ -1,4 +1,4 @@
-"""What a press pays for its row in the journal, against a bare commit of SQLite in a thread.
+"""What a press pays for its row in the journal and the record of its lift, against a bare commit of SQLite in a thread.
 
     python benchmarks/journal.py [--presses 400] [--rounds 5] [--folder /var/lib/lift-manager]
 
@@ -24,8 +24,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.journal.chain import canonical
-from lift_manager.store.journal.writer import opened_journal
+from lift_manager.domain.service import Remembered
+from lift_manager.store.chain import canonical
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import opened
 
 LIMIT_S = 300.0
 ROW = Row(
@@ -75,12 +77,13 @@ async def bare(folder: Path) -> AsyncIterator[Press]:
 
 
 @contextlib.asynccontextmanager
-async def journal(folder: Path) -> AsyncIterator[Press]:
-    """The same row by `before` of the journal, with its number and its hash."""
-    kept = opened_journal(folder / "site.journal.db", "benchmark", keep_days=400, max_mb=500)
+async def store(folder: Path) -> AsyncIterator[Press]:
+    """The same row by `before` of the store, with its number, its hash and a record."""
+    kept = opened(folder / "site.db", "benchmark", ["east"], Limits(400, 500))
     running = asyncio.ensure_future(kept.run(print))
 
     async def press() -> None:
+        kept.keep("east", Remembered())
         if (why := await kept.before(ROW)) is not None:
             raise SystemExit(why)
 
@@ -103,7 +106,7 @@ async def play(contestant: Contestant, folder: Path, presses: int) -> list[float
 
 async def main(presses: int, rounds: int, folder: Path) -> None:
     """Let both take turns, and print the median round of each."""
-    contestants: dict[str, Contestant] = {"bare sqlite3": bare, "journal": journal}
+    contestants: dict[str, Contestant] = {"bare sqlite3": bare, "store": store}
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, contestant in contestants.items():
@@ -116,8 +119,8 @@ async def main(presses: int, rounds: int, folder: Path) -> None:
     }
     for name, (p50, p99) in medians.items():
         print(f"{name:14}{p50:9.2f}{p99:9.2f}")
-    ratios = [ours / theirs for ours, theirs in zip(medians["journal"], medians["bare sqlite3"], strict=True)]
-    print(f"{'journal/bare':14}{ratios[0]:9.2f}{ratios[1]:9.2f}")
+    ratios = [ours / theirs for ours, theirs in zip(medians["store"], medians["bare sqlite3"], strict=True)]
+    print(f"{'store/bare':14}{ratios[0]:9.2f}{ratios[1]:9.2f}")
 
 
 if __name__ == "__main__":

@@ -12,94 +12,30 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import json
 import os
 import random
-import re
 import statistics
-import struct
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
+from benchmarks.common import FLOOR_NAMES, MOTION, READY_WITHIN_S, STOPPED, UP, Controller, only, running, site_file
 from lift_manager.rmf.contract import REPLAY_S
 from lift_manager.rmf.dds import Onlooker
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.ros_settings import RosSettings
 
-ROOT = Path(__file__).resolve().parents[1]
-MAP = "generic-registers"
-FLOORS = ("L1", "L2", "L3")
-ALIVE, FLOOR, MOTION, DOOR, MODE, BITS, DESTINATION, ACCEPTED = range(8)
-GO_TO, HOLD_DOOR, ROBOT_MODE = 16, 17, 18
-REGISTERS = 24
-IDLE = {FLOOR: 1, MOTION: 1, DOOR: 1, MODE: 1, BITS: 0b101}
-GRANTED = 0b10
-STOPPED, UP = 1, 2
 OVERHEAD_S = 0.005
 WITHIN_S = 10.0
 """What takes longer is an error, and no measurement."""
 PAUSE_S = (0.7, 1.1)
 """Between two requests of one lift: a press lasts 0.5 s."""
-READY_WITHIN_S = 30.0
-
-
-class Controller(asyncio.Protocol):
-    """A lift that stands still, believes what is written, and knows when that was."""
-
-    def __init__(self) -> None:
-        self.registers = [0] * REGISTERS
-        for address, value in IDLE.items():
-            self.registers[address] = value
-        self._asked = 0
-        self._awaited: tuple[int, asyncio.Future[float]] | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = transport
-
-    def data_received(self, data: bytes) -> None:
-        """Answer one request; a link has no second one in flight."""
-        head, function = data[:4], data[7]
-        if function == 3:
-            start, count = struct.unpack(">HH", data[8:12])
-            self._asked += 1
-            self.registers[ALIVE] = self._asked // 2 & 0xFFFF
-            values = struct.pack(f">{count}H", *self.registers[start : start + count])
-            self._answer(head, data[6:8] + bytes([2 * count]) + values)
-        elif function == 6:
-            self._write(*struct.unpack(">HH", data[8:12]))
-            self._answer(head, data[6:12])
-        else:
-            start, count = struct.unpack(">HH", data[8:12])
-            for offset, value in enumerate(struct.unpack(f">{count}H", data[13 : 13 + 2 * count])):
-                self._write(start + offset, value)
-            self._answer(head, data[6:12])
-
-    def called(self, code: int) -> asyncio.Future[float]:
-        """When the car is called to that floor."""
-        future: asyncio.Future[float] = asyncio.get_running_loop().create_future()
-        self._awaited = code, future
-        return future
-
-    def _write(self, address: int, value: int) -> None:
-        self.registers[address] = value
-        if address == ROBOT_MODE:
-            self.registers[BITS] = IDLE[BITS] | (GRANTED if value else 0)
-            self.registers[MODE] = 2 if value else 1
-        if address == GO_TO and value:
-            self.registers[DESTINATION] = self.registers[ACCEPTED] = value
-            if self._awaited is not None and self._awaited[0] == value and not self._awaited[1].done():
-                self._awaited[1].set_result(time.monotonic())
-
-    def _answer(self, head: bytes, rest: bytes) -> None:
-        self._transport.write(head + struct.pack(">H", len(rest)) + rest)  # type: ignore[attr-defined]  # a transport for writing
 
 
 class Rmf:
@@ -145,58 +81,14 @@ def _set(future: asyncio.Future[float], now: float) -> None:
         future.set_result(now)
 
 
-def _only(controller: Controller) -> Controller:
-    """One connection at a time is all that a controller gets."""
-    return controller
-
-
-def _site(folder: Path, ports: Mapping[str, int], poll_s: float) -> Path:
-    lift = {"access": "control", "floors": {name: code for code, name in enumerate(FLOORS, 1)}, "poll_s": poll_s}
-    site = {
-        "schema": 1,
-        "name": "benchmark",
-        "state": "state",
-        "controllers": {lift: {"host": "127.0.0.1", "port": port, "map": MAP} for lift, port in ports.items()},
-        "lifts": {name: {"controller": name, **lift} for name in ports},
-    }
-    file = folder / "site.yaml"
-    file.write_text(json.dumps(site), "utf-8")  # JSON is YAML
-    return file
-
-
-@contextlib.contextmanager
-def _running(*words: str, says: str) -> Iterator[re.Match[str]]:
-    """Run `lift-manager` in a process of its own until the block ends; gives what it says when it is ready."""
-    with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen(  # noqa: S603  our own program, with words of our own
-            [sys.executable, "-m", "lift_manager", *words], cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True
-        )
-        try:
-            yield _said(process, says)
-        except BaseException:
-            log.seek(0)
-            print(log.read(), file=sys.stderr)
-            raise
-        finally:
-            process.terminate()
-            process.wait(READY_WITHIN_S)
-
-
-def _said(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
-    for line in process.stdout or ():
-        if (found := re.search(pattern, line)) is not None:
-            return found
-    raise SystemExit(f"the program ended with {process.wait()} before it was ready")
-
-
 @contextlib.contextmanager
 def _manager(way: str, site: Path) -> Iterator[None]:
     inside = ["--rmf"] if way == "inside" else []
-    with _running("serve", str(site), "--port", "0", *inside, says=r"http://[\d.]+:(\d+)/docs") as said:
+    with running("serve", str(site), "--port", "0", *inside, says=r"http://[\d.]+:(\d+)/docs") as said:
         if way == "inside":
             yield
         else:
-            with _running("rmf", "--manager-port", said[1], says="lift adapter"):
+            with running("rmf", "--manager-port", said[1], says="lift adapter"):
                 yield
 
 
@@ -207,7 +99,7 @@ async def _requests(lift: str, controller: Controller, onlooker: Onlooker, times
         code = 2 + number % 2
         called, asked_at = controller.called(code), time.monotonic()
         onlooker.request(
-            LiftRequest(lift, Time.of(time.time()), session, AGV_MODE, FLOORS[code - 1], DOOR_OPEN), direct=True
+            LiftRequest(lift, Time.of(time.time()), session, AGV_MODE, FLOOR_NAMES[code - 1], DOOR_OPEN), direct=True
         )
         async with asyncio.timeout(WITHIN_S):
             took = await called - asked_at
@@ -232,8 +124,10 @@ async def _changes(lift: str, controller: Controller, rmf: Rmf, times: Times, co
 async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times:
     loop, times = asyncio.get_running_loop(), Times()
     controllers = {f"lift{number}": Controller() for number in range(1, chosen.lifts + 1)}
-    servers = {name: await loop.create_server(partial(_only, one), "127.0.0.1", 0) for name, one in controllers.items()}
-    site = _site(folder, {name: server.sockets[0].getsockname()[1] for name, server in servers.items()}, chosen.poll)
+    servers = {name: await loop.create_server(partial(only, one), "127.0.0.1", 0) for name, one in controllers.items()}
+    site = site_file(
+        folder, {name: server.sockets[0].getsockname()[1] for name, server in servers.items()}, chosen.poll
+    )
     rmf = Rmf(loop)
     onlooker = Onlooker(RosSettings.of(os.environ), rmf, lambda call: call())
     starting = contextlib.ExitStack()

@@ -250,7 +250,7 @@ def _parts(
     manager = building.manager
     yield from (link.run() for link in building.links)
     yield from manager.drives()
-    yield from (manager.remember(), manager.record(), building.metrics.run(), remind(loaded))
+    yield from (manager.record(), building.metrics.run(), remind(loaded))
     if keys is not None:
         yield keys.run(manager.note)
     if tls is not None:

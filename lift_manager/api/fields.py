@@ -75,6 +75,15 @@ Seconds = Annotated[float, AfterValidator(to_ms)]
 Door = Annotated[Side, Field(strict=False)]
 """A door by its name: a body that was decoded from JSON holds text, which strict would not take."""
 
+Recorded = Annotated[
+    bool,
+    Field(
+        description="Only in the answer to a request that changed something, and only as `false`: the change is in force, but was not on the"
+        " disk within 0.5 s, so a crash of the manager could still lose it.",
+        exclude_if=bool,
+    ),
+]
+
 
 def _name_of(value: object) -> object:
     return str(value) if isinstance(value, Holder) else value

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AwareDatetime, Field
 
-from lift_manager.api.fields import Answer, RequestModel, ShortName, Words
+from lift_manager.api.fields import Answer, Recorded, RequestModel, ShortName, Words
 from lift_manager.domain.service import Acknowledged, Cause, Drain, DrainEnded, ForceReleased, Lockout, LockoutEnded
 
 Name = Annotated[ShortName, Field(description="The person who says so.", examples=["M. Weber"])]
@@ -75,6 +75,7 @@ class AcknowledgedAnswer(Answer):
         description="`fire`: after a fire the lift was checked. `occupied`: no robot is in the car."
         " `contradiction`: the wiring and the map were checked."
     )
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, lift: str, said: Acknowledged) -> AcknowledgedAnswer:
@@ -89,6 +90,7 @@ class LockoutAnswer(Answer):
     by: str
     reason: str
     since: AwareDatetime
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, lift: str, lockout: Lockout) -> LockoutAnswer:
@@ -103,6 +105,7 @@ class LockoutEndedAnswer(Answer):
     by: str = Field(description="Who ended it.")
     at: AwareDatetime
     lockout: LockoutAnswer
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, lift: str, ended: LockoutEnded) -> LockoutEndedAnswer:
@@ -117,6 +120,7 @@ class DrainAnswer(Answer):
     by: str
     reason: str
     since: AwareDatetime
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, lift: str, drain: Drain) -> DrainAnswer:
@@ -131,6 +135,7 @@ class DrainEndedAnswer(Answer):
     by: str = Field(description="Who ended it.")
     at: AwareDatetime
     drain: DrainAnswer
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, lift: str, ended: DrainEnded) -> DrainEndedAnswer:
@@ -153,6 +158,7 @@ class ForceReleasedAnswer(Answer):
         default=0.0, description="In how many seconds the door is released and the session ends; 0 where that is done."
     )
     text: str = Field(description="What became of it, in a sentence for the person who said so.")
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, lift: str, released: ForceReleased) -> ForceReleasedAnswer:

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.fields import Answer, Door, RequestModel, Seconds, Words
+from lift_manager.api.fields import Answer, Door, Recorded, RequestModel, Seconds, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
 from lift_manager.domain import ride as rides
 from lift_manager.domain.ride import Guidance, Phase
@@ -80,6 +80,7 @@ class Ride(Answer):
     maybe_aboard: bool = Field(description="The robot may be in the car.")
     begun_at: AwareDatetime
     changed_at: AwareDatetime
+    recorded: Recorded = True
 
     @classmethod
     def of(cls, ride: rides.Ride) -> Ride:

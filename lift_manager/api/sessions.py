@@ -8,7 +8,7 @@ from pydantic import AwareDatetime, BeforeValidator, ConfigDict, Field, JsonValu
 from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
-from lift_manager.api.fields import Answer, Door, HolderName, RequestModel, Seconds, ShortName, Token
+from lift_manager.api.fields import Answer, Door, HolderName, Recorded, RequestModel, Seconds, ShortName, Token
 from lift_manager.domain.asking import RobotWord
 from lift_manager.domain.boarding import Who
 from lift_manager.domain.service import Advice, EndReason
@@ -184,6 +184,7 @@ class Session(Answer):
     waiting_for: str
     restored: bool = Field(description="From before a restart: nothing is pressed before its holder is heard.")
     over: Over | None = Field(description="null while it goes on.")
+    recorded: Recorded = True
 
 
 class Command(Answer):
@@ -201,3 +202,4 @@ class Command(Answer):
     )
     asked_at: AwareDatetime
     ended_at: AwareDatetime | None
+    recorded: Recorded = True

@@ -16,12 +16,12 @@ from zoneinfo import ZoneInfo
 import typer
 
 from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
-from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, state_path_of
+from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, store_path_of
 from lift_manager.config.site import Site
 from lift_manager.domain.journal import RowKind
+from lift_manager.store.chain import Stored
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
-from lift_manager.store.journal.chain import Stored
-from lift_manager.store.journal.read import (
+from lift_manager.store.read import (
     ALL,
     Follower,
     Wanted,
@@ -29,8 +29,7 @@ from lift_manager.store.journal.read import (
     open_journal,
     time_of,
 )
-from lift_manager.store.journal.verify import Chain, Seal, read_seal, verify
-from lift_manager.store.place import journal_path
+from lift_manager.store.verify import Chain, Seal, read_seal, verify
 
 LAST = 50
 """Rows of a table, where nobody says how many."""
@@ -210,8 +209,6 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
     yield f"rows    {chain.rows}, from {chain.first} to {newest.seq}"
     if chain.cut is not None:
         yield f"cut     rows up to {chain.cut.through} were cut, says row {chain.cut.anchor}"
-        if chain.cut.through >= chain.first:
-            yield f"        that cut is under way, and row {chain.first} itself cannot be verified"
         yield from _odd(source, chain)
     if seal is not None:
         yield f"noted   row {seal.seq} is the one that was noted"
@@ -226,7 +223,7 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
 def _odd(source: Source, chain: Chain) -> Iterator[str]:
     """Say that rows were cut which the site file keeps: that may have a good reason, and somebody should know it."""
     cut, oldest = chain.cut, chain.oldest
-    if source.site is None or cut is None or oldest is None or cut.through >= oldest.seq:
+    if source.site is None or cut is None or oldest is None:
         return
     keeps, megabytes = source.site.journal, source.path.stat().st_size / 1e6
     days = (cut.at - oldest.at) / _DAY_US
@@ -275,7 +272,7 @@ def _source(site: Path | None, journal: Path | None) -> Source:
     loaded = loaded_site(site)
     if journal is not None:
         return Source(journal, loaded.site, copy=True)
-    return Source(journal_path(state_path_of(loaded)), loaded.site, copy=False)
+    return Source(store_path_of(loaded), loaded.site, copy=False)
 
 
 def _lifts(source: Source) -> Iterable[str]:

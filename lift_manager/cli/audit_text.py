@@ -18,8 +18,8 @@ from rich.table import Table
 from rich.text import Text
 
 from lift_manager.domain.journal import Json, RowKind
-from lift_manager.store.journal.chain import Stored, canonical
-from lift_manager.store.journal.read import event_of, time_of
+from lift_manager.store.chain import Stored, canonical
+from lift_manager.store.read import event_of, time_of
 
 _JOINERS = "\u200c\u200d"
 """Unseen, but Persian and Indian scripts cannot be written without them."""

@@ -14,8 +14,8 @@ import typer
 from rich.console import Console
 
 from lift_manager.config.load import LoadedSite, load_site
-from lift_manager.store.errors import StateUnusable
-from lift_manager.store.place import state_path
+from lift_manager.store.errors import StoreUnusable
+from lift_manager.store.place import store_path
 from register_maps.errors import MapFileError
 from register_maps.load import LoadedMap, load
 
@@ -81,11 +81,11 @@ def loaded_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
         raise refused(error) from error
 
 
-def state_path_of(loaded: LoadedSite) -> Path:
+def store_path_of(loaded: LoadedSite) -> Path:
     """Return the file beside which everything of a site is kept, or say why there is none and exit with 1."""
     try:
-        return state_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
-    except StateUnusable as error:
+        return store_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
+    except StoreUnusable as error:
         raise fail(str(error)) from error
 
 

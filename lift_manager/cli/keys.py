@@ -12,7 +12,7 @@ from typing import Annotated, TextIO
 
 import typer
 
-from lift_manager.cli.common import SiteFile, fail, loaded_site, out, say, say_aside, state_path_of
+from lift_manager.cli.common import SiteFile, fail, loaded_site, out, say, say_aside, store_path_of
 from lift_manager.config.load import LoadedSite
 from lift_manager.domain.access import OF_SOME_LIFTS, Role
 from lift_manager.domain.keys import Key, holds_key
@@ -49,7 +49,7 @@ def make(
     """Make a key and print it, this once: the key on stdout, all else on stderr."""
     loaded = loaded_site(site)
     key = Key("", _checked(name), role, _lifts(loaded, role, lift or []))
-    path = keys_path(state_path_of(loaded))
+    path = keys_path(store_path_of(loaded))
     try:
         first = not read_keys(path, loaded.site.name).live
         made = make_key(path, loaded.site.name, key, by=_me(), at=datetime.now(UTC))
@@ -86,7 +86,7 @@ def _keep_to_owner(stream: TextIO) -> None:
 def list_keys(site: SiteFile) -> None:
     """List the keys of a site, live and revoked; never the keys themselves."""
     loaded = loaded_site(site)
-    path = keys_path(state_path_of(loaded))
+    path = keys_path(store_path_of(loaded))
     try:
         keys = read_keys(path, loaded.site.name).keys
     except KeysUnusable as error:
@@ -102,7 +102,7 @@ def revoke(
 ) -> None:
     """Revoke a key; it is refused within a second. A session that it holds ends with its lease, or by `lift-manager release`."""
     loaded = loaded_site(site)
-    path = keys_path(state_path_of(loaded))
+    path = keys_path(store_path_of(loaded))
     try:
         left = revoke_key(path, loaded.site.name, name, by=_me(), at=datetime.now(UTC))
     except KeysUnusable as error:

@@ -8,14 +8,16 @@ from pathlib import Path
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api
-from lift_manager.store.errors import KeysUnusable, StateUnusable
+from lift_manager.store.errors import KeysUnusable, StoreUnusable
 from lift_manager.store.keys import keys_path, read_kept_keys
-from lift_manager.store.place import state_path
-from lift_manager.store.state_file import read_state
+from lift_manager.store.place import store_path
+from lift_manager.store.site import read_site
 from lift_manager.web.errors import ListenError
 from lift_manager.web.origin import is_loopback
 from lift_manager.web.server import resolved
 from register_maps.errors import Finding
+
+_OUTPUTS_MAY_BE_ON = "until the manager starts nobody lets go of what an earlier one held: outputs may still be on at the lifts, so look at each of them"
 
 
 def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
@@ -23,10 +25,13 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
     yield from loaded.unusable
     site, file = loaded.site, str(loaded.path)
     try:
-        place = state_path(site.name, site.state, loaded.path, os.environ)
-        read_state(place, site.name, site.lifts.keys())
+        place = store_path(site.name, site.state, loaded.path, os.environ)
+        read_site(place, site.name, site.lifts.keys())
         keys = read_kept_keys(keys_path(place), site.name).live
-    except (StateUnusable, KeysUnusable) as error:
+    except StoreUnusable as error:
+        yield Finding(file, None, "", f"{error}; {_OUTPUTS_MAY_BE_ON}")
+        return
+    except KeysUnusable as error:
         yield Finding(file, None, "", str(error))
         return
     try:

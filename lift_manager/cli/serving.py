@@ -14,7 +14,7 @@ import typer
 
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
-from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, say, state_path_of
+from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, say, store_path_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
@@ -23,11 +23,12 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.rmf.dds import DdsError
 from lift_manager.rmf.ros_settings import RosSettings
+from lift_manager.store.adapter import RecordMemory
+from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
-from lift_manager.store.journal.writer import SqliteJournal, opened_journal
 from lift_manager.store.keys import KeyFile, keys_path
-from lift_manager.store.place import journal_path
-from lift_manager.store.state_file import StateFile, opened
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import opened
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
@@ -36,15 +37,11 @@ from register_maps.errors import MapFileError
 _log = logging.getLogger("lift_manager")
 
 
-OUTPUTS_MAY_BE_ON = "until the manager starts nobody lets go of what an earlier one held: outputs may still be on at the lifts, so look at each of them"
-
-
 @dataclass(frozen=True, slots=True)
 class Stores:
     """What of a site is on the disk."""
 
-    memory: StateFile
-    journal: SqliteJournal
+    committer: Committer
     keys: KeyFile
 
 
@@ -64,7 +61,7 @@ def serve(
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     allow_files()
-    loaded = loaded_site(site, for_rmf=rmf)
+    loaded = loaded_site(site)
     if loaded.unusable:
         raise refused(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):
@@ -73,14 +70,15 @@ def serve(
         _log.warning("%s", line)
     settings = settings_of_site(loaded.site.rmf) if rmf else None
     api = loaded.site.api
-    place = state_path_of(loaded)
+    place, keeps = store_path_of(loaded), loaded.site.journal
     try:
-        memory = opened(place, loaded.site.name, loaded.site.lifts.keys())
+        limits = Limits(keeps.keep_days, keeps.max_mb)
+        committer = opened(place, loaded.site.name, loaded.site.lifts.keys(), limits)
         sock = listen(api.host, api.port if port is None else port)
     except (StoreError, ListenError) as error:
         raise fail(str(error)) from error
     with sock:
-        stores = Stores(memory, _journal(loaded, place), _keys(loaded, place, sock))
+        stores = Stores(committer, _keys(loaded, place, sock))
         try:
             released = run(_serve(loaded, sock, stores, settings, stopped_early))
         except* DdsError as group:
@@ -89,15 +87,6 @@ def serve(
             raise fail(str(group.exceptions[0])) from group
     if not released:
         raise typer.Exit(1)
-
-
-def _journal(loaded: LoadedSite, place: Path) -> SqliteJournal:
-    """Open the journal of a site, or say why that is none and exit with 1."""
-    said, path = loaded.site.journal, journal_path(place)
-    try:
-        return opened_journal(path, loaded.site.name, keep_days=said.keep_days, max_mb=said.max_mb)
-    except StoreError as error:
-        raise fail(f"{error}; {OUTPUTS_MAY_BE_ON}") from error
 
 
 def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
@@ -130,5 +119,5 @@ async def _serve(
         if rmf is not None:
             say([f"Open-RMF lift adapter: {where_in_rmf(rmf)}"])
 
-    memory, journal, faces = stores.memory, stores.journal, running.Faces(stores.keys, rmf)
+    memory, journal, faces = RecordMemory(stores.committer), stores.committer, running.Faces(stores.keys, rmf)
     return await running.run(loaded, sock, stop=stop, ready=ready, memory=memory, journal=journal, faces=faces)

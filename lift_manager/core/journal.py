@@ -10,7 +10,7 @@ from typing import Protocol
 from lift_manager.domain.journal import Row
 
 Hears = Callable[[str], None]
-"""Told why rows cannot be written, once, and an empty text when they can be again."""
+"""Told why nothing can be written, once, and an empty text when it can be again."""
 
 
 class Journal(Protocol):
@@ -37,7 +37,7 @@ class Journal(Protocol):
         ...
 
     async def settled(self) -> None:
-        """Return once everything noted so far is on the disk; bound it with a timeout."""
+        """Return once everything noted and kept so far is on the disk; bound it with a timeout."""
         ...
 
 

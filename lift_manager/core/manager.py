@@ -77,12 +77,8 @@ class LiftManager(SiteSessions, SiteRides):
             tasks.create_task(self._rides.run())
             tasks.create_task(self._tell())
 
-    async def remember(self) -> None:
-        """Write down what people said until cancelled: for as long as anybody may say anything."""
-        await self._memory.run(self._not_written)
-
     async def record(self) -> None:
-        """Write the journal until cancelled: for as long as anything may be done."""
+        """Write journal and records until cancelled: for as long as anything may be done or said."""
         await self._journal.run(self._not_recorded)
 
     def note(self, row: Row) -> None:
@@ -146,7 +142,6 @@ class LiftManager(SiteSessions, SiteRides):
 
     async def settled(self) -> None:
         """Return once everything is written down; bound it with a timeout."""
-        await self._memory.settled()
         await self._journal.settled()
 
     def lift_names(self) -> tuple[str, ...]:
@@ -303,6 +298,3 @@ class LiftManager(SiteSessions, SiteRides):
             alarm = Alarm(lift, text or "journal: rows are written again; robots are taken as before")
             # not published: the journal has a row of its own for the whole site
             self._bus.hand_out(alarm)
-
-    def _not_written(self, lift: str, text: str) -> None:
-        self._bus.publish(Alarm(lift, text))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from asyncio import Future
 from collections.abc import Callable
 from datetime import UTC, datetime, tzinfo
@@ -13,9 +12,6 @@ from lift_manager.domain.service import Remembered
 Clock = Callable[[], datetime]
 """The time of day in the building, with its zone. Ages, leases and holds use it only across a restart."""
 
-Trouble = Callable[[str, str], None]
-"""Hears that what a lift must remember cannot be written: the lift, and why in words."""
-
 
 def wall_clock(zone: tzinfo | None = None) -> Clock:
     """Return the clock of this machine in a zone; None is the machine's own."""
@@ -23,7 +19,7 @@ def wall_clock(zone: tzinfo | None = None) -> Clock:
 
 
 class Memory(Protocol):
-    """What outlives the manager, by lift. Nothing but `run` and `settled` waits, so releases never wait for a disk."""
+    """What outlives the manager, by lift. Nothing here waits, so releases never wait for a disk; the journal's `run` does the writing."""
 
     @property
     def trouble(self) -> str:
@@ -42,15 +38,7 @@ class Memory(Protocol):
         ...
 
     def keep(self, lift: str, remembered: Remembered) -> None:
-        """Remember this from now on. It is recalled at once, and written by `run` soon."""
-        ...
-
-    async def run(self, trouble: Trouble) -> None:
-        """Write what is to be kept until cancelled; what cannot be written is tried again."""
-        ...
-
-    async def settled(self) -> None:
-        """Return once everything kept so far is written; bound it with a timeout."""
+        """Remember this from now on. It is recalled at once, and written soon."""
         ...
 
 
@@ -73,10 +61,3 @@ class ShortMemory:
     def keep(self, lift: str, remembered: Remembered) -> None:
         """Remember this."""
         self._lifts[lift] = remembered
-
-    async def run(self, trouble: Trouble) -> None:
-        """Have nothing to write."""
-        await asyncio.Event().wait()
-
-    async def settled(self) -> None:
-        """Have nothing to wait for."""

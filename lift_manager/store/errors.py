@@ -1,9 +1,10 @@
 """Every error the store raises on purpose.
 
 StoreError
-    StateUnusable           what was kept of a site cannot be relied on; the message names the file and what to do
-    JournalUnusable         rows cannot be added to a journal as it is; the message names the file and what to do
-        JournalOfAnother    it is of another site, or of a newer version of this program
+    StoreUnusable           what is kept of a site cannot be relied on, so nothing starts; the message names the file and what to do
+    CommitFailed            nothing can be written now; the message names the file, the reason and what to do
+        StoreDamaged        the file is not as a manager left it
+            StoreForeign    it is of another site, another program or a newer version of this one
     JournalUnreadable       a journal cannot be read; the message names the file, what is wrong and what to do
         JournalBusy         another program keeps it locked
         RowUnreadable       a row holds what no manager writes
@@ -20,16 +21,37 @@ class StoreError(Exception):
     """Root of everything that the store raises on purpose."""
 
 
-class StateUnusable(StoreError):
-    """What was kept of a site cannot be relied on; the message names the file and what to do."""
+class StoreUnusable(StoreError):
+    """What is kept of a site cannot be relied on, so nothing starts; the message names the file and what to do."""
 
 
-class JournalUnusable(StoreError):
-    """Rows cannot be added to a journal as it is; the message names the file and what to do."""
+class CommitFailed(StoreError):
+    """Nothing can be written now."""
+
+    def __init__(self, what: str, advice: str) -> None:
+        """Say what is wrong, in words that name the file, and what to do."""
+        super().__init__(f"{what}; {advice}")
+        self.what, self.advice = what, advice
 
 
-class JournalOfAnother(JournalUnusable):
-    """A journal is of another site, or of a newer version of this program: it is whole, and not this manager's to write to."""
+MOVE_AWAY = (
+    "while the manager runs, move it to another folder, with what is beside it under the same name and `-wal`, and keep it: the"
+    " manager then begins another with all that it remembers, which a restart before that would forget"
+)
+
+
+class StoreDamaged(CommitFailed):
+    """The file is not as a manager left it."""
+
+    def __init__(self, path: Path, what: str, advice: str = MOVE_AWAY) -> None:
+        """Say what is wrong in words that follow the name of the file."""
+        super().__init__(f"the store {path} {what}", advice)
+        self.path = path
+        self.of_file = what
+
+
+class StoreForeign(StoreDamaged):
+    """It is of another site, another program or a newer version of this one."""
 
 
 class JournalUnreadable(StoreError):

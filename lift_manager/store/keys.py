@@ -9,12 +9,12 @@ import os
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import MAXYEAR, MINYEAR, datetime
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from drivers.own_files import is_shared, open_own, read_own
 from drivers.thread import in_thread
@@ -22,8 +22,6 @@ from lift_manager.domain.access import Role
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.keys import Key, KeyRing, Secret, digest_of, token
 from lift_manager.store.errors import KeysUnusable
-from lift_manager.store.form import Head
-from lift_manager.store.form_part import Moment
 from lift_manager.store.place import SHARED, replace_file, unshared
 
 _log = logging.getLogger(__name__)
@@ -35,6 +33,16 @@ LOOK_EVERY_S = 0.5
 Id = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{8}$")]
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$"), Field(repr=False)]
 Note = Callable[[Row], None]
+
+
+def _in_any_zone(at: datetime) -> datetime:
+    if not MINYEAR < at.year < MAXYEAR:
+        raise ValueError(f"the year {at.year} cannot be")
+    return at
+
+
+Moment = Annotated[AwareDatetime, AfterValidator(_in_any_zone)]
+"""A time that can be shown in every zone."""
 
 
 class _Part(BaseModel):
@@ -70,8 +78,14 @@ class KeysForm(_Part):
         return tuple(entry for entry in self.keys if entry.revoked_at is None)
 
 
-class _Head(Head):
-    format: Literal["lift-manager keys"]  # type: ignore[assignment]  # another file than the state's
+class _Head(BaseModel):
+    """What every version of the file begins with."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore", strict=True)
+
+    format: Literal["lift-manager keys"]
+    version: int
+    site: str
 
 
 def keys_path(state: Path) -> Path:

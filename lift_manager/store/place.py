@@ -10,23 +10,18 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from drivers.own_files import make_own, open_own
-from lift_manager.store.errors import StateUnusable
+from lift_manager.store.errors import StoreUnusable
 
 
-def state_path(site: str, said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
+def store_path(site: str, said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
     """Return the file of a site; `said` is the folder that its site file names.
 
     In this order: the folder that systemd gives (`StateDirectory=`), the one of the site file, the user's own for states. The
-    end of the name tells apart sites whose names differ only in signs that a file name cannot have. Raises StateUnusable.
+    end of the name tells apart sites whose names differ only in signs that a file name cannot have. Raises StoreUnusable.
     """
     words = re.sub(r"[^0-9A-Za-z.]+", "-", site).strip("-.").lower()
     digest = hashlib.sha256(site.encode()).hexdigest()[:8]
-    return _folder(said, site_file, environ) / f"{words or 'site'}-{digest}.json"
-
-
-def journal_path(state: Path) -> Path:
-    """Return the journal that belongs to the file of a site."""
-    return state.with_suffix(".journal.db")
+    return _folder(said, site_file, environ) / f"{words or 'site'}-{digest}.db"
 
 
 def _folder(said: str | None, site_file: Path, environ: Mapping[str, str]) -> Path:
@@ -40,13 +35,13 @@ def _folder(said: str | None, site_file: Path, environ: Mapping[str, str]) -> Pa
         return Path.home() / ".local" / "state" / "lift-manager"
     except RuntimeError as error:
         text = "this user has no home folder to keep the state of the lifts in; name a folder with `state:` in the site file"
-        raise StateUnusable(text) from error
+        raise StoreUnusable(text) from error
 
 
 def claim(path: Path) -> int | None:
     """Keep other managers off a file until the descriptor that is returned is closed, or this process ends.
 
-    None where there can be no lock: whoever writes the file hears of such a folder. Raises StateUnusable if another process
+    None where there can be no lock: whoever writes the file hears of such a folder. Raises StoreUnusable if another process
     on this machine has it.
     """
     try:
@@ -58,7 +53,7 @@ def claim(path: Path) -> int | None:
         fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError) as error:
         os.close(lock)
-        raise StateUnusable(
+        raise StoreUnusable(
             f"another manager that runs on this computer serves a site of this name: stop that one first, for each would wipe out what people"
             f" said to the other in {path}; another site, with controllers of its own, needs another `name`"
         ) from error

@@ -6,9 +6,11 @@ import json
 from collections.abc import Mapping
 from typing import TypeVar
 
+from pydantic import BaseModel
 from starlette.responses import JSONResponse, Response
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
+from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.web.codes import title
 from lift_manager.web.errors import RequestError
@@ -21,6 +23,7 @@ KEPT_WITHIN_S = 0.5
 time that robots wait for an answer, and some fifty times what a write takes."""
 
 Granted = TypeVar("Granted")
+Model = TypeVar("Model", bound=BaseModel)
 
 _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 
@@ -30,6 +33,16 @@ def granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = No
     if isinstance(answer, Refused):
         raise RequestError(answer.code, answer.message, field=(fields or {}).get(answer.code), blocking=answer.blocking)
     return answer
+
+
+async def recorded(site: Facade, lift: str) -> bool:
+    """Wait until everything that was taken so far for a lift is on the disk, for KEPT_WITHIN_S at the most, and say whether it is."""
+    return await site.kept(lift, KEPT_WITHIN_S)
+
+
+def marked(changed: Model, *, recorded: bool) -> Model:
+    """Return the answer to a change, one with a field `recorded`, that tells whether the change is on the disk."""
+    return changed.model_copy(update={"recorded": recorded})
 
 
 def is_workshop(path: str) -> bool:

@@ -21,8 +21,9 @@ from lift_manager.api.people import (
     LockoutEndedAnswer,
     LockoutRequest,
 )
+from lift_manager.core.facade import Facade
 from lift_manager.web.access import caller
-from lift_manager.web.answers import granted
+from lift_manager.web.answers import Model, granted, marked, recorded
 from lift_manager.web.callers import Site, no_foreign_page, no_other_computer
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import LiftName, errors_of
@@ -71,7 +72,9 @@ async def acknowledge(lift: LiftName, request: Request, site: Site, body: Acknow
     So are all others while a robot may be in the car that a session left there. This says both. It is refused while the lift still tells
     of a fire, and while it cannot be read, for then nobody knows.
     """
-    return AcknowledgedAnswer.of(lift, granted(site.acknowledge(lift, _signed(request, body.by))))
+    return await _noted(
+        site, lift, AcknowledgedAnswer.of(lift, granted(site.acknowledge(lift, _signed(request, body.by))))
+    )
 
 
 @_action(
@@ -86,7 +89,7 @@ async def lock_out(lift: LiftName, request: Request, site: Site, body: LockoutRe
     released at once. A car that moves keeps robot mode until it stands.
     """
     lockout = granted(site.lock_out(lift, _signed(request, body.by), body.reason, at_once=body.now))
-    return LockoutAnswer.of(lift, lockout)
+    return await _noted(site, lift, LockoutAnswer.of(lift, lockout))
 
 
 @_action("/lockout/end", "Let robots on the lift again", "It is not locked out (`not_locked_out`).")
@@ -95,7 +98,9 @@ async def end_lockout(lift: LiftName, request: Request, site: Site, body: EndLoc
 
     Let only the person who made it do so, or who took the work over.
     """
-    return LockoutEndedAnswer.of(lift, granted(site.end_lockout(lift, _signed(request, body.by))))
+    return await _noted(
+        site, lift, LockoutEndedAnswer.of(lift, granted(site.end_lockout(lift, _signed(request, body.by))))
+    )
 
 
 @_action(
@@ -108,13 +113,15 @@ async def begin_drain(lift: LiftName, request: Request, site: Site, body: DrainR
 
     Every other request for a session is refused with this name and reason; rides wait in their queue. It survives a restart.
     """
-    return DrainAnswer.of(lift, granted(site.begin_drain(lift, _signed(request, body.by), body.reason)))
+    return await _noted(
+        site, lift, DrainAnswer.of(lift, granted(site.begin_drain(lift, _signed(request, body.by), body.reason)))
+    )
 
 
 @_action("/drain/end", "Let sessions begin again", "There is no drain (`not_draining`).")
 async def end_drain(lift: LiftName, request: Request, site: Site, body: EndDrainRequest) -> DrainEndedAnswer:
     """Ends the drain; rides that wait go on."""
-    return DrainEndedAnswer.of(lift, granted(site.end_drain(lift, _signed(request, body.by))))
+    return await _noted(site, lift, DrainEndedAnswer.of(lift, granted(site.end_drain(lift, _signed(request, body.by)))))
 
 
 @_action("/session/force-release", "Take a lift from its holder", "Nobody holds the lift (`not_held`).")
@@ -125,7 +132,11 @@ async def force_release(lift: LiftName, request: Request, site: Site, body: Forc
     later (`now`: at once).
     """
     released = granted(site.force_release(lift, _signed(request, body.by), body.reason, at_once=body.now))
-    return ForceReleasedAnswer.of(lift, released)
+    return await _noted(site, lift, ForceReleasedAnswer.of(lift, released))
+
+
+async def _noted(site: Facade, lift: str, changed: Model) -> Model:
+    return marked(changed, recorded=await recorded(site, lift))
 
 
 def _signed(request: Request, by: str) -> str:

@@ -17,7 +17,7 @@ from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.ride import RideLimits, RideWord
 from lift_manager.domain.state import Holder
 from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import KEPT_WITHIN_S, NO_STORE, granted
+from lift_manager.web.answers import NO_STORE, granted, marked, recorded
 from lift_manager.web.body import shown
 from lift_manager.web.callers import (
     RIDE_FACE,
@@ -219,8 +219,8 @@ async def _changed(site: Facade, changed: domain.Ride | Refused) -> Ride:
 
 async def _kept(site: Facade, ride: domain.Ride) -> Ride:
     """Return a ride as it is once what was said of it would be known after a crash."""
-    await site.kept(ride.lift, KEPT_WITHIN_S)
-    return Ride.of(site.ride(ride.id) or ride)
+    on_disk = await recorded(site, ride.lift)
+    return marked(Ride.of(site.ride(ride.id) or ride), recorded=on_disk)
 
 
 def _unknown(name: str) -> RequestError:

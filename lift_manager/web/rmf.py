@@ -12,7 +12,7 @@ from lift_manager.core.keeper import STOPPING
 from lift_manager.core.rmf_site import rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.rmf import rmf_holder
-from lift_manager.web.answers import KEPT_WITHIN_S, granted
+from lift_manager.web.answers import granted
 from lift_manager.web.callers import Site, no_foreign_page
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import EVERY_BODY, EVERY_CHANGE, EVERY_LIFT, NOT_FREE, LiftName, in_body, problems
@@ -71,7 +71,7 @@ async def wanted(
 ) -> RmfTaken:
     """The first one opens the session. Taken is not arrived: the site tells what became of it."""
     holder = rmf_holder(body.session_id, body.adapter)
-    return await _taken(site, lift, site.request(Ask(lift, holder, body.floor, body.hold_door, stays=True)))
+    return _taken(site, lift, site.request(Ask(lift, holder, body.floor, body.hold_door, stays=True)))
 
 
 @router.post(
@@ -87,12 +87,10 @@ async def ended(
     body: Annotated[RmfEndedRequest, in_body({"END_SESSION": {"session_id": "fleet/amr-7", "grace_s": 3.0}})],
 ) -> RmfTaken:
     """Of a session that is over already the answer is yes."""
-    return await _taken(site, lift, site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s))
+    return _taken(site, lift, site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s))
 
 
-async def _taken(site: Facade, lift: str, decided: Accepted | Refused) -> RmfTaken:
+def _taken(site: Facade, lift: str, decided: Accepted | Refused) -> RmfTaken:
     granted(decided, {Refusal.UNKNOWN_FLOOR: "floor"})
     site.freshen(lift)
-    answer = RmfTaken(boot=site.boot, event=site.newest)
-    await site.kept(lift, KEPT_WITHIN_S)
-    return answer
+    return RmfTaken(boot=site.boot, event=site.newest)

@@ -21,7 +21,7 @@ from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionRequest
 from lift_manager.web.access import turned_away
-from lift_manager.web.answers import KEPT_WITHIN_S, Granted, granted
+from lift_manager.web.answers import Granted, granted, marked, recorded
 from lift_manager.web.callers import (
     SESSION_FACE,
     Site,
@@ -182,12 +182,11 @@ async def open_session(
     refuse_shared_key(request, body.robot, body.idempotency_key)
     holder = holder_of(request, SESSION_FACE, body.robot)
     opened = granted(site.open_session(OpenSession(lift, holder, body.idempotency_key or "", body.ttl_s)))
-    await site.kept(lift, KEPT_WITHIN_S)
     if opened.anew:
         response.headers["location"] = f"sessions/{quote(opened.session.id, safe='')}"
     else:
         response.status_code = 200
-    return Session.model_validate(opened.session)
+    return await _recorded(site, opened.session)
 
 
 @router.post(
@@ -205,7 +204,7 @@ async def renew(
     ],
 ) -> Session:
     """The lease begins anew, as long as it was, or as long as `ttl_s` says. A session from before a restart goes on with it."""
-    return await _kept(site, site.renew_session(session.lift, session.id, session.holder, body.ttl_s))
+    return await _changed(site, site.renew_session(session.lift, session.id, session.holder, body.ttl_s))
 
 
 @router.post(
@@ -226,7 +225,7 @@ async def close(
 
     `robot: left` says that the robot is out; without it, a car that the robot may have entered stays `maybe occupied`.
     """
-    return await _kept(site, site.close_session(session.lift, session.id, session.holder, body.robot))
+    return await _changed(site, site.close_session(session.lift, session.id, session.holder, body.robot))
 
 
 @router.post(
@@ -249,7 +248,7 @@ async def hand_over(
     """
     refuse_heir(request, request.app.state.keys, body.to, session.lift)
     to = named(SESSION_FACE, body.to, body.robot)
-    return await _kept(site, site.hand_session_over(session.lift, session.id, session.holder, to))
+    return await _changed(site, site.hand_session_over(session.lift, session.id, session.holder, to))
 
 
 @router.post(
@@ -298,9 +297,9 @@ async def command(
         key=body.idempotency_key or "",
     )
     taken = _granted(site.ask_within(asked), {Refusal.UNKNOWN_FLOOR: "floor"})
-    await site.kept(session.lift, KEPT_WITHIN_S)
+    on_disk = await recorded(site, session.lift)
     response.headers["location"] = f"commands/{quote(taken.id, safe='')}"
-    return Command.model_validate(await _command(site, session, taken.id, wait_s))
+    return marked(Command.model_validate(await _command(site, session, taken.id, wait_s)), recorded=on_disk)
 
 
 async def _command(site: Facade, session: SessionInfo, number: str, wait_s: float) -> Followed:
@@ -309,10 +308,12 @@ async def _command(site: Facade, session: SessionInfo, number: str, wait_s: floa
     return _granted(site.followed(session.lift, session.id, session.holder, number))
 
 
-async def _kept(site: Facade, changed: SessionInfo | Refused) -> Session:
-    session = _granted(changed)
-    await site.kept(session.lift, KEPT_WITHIN_S)
-    return Session.model_validate(session)
+async def _changed(site: Facade, changed: SessionInfo | Refused) -> Session:
+    return await _recorded(site, _granted(changed))
+
+
+async def _recorded(site: Facade, session: SessionInfo) -> Session:
+    return marked(Session.model_validate(session), recorded=await recorded(site, session.lift))
 
 
 def _granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = None) -> Granted:

@@ -97,7 +97,7 @@ class Victim:
 
     @property
     def _journal(self) -> Path:
-        (path,) = self._state.glob("*.journal.db")
+        (path,) = self._state.glob("*.db")
         return path
 
     def live_and_die(self) -> None:
@@ -216,7 +216,7 @@ class Victim:
                     self._finding(f"the controller took {times} presses of {what}, and the journal has {rows[what]}")
             self._tally.presses += sum(write.on for write in writes[self._judged :])
         self._judged = len(writes)
-        if self._state.is_dir() and list(self._state.glob("*.journal.db")):
+        if self._state.is_dir() and list(self._state.glob("*.db")):
             ended = call("audit", self._site, "--verify")
             if ended.returncode:
                 self._finding(f"the journal does not verify: {ended.stdout}{ended.stderr}")

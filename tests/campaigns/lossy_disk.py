@@ -60,7 +60,13 @@ class Removed:
     name: str
 
 
-Event = Said | Wrote | CutTo | Flushed | Made | Removed
+@dataclass(frozen=True)
+class Renamed:
+    name: str
+    to: str
+
+
+Event = Said | Wrote | CutTo | Flushed | Made | Removed | Renamed
 
 
 def traced(command: list[str], folder: Path, cwd: Path) -> list[Event]:
@@ -111,8 +117,9 @@ def _event(call: str, arguments: str, folder: Path) -> Iterator[Event]:
             if path.parent == folder:
                 yield Removed(path.name)
         case "rename" | "renameat" | "renameat2":
-            if str(folder) in _text(arguments):
-                raise CannotTrace(f"files of a journal are not expected to be renamed: {_text(arguments)}")
+            old, new = (Path(bytes.fromhex(name.replace("\\x", "")).decode()) for name in _QUOTED.findall(arguments))
+            if old.parent == folder:
+                yield Renamed(old.name, new.name)
         case "write" | "pwrite64" | "ftruncate" | "fsync" | "fdatasync":
             yield from _of_file(call, arguments, folder)
         case _:
@@ -208,6 +215,9 @@ class LossyDisk:
                 if under[-1] is None:
                     under.append(_File())
             case Removed(name) if _counts(name):
+                self._names[name].append(None)
+            case Renamed(name, to) if (file := self._at(name)) is not None:
+                self._names.setdefault(to, [None]).append(file)
                 self._names[name].append(None)
             case Flushed(""):
                 self._names = {name: under[-1:] for name, under in self._names.items()}

@@ -1,10 +1,10 @@
-"""The power fails while the journal is written: at any write, with any part of what was not flushed.
+"""The power fails while the store is written: at any write, with any part of what was not flushed.
 
     python -m tests.campaigns.power_loss --losses 5000 --seed 1
 
 A writer runs under strace. For seeded moments the files are rebuilt as a disk may have them after a power loss: what was flushed is
-there, of everything else an arbitrary part in whole sectors. The journal must open there, verify, and hold every row that was
-answered before that moment. The next round goes on with one of these disks. Prints a verdict and exits 1 on a finding.
+there, of everything else an arbitrary part in whole sectors. The store must open there, verify, and hold every row that was
+answered before that moment, and the record that was committed with the newest press. The next round goes on with one of these disks. Prints a verdict and exits 1 on a finding.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from lift_manager.store.errors import JournalUnusable
-from lift_manager.store.journal.chain import Stored, row_hash, seed
-from lift_manager.store.journal.database import open_database
+from lift_manager.store.chain import Stored, row_hash, seed
+from lift_manager.store.database import open_database, read_head
+from lift_manager.store.errors import StoreError
+from lift_manager.store.sqlite import read_records
 from tests.campaigns.lossy_disk import Event, LossyDisk, Said, traced
 from tests.support.programs import ROOT
 
 SITE = "Main hospital"
-NAME = "site.journal.db"
+NAME = "site.db"
 WRITER = "tests.campaigns.power_loss_writer"
 LOSSES_PER_ROUND = 100
 SHOWN = 5
@@ -102,17 +103,24 @@ def _lose(events: list[Event], disk: LossyDisk, now: _Round, report: Report) -> 
 
 
 def _judged(path: Path, answered: set[int], report: Report) -> str | None:
-    """Say what is wrong with a journal after a loss, opened as a manager opens it."""
+    """Say what is wrong with a store after a loss, opened as a manager opens it."""
     try:
-        with closing(open_database(path, SITE, create=True)) as connection:
+        if not (records := read_records(path, SITE)) and not path.exists():
+            return f"{len(answered)} rows were answered, and there is no store" if answered else None
+        with closing(open_database(path, SITE)) as connection:
+            read_head(connection, path)
             if (whole := connection.execute("PRAGMA integrity_check").fetchall()) != [("ok",)]:
                 return f"damaged: {whole[:3]}"
             rows = [Stored(*row) for row in connection.execute("SELECT * FROM rows ORDER BY seq")]
-    except (sqlite3.DatabaseError, JournalUnusable) as error:
+    except (sqlite3.DatabaseError, OSError, StoreError) as error:
         return f"does not open: {error}"
     if (broken := _broken(rows)) is not None:
         return broken
-    there = {json.loads(row.data)["n"] for row in rows if row.kind == "press"}
+    presses = [json.loads(row.data)["n"] for row in rows if row.kind == "press"]
+    said = records["east"].acknowledged if records else None
+    if presses and (said is None or said.by != str(presses[-1])):
+        return f"press {presses[-1]} is the newest, and the record is {said}"
+    there = set(presses)
     cut = bool(rows) and rows[0].seq > 1
     report.cuts += cut
     report.unanswered += len(there - answered)
@@ -123,13 +131,12 @@ def _judged(path: Path, answered: set[int], report: Report) -> str | None:
 
 
 def _broken(rows: list[Stored]) -> str | None:
-    """Say which row does not follow from the one before; rows that an anchor lets go may have gone or not."""
+    """Say which row does not follow from the one before."""
     before = seed(SITE)
     if rows and rows[0].seq > 1:
         anchors = [json.loads(row.data) for row in rows if row.kind == "anchor"]
-        if not anchors:
+        if not anchors or anchors[-1]["through"] != rows[0].seq - 1:
             return f"begins with row {rows[0].seq} and says nowhere why"
-        rows = [row for row in rows if row.seq > anchors[-1]["through"]]
         before = bytes.fromhex(anchors[-1]["hash"])
     for row in rows:
         if row.hash != row_hash(before, row):

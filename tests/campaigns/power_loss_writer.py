@@ -1,4 +1,4 @@
-"""The program whose disk loses power: presses, and says each number once its row is on the disk.
+"""The program whose disk loses power: presses, and says each number once its row is on the disk, with a record that has the same number.
 
 python -m tests.campaigns.power_loss_writer FILE ROUND PRESSES [careless]
 
@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.journal.database import connect
-from lift_manager.store.journal.writer import opened_journal
+from lift_manager.domain.service import Acknowledged, Cause, Remembered
+from lift_manager.store.database import connect
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import opened
 
 SITE = "Main hospital"
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -37,13 +39,13 @@ def connect_carelessly(uri: str) -> sqlite3.Connection:
 
 async def main(path: Path, number: int, presses: int, *, careless: bool) -> None:
     at = START + number * timedelta(days=30)
-    kept = opened_journal(
-        path, SITE, keep_days=20, max_mb=500, clock=lambda: at, connect=connect_carelessly if careless else connect
-    )
+    connecting = connect_carelessly if careless else connect
+    kept = opened(path, SITE, ["east"], Limits(20, 500), clock=lambda: at, connect=connecting)
     running = asyncio.ensure_future(kept.run(lambda _: None))
     for press in range(PER_ROUND * number, PER_ROUND * number + presses):
         for _ in range(press % 4):  # commits of one row and of several
             kept.note(Row(RowKind.WRITE, "x" * 2_000, "east"))
+        kept.keep("east", Remembered(acknowledged=Acknowledged(str(press), at, (Cause.FIRE,))))
         why = await kept.before(Row(RowKind.PRESS, "about to press", "east", "rmf:robot1", {"n": press}))
         if why is not None:
             sys.exit(why)

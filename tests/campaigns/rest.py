@@ -32,7 +32,7 @@ from schemathesis.core.result import Ok
 from lift_manager.domain.access import OF_SOME_LIFTS, Role
 from lift_manager.domain.keys import Key
 from lift_manager.store.keys import keys_path, make_key
-from lift_manager.store.place import state_path
+from lift_manager.store.place import store_path
 from lift_manager.web.access_table import COLUMNS
 from tests.lift_manager.test_operate import Controller
 from tests.lift_manager.web.test_access_table import cells
@@ -153,7 +153,7 @@ def content(name: str, ports: Sequence[int]) -> dict[str, object]:
 
 
 def made(folder: Path, site: str, role: Role) -> str:
-    path = keys_path(state_path(site, "kept", folder / "site.yaml", {}))
+    path = keys_path(store_path(site, "kept", folder / "site.yaml", {}))
     lifts = (NAMED,) if role in OF_SOME_LIFTS else ()
     return make_key(path, site, Key("", f"the {role}", role, lifts), by="the campaign", at=datetime.now(UTC)).reveal()
 

@@ -6,7 +6,18 @@ from random import Random
 
 import pytest
 
-from tests.campaigns.lossy_disk import CannotTrace, CutTo, Flushed, LossyDisk, Made, Removed, Said, Wrote, traced
+from tests.campaigns.lossy_disk import (
+    CannotTrace,
+    CutTo,
+    Flushed,
+    LossyDisk,
+    Made,
+    Removed,
+    Renamed,
+    Said,
+    Wrote,
+    traced,
+)
 from tests.campaigns.power_loss import campaign
 from tests.support.programs import ROOT
 
@@ -21,7 +32,8 @@ os.ftruncate(handle, 3)
 os.close(handle)
 handle = os.open(folder, os.O_RDONLY)
 os.fsync(handle)
-os.unlink(f"{folder}/a")
+os.rename(f"{folder}/a", f"{folder}/b")
+os.unlink(f"{folder}/b")
 """
 
 
@@ -50,7 +62,8 @@ def test_what_a_program_does_to_its_files_is_seen_in_order(tmp_path: Path) -> No
         Said("done\n"),
         CutTo("a", 3),
         Flushed(""),
-        Removed("a"),
+        Renamed("a", "b"),
+        Removed("b"),
     ]
 
 
@@ -82,6 +95,17 @@ def test_what_was_flushed_is_there_and_of_the_rest_any_sectors_are(tmp_path: Pat
     disk.take(CutTo("a", 100))
     (tmp_path / "end").mkdir()
     assert found_after(disk, tmp_path / "end") == {both, both[:100]}
+
+
+def test_a_file_that_is_renamed_may_have_either_name_until_its_folder_was_flushed(tmp_path: Path) -> None:
+    (tmp_path / "begin").mkdir()
+    disk = LossyDisk(tmp_path / "begin")
+    for event in (Made("b"), Wrote("b", 0, b"1"), Flushed("b"), Renamed("b", "a")):
+        disk.take(event)
+    assert found_after(disk, tmp_path / "begin") == {None, b"1"}
+    disk.take(Flushed(""))
+    (tmp_path / "end").mkdir()
+    assert found_after(disk, tmp_path / "end") == {b"1"}
 
 
 def test_a_name_is_safe_only_once_its_folder_was_flushed(tmp_path: Path) -> None:

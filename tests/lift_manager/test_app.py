@@ -14,8 +14,8 @@ from drivers.modbus.settings import LinkSettings
 from lift_manager import app
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.site import Site
-from lift_manager.core.journal import ShortJournal
-from lift_manager.core.memory import ShortMemory, Trouble
+from lift_manager.core.journal import Hears, ShortJournal
+from lift_manager.core.memory import ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask
 from lift_manager.domain.hours import RobotHours, read_hours
@@ -218,25 +218,26 @@ def test_a_manager_that_only_watches_says_at_its_end_that_it_held_nothing(caplog
     assert "let go" not in caplog.text
 
 
-class WatchedMemory(ShortMemory):
+class BrokenMemory(ShortMemory):
+    """Has a bug."""
+
+    def keep(self, lift: str, remembered: Remembered) -> None:
+        raise ZeroDivisionError
+
+
+class WatchedJournal(ShortJournal):
     """Knows whether it is still being written, and what was heard of the port, when the end waits for it."""
 
-    def __init__(self, port: int, *, broken: bool) -> None:
+    def __init__(self, port: int) -> None:
         super().__init__()
         self._port = port
-        self._broken = broken
         self.is_written = False
         self.waited_while_written = False
 
-    def keep(self, lift: str, remembered: Remembered) -> None:
-        if self._broken:
-            raise ZeroDivisionError
-        super().keep(lift, remembered)
-
-    async def run(self, trouble: Trouble) -> None:
+    async def run(self, hears: Hears) -> None:
         self.is_written = True
         try:
-            await super().run(trouble)
+            await super().run(hears)
         finally:
             self.is_written = False
 
@@ -252,7 +253,7 @@ class WatchedMemory(ShortMemory):
             await asyncio.sleep(0.01)
 
 
-async def ended_by_a_fire(*, broken: bool) -> WatchedMemory:
+async def ended_by_a_fire(memory: ShortMemory, *, broken: bool) -> WatchedJournal:
     """Run a manager until a fire is to be kept in mind, and end it; with a broken memory it ends by itself."""
     codec = compiled("generic-registers")
     face = simulated_lift(codec, {"L1": 1, "L2": 2})
@@ -260,25 +261,27 @@ async def ended_by_a_fire(*, broken: bool) -> WatchedMemory:
     await plc.start()
     face.people(asyncio.get_running_loop().time(), Inputs(fire=True))
     with listen("127.0.0.1", 0) as sock:
-        memory, stop = WatchedMemory(sock.getsockname()[1], broken=broken), asyncio.Event()
+        journal, stop = WatchedJournal(sock.getsockname()[1]), asyncio.Event()
         if not broken:
             asyncio.get_running_loop().call_later(1.0, stop.set)
         try:
             async with asyncio.timeout(60):
-                await app.run(site_of(plc.port), sock, stop=stop, ready=lambda: None, memory=memory)
+                site = site_of(plc.port)
+                await app.run(site, sock, stop=stop, ready=lambda: None, memory=memory, journal=journal)
         except* ZeroDivisionError:
             assert broken
         finally:
             await plc.stop()
-    return memory
+    return journal
 
 
 @pytest.mark.parametrize("broken", [True, False])
 def test_what_people_say_is_written_until_the_end_also_after_a_bug_in_one_lift(
     caplog: pytest.LogCaptureFixture, *, broken: bool
 ) -> None:
-    memory = asyncio.run(ended_by_a_fire(broken=broken))
-    assert memory.waited_while_written
+    memory = BrokenMemory() if broken else ShortMemory()
+    journal = asyncio.run(ended_by_a_fire(memory, broken=broken))
+    assert journal.waited_while_written
     assert (memory.recall("lift").fire_since is None) is broken
     assert "is not on the disk" not in caplog.text  # the port was closed meanwhile
 

@@ -12,8 +12,9 @@ from lift_manager.app import Building, build
 from lift_manager.cli.logs import JsonFormatter
 from lift_manager.config.load import load_site
 from lift_manager.core.journal import Journal
-from lift_manager.store.journal.read import Wanted, event_of, open_journal
-from lift_manager.store.journal.writer import opened_journal
+from lift_manager.store.read import Wanted, event_of, open_journal
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import opened
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.fake import serving
 from tests.lift_manager.web.listening import Message, listening
@@ -34,10 +35,10 @@ def of_site(folder: Path, journal: Journal) -> Building:
 
 
 def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = tmp_path / "one.journal.db"
+    path = tmp_path / "one.db"
 
     async def main() -> list[Message]:
-        journal = opened_journal(path, "one id", keep_days=10, max_mb=10)
+        journal = opened(path, "one id", ["goods"], Limits(10, 10))
         manager = of_site(tmp_path, journal).manager
         recording = asyncio.ensure_future(manager.record())
         async with serving(make_app(manager)) as port, listening(port) as stream:

@@ -13,7 +13,7 @@ import httpx
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
-from lift_manager.store.place import state_path
+from lift_manager.store.place import store_path
 from tests.support.programs import Program, Started, call, eventually, free_port, run
 from tests.support.rows import each_row
 
@@ -133,22 +133,23 @@ def test_a_lockout_is_told_to_robots_survives_a_restart_and_is_ended_by_a_named_
 
 def test_a_damaged_state_stops_the_start_in_one_sentence(site: Site) -> None:
     site.manager.stop()
-    (file,) = site.kept.glob("*.json")
+    (file,) = site.kept.glob("*.db")
     file.write_bytes(file.read_bytes()[:40])
     second = run("serve", site.file, "--port", "0")
     assert second.returncode == 1
     (line,) = [line for line in second.stderr.splitlines() if "WARNING" not in line]
-    assert line.startswith(f"{file} is no state of a lift manager, or is damaged")
+    assert line.startswith(f"{file} is no store of a lift manager")
+    assert "so nothing starts without it" in line
     assert "Traceback" not in second.stderr
 
 
 def test_a_state_that_cannot_be_written_is_in_force_all_the_same(tmp_path: Path) -> None:
-    place = state_path(NAME, "kept", tmp_path / "site.yaml", {})
+    place = store_path(NAME, "kept", tmp_path / "site.yaml", {})
     beside = place.with_name(f"{place.name}.new")
     beside.mkdir(parents=True)
     with Started() as programs:
         site = Site(programs, tmp_path)
-        site.manager.logs("cannot be written to .*; it is in force")
+        site.manager.logs("what people say is in force but not kept over a restart")
         site.say("lockout", LIFT, "--by", "M. Weber", "--reason", "new ropes")
         assert "is locked out" in site.refuses()
         beside.rmdir()

@@ -19,7 +19,7 @@ from drivers.modbus.units import Unit
 from drivers.model import Outcome, Result
 from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Memory, ShortMemory, Trouble
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import Alarm, CommandEnded, Event, StateChanged
@@ -102,12 +102,6 @@ class MortalMemory:
     def keep(self, lift: str, remembered: Remembered) -> None:
         if not self.killed:
             self._memory.keep(lift, remembered)
-
-    async def run(self, trouble: Trouble) -> None:
-        await self._memory.run(trouble)
-
-    async def settled(self) -> None:
-        await self._memory.settled()
 
 
 @dataclass

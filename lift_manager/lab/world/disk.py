@@ -1,4 +1,4 @@
-"""A simulated disk, and a manager's memory and journal on it: commits take time, fail and hang. Time is the loop's.
+"""A simulated disk, and what a manager keeps on it: commits take time, fail and hang. Time is the loop's.
 
 On a virtual loop nothing waits in real time, and the time that a commit takes depends on its seed and the moment at which
 it begins alone: one commit more or less does not change how long the later ones take.
@@ -12,23 +12,27 @@ import math
 import os
 from asyncio import Future
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum, unique
 from functools import partial
+from pathlib import Path
 from random import Random
+from typing import TypeVar
 
 from lift_manager.core.journal import Hears
-from lift_manager.core.memory import Trouble
 from lift_manager.domain.journal import Row
 from lift_manager.domain.service import Remembered
-from lift_manager.store.journal.writer import ANSWER_S
-from lift_manager.store.journal.writer import RETRY_S as JOURNAL_RETRY_S
-from lift_manager.store.state_file import RETRY_S as STATE_RETRY_S
-from lift_manager.store.state_file import SLOW_S
+from lift_manager.store.adapter import RecordMemory
+from lift_manager.store.committer import Committer
+from lift_manager.store.outage import commit_failed
+from lift_manager.store.store import MemoryStore, Noted, Tended
 
 SLOT_S = 0.25
-"""Commits of one file that begin within one slot of this length take the same time. Chosen: about as long as the commits of a busy moment."""
+"""Commits that begin within one slot of this length take the same time. Chosen: about as long as the commits of a busy moment."""
+
+_WHERE = "of the simulated disk"
+
+Result = TypeVar("Result")
 
 
 @unique
@@ -54,22 +58,27 @@ class SimulatedDisk:
 
     def __init__(self, pace: Pace | None = None, *, seed: int = 0, keep: int = 10_000) -> None:
         """Keep the newest `keep` rows."""
-        self.states: dict[str, Remembered] = {}
-        self.rows: list[Row] = []
+        self.store = MemoryStore(keep)
+        """What was committed."""
         self.on_noted: list[Callable[[Row], None]] = []
         """Called with every row as soon as the manager has noted it."""
         self.on_committed: list[Callable[[Sequence[Row]], None]] = []
         """Called with the rows of each commit once they are on the disk."""
+        self.on_mended: list[Callable[[], None]] = []
+        """Called once when a fault has ended."""
         self._pace = pace
         self._seed = seed
-        self._keep = keep
         self._faults: list[DiskFault] = []
-        self._mended = asyncio.Event()
 
     @property
     def instant(self) -> bool:
         """Whether commits take no time."""
         return self._pace is None
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows that were committed."""
+        return [noted.row for noted in self.store.rows]
 
     def begin(self, fault: DiskFault) -> None:
         """Let something go wrong. Raises ValueError for a disk without a pace."""
@@ -80,261 +89,174 @@ class SimulatedDisk:
     def end(self, fault: DiskFault) -> None:
         """End one fault of this kind."""
         self._faults.remove(fault)
-        self._mended.set()
+        mended, self.on_mended = self.on_mended, []
+        for go_on in mended:
+            go_on()
 
-    def put_states(self, states: Mapping[str, Remembered]) -> None:
-        """Have these on the disk."""
-        self.states |= states
+    @property
+    def fails(self) -> bool:
+        """Whether anything is wrong with it now."""
+        return bool(self._faults)
 
-    def put_rows(self, rows: Sequence[Row]) -> None:
-        """Have these on the disk, behind the others."""
-        self.rows += rows
-        if len(self.rows) > 2 * self._keep:
-            del self.rows[: -self._keep]
-        for hear in self.on_committed:
-            hear(rows)
+    def has(self, fault: DiskFault) -> bool:
+        """Whether this is wrong with it now."""
+        return fault in self._faults
 
-    async def commit(self, file: str, put: Callable[[], None]) -> None:
-        """Wait for as long as the disk takes for this file, then `put` everything at once. Raises OSError where the disk fails.
-
-        A commit that is cancelled, as by the death of its process, has reached the disk or not.
-        """
-        begun = _now()
-        takes_s, luck = self._draw(file, begun)
-        try:
-            await asyncio.sleep(takes_s)
-            while DiskFault.HANGS in self._faults:
-                self._mended.clear()
-                await self._mended.wait()
-        except asyncio.CancelledError:
-            if not self._faults and _now() - begun > luck * takes_s:
-                put()
-            raise
-        if DiskFault.FULL in self._faults:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        put()
-
-    def _draw(self, file: str, now: float) -> tuple[float, float]:
+    def draw(self, now: float) -> tuple[float, float]:
+        """Return how long what begins now takes, and how much of that has to pass for a manager that is killed to have done it."""
         if self._pace is None:
             return 0.0, 0.0
-        chance = Random(f"{self._seed} {file} {math.floor(now / SLOT_S)}")  # noqa: S311 - seeded so that a run can be repeated
+        chance = Random(f"{self._seed} {math.floor(now / SLOT_S)}")  # noqa: S311 - seeded so that a run can be repeated
         least_s, most_s = self._pace.least_s, self._pace.most_s
         return least_s * (most_s / least_s) ** (chance.random() ** 2), chance.random()
 
 
-class DiskMemory:
-    """The Memory of one manager on a simulated disk; another manager needs another one."""
+class _OneManagersStore:
+    """Implements Store on a simulated disk, until its manager is killed."""
+
+    def __init__(self, disk: SimulatedDisk) -> None:
+        self.dropped = False
+        self._disk = disk
+
+    def load(self) -> Mapping[str, Remembered]:
+        return self._disk.store.load()
+
+    def commit(self, records: Mapping[str, Remembered], rows: Sequence[Noted]) -> bool:
+        if self.dropped:
+            return False
+        tend = self._disk.store.commit(records, rows)
+        for hear in self._disk.on_committed:
+            hear([noted.row for noted in rows])
+        return tend
+
+    def tail(self, count: int) -> Sequence[Noted]:
+        return self._disk.store.tail(count)
+
+    def tend(self, now: int, *, check: bool) -> Tended:
+        return self._disk.store.tend(now, check=check)
+
+    def close(self) -> None:
+        pass
+
+
+class DiskJobs:
+    """Carries out the calls of a store with the pace of a simulated disk, one after the other."""
 
     def __init__(self, disk: SimulatedDisk) -> None:
         self._disk = disk
-        self._kept = dict(disk.states)
-        self._versions: dict[str, int] = {}
-        """How often something was kept of each lift."""
-        self._committed: dict[str, int] = {}
-        """Which of these versions is on the disk."""
-        self._waiting: list[tuple[str, int, Future[None]]] = []
-        self._news = asyncio.Event()
-        self._why = ""
-        self._reported: set[str] = set()
-        self._dropped = False
+        self._waiting: list[Callable[[], None]] = []
+        """Each begins a job."""
+        self._break_off: Callable[[], None] | None = None
+        """Of the job under way."""
+        self._killed = False
+
+    def do(self, work: Callable[[], Result]) -> Future[Result]:
+        """Do a job; its result is there when the disk has taken as long as it takes, and CommitFailed where it fails."""
+        done: Future[Result] = asyncio.get_running_loop().create_future()
+        if self._killed:
+            done.cancel()
+            return done
+        self._waiting.append(partial(self._begin, work, done))
+        if self._break_off is None:
+            self._begin_next()
+        return done
+
+    def stop(self) -> None:
+        """End after the jobs that there are."""
+
+    def kill(self) -> None:
+        """Do nothing any more. What is under way has reached the disk or not."""
+        self._killed = True
+        self._waiting.clear()
+        if self._break_off is not None:
+            self._break_off()
+
+    def _begin_next(self) -> None:
+        self._break_off = None
+        if self._waiting:
+            self._waiting.pop(0)()
+
+    def _begin(self, work: Callable[[], Result], done: Future[Result]) -> None:
+        begun = _now()
+        takes_s, luck = self._disk.draw(begun)
+        timer = asyncio.get_running_loop().call_later(takes_s, self._finish, work, done)
+
+        def break_off() -> None:
+            timer.cancel()
+            if not self._disk.fails and _now() - begun > luck * takes_s:
+                work()
+            done.cancel()
+
+        self._break_off = break_off
+
+    def _finish(self, work: Callable[[], Result], done: Future[Result]) -> None:
+        if done.done():
+            return  # it was broken off
+        if self._disk.has(DiskFault.HANGS):
+            self._disk.on_mended.append(partial(self._finish, work, done))
+            return
+        if self._disk.has(DiskFault.FULL):
+            done.set_exception(commit_failed(Path(_WHERE), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+            done.exception()  # a manager that ends looks at it no more
+        else:
+            done.set_result(work())
+        self._begin_next()
+
+
+class DiskJournal:
+    """The Journal of one manager on a simulated disk, and its memory; another manager needs another one."""
+
+    def __init__(self, disk: SimulatedDisk) -> None:
+        self._disk = disk
+        self._killed = False
+        self._store = _OneManagersStore(disk)
+        self._jobs = DiskJobs(disk)
+        jobs = None if disk.instant else lambda: self._jobs
+        self._committer = Committer(self._store, _WHERE, self._store.load(), jobs=jobs)
+        self.memory = RecordMemory(self._committer)
 
     @property
     def trouble(self) -> str:
         """Why nothing can be written now; empty while it can."""
-        return f"the state cannot be written to the simulated disk ({self._why}); end its fault" if self._why else ""
+        return self._committer.trouble
 
     @property
     def unwritten(self) -> Mapping[str, Remembered]:
         """What a restart would forget, by lift."""
-        return {lift: self._kept[lift] for lift, version in self._versions.items() if version != self._on_disk(lift)}
+        there = self._disk.store.records
+        newest = self._committer.unwritten
+        return {lift: record for lift, record in newest.items() if record != there.get(lift, Remembered())}
 
     def drop(self) -> None:
-        """Write nothing any more: its manager was killed."""
-        self._dropped = True
-
-    def written(self, lift: str) -> Future[None] | None:
-        """Return what is done once everything kept of a lift so far is committed; None where it is already."""
-        version = self._versions.get(lift, 0)
-        if version == self._on_disk(lift):
-            return None
-        done: Future[None] = asyncio.get_running_loop().create_future()
-        self._waiting.append((lift, version, done))
-        return done
-
-    def recall(self, lift: str) -> Remembered:
-        """Return what was kept last."""
-        return self._kept.get(lift, Remembered())
-
-    def keep(self, lift: str, remembered: Remembered) -> None:
-        """Remember this, and have `run` write it."""
-        self._kept[lift] = remembered
-        self._versions[lift] = self._versions.get(lift, 0) + 1
-        if self._dropped:
-            return
+        """Write nothing any more: its manager is killed."""
         if self._disk.instant:
-            self._put({lift: self._versions[lift]}, {lift: remembered})
-        else:
-            self._news.set()
-
-    async def run(self, trouble: Trouble) -> None:
-        """Commit what is kept until cancelled; after a failure again after a pause, or with the next news."""
-        pause_s = STATE_RETRY_S[0]
-        loop = asyncio.get_running_loop()
-        while True:
-            if not self.unwritten:
-                self._news.clear()
-                await self._news.wait()
-            self._news.clear()
-            taken, versions = self.unwritten, dict(self._versions)
-            silence = loop.call_later(SLOW_S, self._report, taken, "the disk does not answer", trouble)
-            try:
-                await self._disk.commit("state", partial(self._put, versions, taken))
-            except OSError as error:
-                self._report(taken, error.strerror or str(error), trouble)
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(pause_s):
-                        await self._news.wait()
-                pause_s = min(2 * pause_s, STATE_RETRY_S[1])
-            else:
-                pause_s, self._why = STATE_RETRY_S[0], ""
-                self._reported.clear()
-            finally:
-                silence.cancel()
-
-    async def settled(self) -> None:
-        """Return once everything kept so far is committed."""
-        waiting = [done for lift in self.unwritten if (done := self.written(lift)) is not None]
-        if waiting:
-            await asyncio.wait(waiting)
-
-    def _on_disk(self, lift: str) -> int:
-        return self._committed.get(lift, 0)
-
-    def _put(self, versions: Mapping[str, int], states: Mapping[str, Remembered]) -> None:
-        self._disk.put_states(states)
-        self._committed |= versions
-        for lift, version, done in self._waiting:
-            if version <= self._on_disk(lift) and not done.done():
-                done.set_result(None)
-        self._waiting = [entry for entry in self._waiting if not entry[2].done()]
-
-    def _report(self, lifts: Mapping[str, Remembered], why: str, trouble: Trouble) -> None:
-        self._why = why
-        for lift in sorted(lifts.keys() - self._reported):
-            trouble(lift, f"state: what concerns {lift} cannot be written to the simulated disk ({why})")
-            self._reported.add(lift)
-
-
-class DiskJournal:
-    """The Journal of one manager on a simulated disk; another manager needs another one."""
-
-    def __init__(self, disk: SimulatedDisk) -> None:
-        self.trouble = ""
-        """Why no row can be written now; empty while rows can be written."""
-        self._disk = disk
-        self._queue: list[tuple[Row, Future[str | None] | None]] = []
-        """What is not on the disk, the commit under way included."""
-        self._settling: list[tuple[int, Future[None]]] = []
-        self._accepted = 0
-        self._committed = 0
-        self._news = asyncio.Event()
-        self._hears: Hears = lambda _: None
-        self._dropped = False
-
-    def drop(self) -> None:
-        """Write nothing any more: its manager was killed."""
-        self._dropped = True
-        self._queue.clear()
+            self._store.dropped = True
+        self._jobs.kill()
+        self._killed = True
 
     def note(self, row: Row) -> None:
-        """Have `run` write this down."""
-        self._accept(row, None)
+        """Have this written down."""
+        self._hear(row)
+        self._committer.note(row)
 
     def before(self, row: Row) -> Future[str | None]:
-        """Have this written down, and answer within ANSWER_S."""
-        loop = asyncio.get_running_loop()
-        answer: Future[str | None] = loop.create_future()
-        if self.trouble:
-            answer.set_result(self.trouble)
-            return answer
-        self._accept(row, answer)
-        if not answer.done():
-            late = loop.call_later(ANSWER_S, self._late, answer)
-            answer.add_done_callback(lambda _: late.cancel())
-        return answer
+        """Have this written down, and answer within a bounded time."""
+        if not self.trouble:
+            self._hear(row)
+        return self._committer.before(row)
 
     async def run(self, hears: Hears) -> None:
-        """Commit what is noted until cancelled, all that waits at once."""
-        self._hears = hears
-        pause_s = JOURNAL_RETRY_S[0]
-        first = True
-        while True:
-            if not (first or self._queue or self.trouble):
-                self._news.clear()
-                await self._news.wait()
-            first = False
-            batch = list(self._queue)
-            began = _now()
-            silence = asyncio.get_running_loop().call_later(ANSWER_S, self._fail, "the disk does not answer")
-            try:
-                await self._disk.commit("journal", partial(self._put, batch))
-            except OSError as error:
-                self._fail(error.strerror or str(error))
-                await asyncio.sleep(pause_s)
-                pause_s = min(2 * pause_s, JOURNAL_RETRY_S[1])
-                continue
-            finally:
-                silence.cancel()
-            if _now() - began < ANSWER_S:
-                pause_s = JOURNAL_RETRY_S[0]
-                if self.trouble:
-                    self.trouble = ""
-                    hears("")
+        """Commit until cancelled."""
+        await self._committer.run(hears)
 
     async def settled(self) -> None:
         """Return once everything noted so far is committed."""
-        if self._committed < self._accepted:
-            done: Future[None] = asyncio.get_running_loop().create_future()
-            self._settling.append((self._accepted, done))
-            await done
+        await self._committer.settled()
 
-    def _accept(self, row: Row, answer: Future[str | None] | None) -> None:
-        if self._dropped:
-            return
-        for hear in self._disk.on_noted:
-            hear(row)
-        self._accepted += 1
-        self._queue.append((row, answer))
-        if self._disk.instant:
-            self._put(list(self._queue))
-        else:
-            self._news.set()
-
-    def _put(self, batch: Sequence[tuple[Row, Future[str | None] | None]]) -> None:
-        self._disk.put_rows([row for row, _ in batch])
-        del self._queue[: len(batch)]
-        self._committed += len(batch)
-        for _, answer in batch:
-            if answer is not None and not answer.done():
-                answer.set_result(None)
-        for upto, done in self._settling:
-            if upto <= self._committed and not done.done():
-                done.set_result(None)
-        self._settling = [entry for entry in self._settling if not entry[1].done()]
-
-    def _fail(self, why: str) -> None:
-        text = f"no row can be written to the simulated disk ({why}); end its fault"
-        if not self.trouble:
-            self._hears(text)
-        self.trouble = text
-        for _, answer in self._queue:
-            if answer is not None and not answer.done():
-                answer.set_result(text)
-
-    @staticmethod
-    def _late(answer: Future[str | None]) -> None:
-        if not answer.done():
-            answer.set_result(f"the simulated disk has not answered for {ANSWER_S:g} s")
+    def _hear(self, row: Row) -> None:
+        if not self._killed:
+            for hear in self._disk.on_noted:
+                hear(row)
 
 
 def _now() -> float:

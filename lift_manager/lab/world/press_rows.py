@@ -46,7 +46,7 @@ class PressRows:
                 self._oracle.find(at, lift, "pressed before its row", text)
             self._fresh.discard(key)
             self._pressed.add(key)
-        kept = self._disk.states.get(lift)
+        kept = self._disk.store.records.get(lift)
         if commands & CALLS_OF_SESSIONS and (kept is None or kept.session is None):
             text = f"{', '.join(sorted(commands))}, and a restart would not know for whom"
             self._oracle.find(at, lift, "pressed before its session", text)

@@ -28,7 +28,7 @@ from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.decoding import Outputs, Raw
 from lift_manager.lab.world.device import Device, MemoryController
-from lift_manager.lab.world.disk import DiskFault, DiskJournal, DiskMemory, SimulatedDisk
+from lift_manager.lab.world.disk import DiskFault, DiskJournal, SimulatedDisk
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck, Witness
@@ -146,7 +146,6 @@ class World:
         """Whether every output was seen to be let go at the end."""
         self.disk = disk or SimulatedDisk(keep=JOURNAL_ROWS)
         """It outlives every manager."""
-        self._memory = DiskMemory(self.disk)
         self._journal = DiskJournal(self.disk)
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
@@ -244,6 +243,7 @@ class World:
 
     async def restart(self) -> None:
         """Kill the manager as `kill -9` does, letting go of nothing, and start it again with what it had written down."""
+        self._journal.drop()
         program, self._program = self._program, []
         for task in program:
             task.cancel()
@@ -252,10 +252,8 @@ class World:
             controller.hang_up()
         self._hearing.close()
         self._struck(Struck("manager", RESTART, began=True), ())
-        if forgotten := tuple(self._memory.unwritten):
+        if forgotten := tuple(self._journal.unwritten):
             self._struck(Struck("disk", Forgot(forgotten), began=True), ())
-        self._memory.drop()
-        self._journal.drop()
         self._build()
         self._start()
 
@@ -266,9 +264,9 @@ class World:
 
     def _build(self) -> None:
         # a manager of its own memory: what a killed one still hears of its presses changes nothing on the disk
-        self._memory, self._journal = DiskMemory(self.disk), DiskJournal(self.disk)
+        self._journal = DiskJournal(self.disk)
         building = app.build(
-            self.loaded, make_wire=self._wire, memory=self._memory, journal=self._journal, clock=self._clock
+            self.loaded, make_wire=self._wire, memory=self._journal.memory, journal=self._journal, clock=self._clock
         )
         self.manager = building.manager
         self.links = building.links
@@ -279,7 +277,7 @@ class World:
         self._ask_for_states()
         parts = [*(link.run() for link in self.links), *self.manager.drives(), self.manager.run()]
         if not self.disk.instant:
-            parts += [self.manager.remember(), self.manager.record()]
+            parts.append(self.manager.record())
         self._program = [self._tasks.create_task(part) for part in parts]
 
     def _heard(self, said: Occurrence) -> None:

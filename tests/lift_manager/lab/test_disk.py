@@ -6,37 +6,30 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from lift_manager.core.journal import Journal
-from lift_manager.core.memory import Memory
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.service import Remembered
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.disk import DiskFault, DiskJournal, DiskMemory, Pace, SimulatedDisk
+from lift_manager.lab.world.disk import DiskFault, DiskJobs, DiskJournal, Pace, SimulatedDisk
 from lift_manager.lab.world.world import BEGAN_AT
-from lift_manager.store.journal.writer import ANSWER_S
-from lift_manager.store.state_file import SLOW_S
+from lift_manager.store.committer import ANSWER_S, LINGER_S
 
 ROW = Row(RowKind.PRESS, "go_to L2 is to be pressed", "lift", data={"command": "go_to"})
+REQUEST = Row(RowKind.REQUEST, "asks for L2", "lift")
 FIRE = Remembered(fire_since=BEGAN_AT)
 QUICK = Pace(0.01, 0.01)
 
 
 @asynccontextmanager
-async def running(memory: Memory | None = None, journal: Journal | None = None) -> AsyncIterator[list[str]]:
-    """Let them write; gives what they tell about trouble."""
+async def running(journal: DiskJournal) -> AsyncIterator[list[str]]:
+    """Let it write; gives what it tells about trouble."""
     told: list[str] = []
-    tasks = []
-    if memory is not None:
-        tasks.append(asyncio.ensure_future(memory.run(lambda _, text: told.append(text))))
-    if journal is not None:
-        tasks.append(asyncio.ensure_future(journal.run(told.append)))
+    task = asyncio.ensure_future(journal.run(told.append))
     await elapse(0.1)
     try:
         yield told
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 def on_disk(check: Callable[[SimulatedDisk], Awaitable[None]], pace: Pace | None = QUICK) -> SimulatedDisk:
@@ -54,12 +47,12 @@ def test_a_commit_takes_the_same_time_however_many_there_were_before_it() -> Non
 
     async def one(disk: SimulatedDisk) -> None:
         await elapse(9.0 - asyncio.get_running_loop().time())
-        await disk.commit("state", lambda: None)
+        await DiskJobs(disk).do(lambda: None)
         took.append(asyncio.get_running_loop().time() - 9.0)
 
     async def many(disk: SimulatedDisk) -> None:
         for _ in range(3):
-            await disk.commit("state", lambda: None)
+            await DiskJobs(disk).do(lambda: None)
         await one(disk)
 
     slow = Pace(0.002, 2.0)
@@ -72,7 +65,7 @@ def test_a_commit_takes_the_same_time_however_many_there_were_before_it() -> Non
 def test_a_press_waits_for_its_commit_and_no_longer() -> None:
     async def check(disk: SimulatedDisk) -> None:
         journal = DiskJournal(disk)
-        async with running(journal=journal):
+        async with running(journal):
             answer = journal.before(ROW)
             await elapse(0.005)
             assert (answer.done(), disk.rows) == (False, [])
@@ -82,10 +75,40 @@ def test_a_press_waits_for_its_commit_and_no_longer() -> None:
     on_disk(check)
 
 
+def test_a_press_shares_the_commit_of_the_request_that_led_to_it() -> None:
+    commits: list[list[Row]] = []
+
+    async def check(disk: SimulatedDisk) -> None:
+        journal = DiskJournal(disk)
+        async with running(journal):
+            disk.on_committed.append(lambda rows: commits.append(list(rows)))
+            journal.memory.keep("lift", FIRE)
+            journal.note(REQUEST)
+            await elapse(LINGER_S / 2)
+            answer = journal.before(ROW)
+            await elapse(0.011)
+            assert answer.result() is None
+            assert disk.store.records == {"lift": FIRE}
+
+    on_disk(check)
+    assert commits == [[REQUEST, ROW]]
+
+
+def test_what_no_press_waits_for_is_committed_a_moment_later() -> None:
+    async def check(disk: SimulatedDisk) -> None:
+        journal = DiskJournal(disk)
+        async with running(journal):
+            journal.note(REQUEST)
+            await elapse(LINGER_S + 0.011)
+            assert disk.rows == [REQUEST]
+
+    on_disk(check)
+
+
 def test_a_full_disk_refuses_presses_with_its_reason_and_takes_the_rows_once_there_is_room() -> None:
     async def check(disk: SimulatedDisk) -> None:
         journal = DiskJournal(disk)
-        async with running(journal=journal) as told:
+        async with running(journal) as told:
             disk.begin(DiskFault.FULL)
             refused = journal.before(ROW)
             await elapse(0.1)
@@ -94,66 +117,64 @@ def test_a_full_disk_refuses_presses_with_its_reason_and_takes_the_rows_once_the
             disk.end(DiskFault.FULL)
             await elapse(60)
             assert told[1:] == [""]
-            assert (journal.trouble, disk.rows) == ("", [ROW])
+            assert (journal.trouble, disk.rows[0]) == ("", ROW)
 
     on_disk(check)
 
 
 def test_a_disk_that_hangs_is_trouble_after_a_bounded_time_and_commits_once_it_goes_on() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal, memory = DiskJournal(disk), DiskMemory(disk)
-        async with running(memory, journal) as told:
+        journal = DiskJournal(disk)
+        memory = journal.memory
+        async with running(journal) as told:
             disk.begin(DiskFault.HANGS)
             memory.keep("lift", FIRE)
             answer = journal.before(ROW)
             await elapse(ANSWER_S - 0.01)
             assert (answer.done(), memory.trouble) == (False, "")
-            await elapse(SLOW_S - ANSWER_S + 0.1)
-            assert "has not answered" in (answer.result() or "")
-            assert "does not answer" in journal.trouble
-            assert "does not answer" in memory.trouble
-            assert len(told) == 2
+            await elapse(0.1)
+            assert "did not reach" in (answer.result() or "")
+            assert "has not answered" in journal.trouble == memory.trouble
+            assert len(told) == 1
             assert memory.recall("lift") == FIRE
-            assert disk.states == {}
+            assert disk.store.records == {}
             disk.end(DiskFault.HANGS)
             await elapse(60)
             assert (journal.trouble, memory.trouble, memory.written("lift")) == ("", "", None)
-            assert (disk.states, disk.rows) == ({"lift": FIRE}, [ROW])
+            assert (disk.store.records, disk.rows[0]) == ({"lift": FIRE}, ROW)
 
     on_disk(check)
 
 
 def test_what_a_killed_manager_had_not_committed_is_forgotten() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        memory, journal = DiskMemory(disk), DiskJournal(disk)
-        async with running(memory, journal):
+        journal = DiskJournal(disk)
+        async with running(journal):
             disk.begin(DiskFault.HANGS)
-            memory.keep("lift", FIRE)
+            journal.memory.keep("lift", FIRE)
             journal.note(ROW)
             await elapse(1)
-        assert memory.unwritten == {"lift": FIRE}
-        memory.drop()
-        journal.drop()
-        memory.keep("lift", FIRE)
+            journal.drop()
+        assert journal.unwritten == {"lift": FIRE}
+        journal.memory.keep("lift", FIRE)
         journal.note(ROW)
         disk.end(DiskFault.HANGS)
-        assert DiskMemory(disk).recall("lift") == Remembered()
+        assert DiskJournal(disk).memory.recall("lift") == Remembered()
 
     assert on_disk(check).rows == []
 
 
 def test_what_a_killed_manager_says_later_changes_nothing_on_an_instant_disk() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        memory, journal = DiskMemory(disk), DiskJournal(disk)
-        memory.keep("lift", FIRE)
+        journal = DiskJournal(disk)
+        journal.memory.keep("lift", FIRE)
         assert journal.before(ROW).result() is None
-        memory.drop()
         journal.drop()
-        memory.keep("lift", Remembered())
+        journal.memory.keep("lift", Remembered())
         journal.note(ROW)
 
     disk = on_disk(check, pace=None)
-    assert (disk.states, disk.rows) == ({"lift": FIRE}, [ROW])
+    assert (disk.store.records, disk.rows) == ({"lift": FIRE}, [ROW])
 
 
 def test_an_instant_disk_cannot_fail() -> None:

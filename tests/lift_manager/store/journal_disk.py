@@ -1,6 +1,7 @@
 """Disks that are full, hang or cannot be written, made of real connections, and a look at what is on them."""
 
 import asyncio
+import json
 import sqlite3
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -11,17 +12,21 @@ from typing import Any
 
 from lift_manager.core.journal import Journal
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.journal.chain import Stored, row_hash, seed
-from lift_manager.store.journal.database import Connect, connect
-from lift_manager.store.journal.writer import SqliteJournal, opened_journal
+from lift_manager.store.chain import Stored, row_hash, seed
+from lift_manager.store.committer import Committer
+from lift_manager.store.database import Connect, connect
+from lift_manager.store.retention import Limits
+from lift_manager.store.site import opened
 
 SITE = "Main hospital"
+LIFTS = ("east", "Güter / 2")
 WITHIN_S = 20.0
 """Far more than anything here takes."""
 
 
-def journal(path: Path, connect: Connect = connect, **more: Any) -> SqliteJournal:
-    return opened_journal(path, SITE, connect=connect, **({"keep_days": 400, "max_mb": 500} | more))
+def journal(path: Path, connect: Connect = connect, **more: Any) -> Committer:
+    limits = Limits(more.pop("keep_days", 400), more.pop("max_mb", 500))
+    return opened(path, SITE, LIFTS, limits, connect=connect, **more)
 
 
 def press(number: int, text: str = "about to press the call to L3") -> Row:
@@ -36,24 +41,22 @@ def opened_raw(path: Path) -> Iterator[sqlite3.Connection]:
 
 def stored(path: Path) -> list[Stored]:
     """Read every row and see that number and hash of each follow from the one before."""
+    if not path.exists():
+        return []
     with opened_raw(path) as connection:
         rows = [Stored(*row) for row in connection.execute("SELECT * FROM rows ORDER BY seq")]
         assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
     before = seed(SITE)
     if rows and rows[0].seq > 1:
-        anchor = [row for row in rows if row.kind == RowKind.ANCHOR][-1]
-        with opened_raw(path) as connection:
-            said = connection.execute(
-                "SELECT json_extract(data, '$.through'), json_extract(data, '$.hash') FROM rows WHERE seq = ?",
-                (anchor.seq,),
-            ).fetchone()
-        rows = [row for row in rows if row.seq > said[0]]
-        before = bytes.fromhex(said[1])
-        assert rows[0].seq == said[0] + 1
+        said = json.loads([row for row in rows if row.kind == RowKind.ANCHOR][-1].data)
+        before = bytes.fromhex(said["hash"])
+        assert rows[0].seq == said["through"] + 1
     for number, row in enumerate(rows, rows[0].seq if rows else 1):
         assert row.seq == number
         assert row.hash == row_hash(before, row)
         before = row.hash
+    with opened_raw(path) as connection:
+        assert connection.execute("SELECT seq, hash FROM head").fetchone() == (rows[-1].seq if rows else 0, before)
     return rows
 
 

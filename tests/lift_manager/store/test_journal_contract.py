@@ -35,10 +35,10 @@ class Kept:
     """On the clock that the journal lives on."""
 
 
-@pytest.fixture(params=["short", "file", "simulated disk", "instant disk"])
+@pytest.fixture(params=["short", "store", "simulated disk", "instant disk"])
 def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Kept:
-    path = tmp_path / "site.journal.db"
-    if request.param == "file":
+    path = tmp_path / "site.db"
+    if request.param == "store":
         return Kept(
             journal(path),
             lambda: [(row.kind, row.text, json.loads(row.data)) for row in stored(path)],

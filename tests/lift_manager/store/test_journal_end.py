@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from lift_manager import app
+from lift_manager.store.adapter import RecordMemory
 from lift_manager.web.server import listen
 from simulator.server import SimulatedController
 from tests.lift_manager.store.journal_disk import Disk, Hanging, journal
@@ -56,7 +57,9 @@ async def ended(plc: SimulatedController, path: Path, hanging: Hanging) -> tuple
     with listen("127.0.0.1", 0) as sock:
         site = site_of(server.sockets[0].getsockname()[1])
         kept = journal(path, Disk(hanging))
-        running = asyncio.ensure_future(app.run(site, sock, stop=stop, ready=ready.set, journal=kept))
+        running = asyncio.ensure_future(
+            app.run(site, sock, stop=stop, ready=ready.set, journal=kept, memory=RecordMemory(kept))
+        )
         await ready.wait()
         await asyncio.to_thread(hold_the_door, sock.getsockname()[1])
         hanging.through.clear()
@@ -79,7 +82,7 @@ def test_a_silent_controller_and_a_hung_disk_together_leave_time_for_the_process
         plc = controller()
         await plc.start()
         try:
-            return await ended(plc, tmp_path / "site.journal.db", hanging)
+            return await ended(plc, tmp_path / "site.db", hanging)
         finally:
             hanging.through.set()
             await plc.stop()
@@ -89,4 +92,4 @@ def test_a_silent_controller_and_a_hung_disk_together_leave_time_for_the_process
     assert not released
     assert took_s < OUT_WITHIN_S - INTERPRETER_S
     assert "not every output could be verified" in caplog.text
-    assert "did not reach the journal" in caplog.text
+    assert "did not reach the store" in caplog.text

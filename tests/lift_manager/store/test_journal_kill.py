@@ -15,7 +15,7 @@ PRESSES = 1_000
 
 @pytest.mark.parametrize("seed", range(3))
 def test_every_press_that_was_answered_is_there_after_kill_9(tmp_path: Path, seed: int) -> None:
-    path, random, answered, written = tmp_path / "site.journal.db", Random(seed), list[int](), [-1]
+    path, random, answered, written = tmp_path / "site.db", Random(seed), list[int](), [-1]
     for _ in range(3):  # killed, started on what is left, killed again
         answered += killed_after(path, written[-1] + 1, random.randrange(1, 150), random.uniform(0, 0.004))
         written = numbers(path)

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.journal import RowKind
+from lift_manager.domain.journal import Row, RowKind
+from lift_manager.store.chain import Stored
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
-from lift_manager.store.journal.chain import Stored
-from lift_manager.store.journal.file import Entry, JournalFile
-from lift_manager.store.journal.read import (
+from lift_manager.store.read import (
     ALL,
     BATCH,
     Follower,
@@ -22,7 +21,9 @@ from lift_manager.store.journal.read import (
     open_journal,
     time_of,
 )
-from lift_manager.store.journal.retention import Limits
+from lift_manager.store.retention import Limits
+from lift_manager.store.sqlite import SqliteStore
+from lift_manager.store.store import Noted
 
 SITE = "Main hospital"
 T0 = 1_795_200_000_000_000
@@ -32,30 +33,31 @@ DAY = 86_400_000_000
 class Manager:
     """Writes a journal as the manager does; a row a second."""
 
-    def __init__(self, path: Path, keep_days: int = 400) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        self._file = JournalFile(path, SITE, Limits(keep_days=keep_days, max_mb=500))
+        self._store = SqliteStore(path, SITE, Limits(keep_days=1, max_mb=500))
         self._at = T0
 
     def write(self, *texts: str, lift: str = "east", kind: str = "press", caller: str = "workshop:r1") -> None:
-        entries = []
+        rows = []
         for text in texts:
-            entries.append(Entry(self._at, kind, lift, caller, text, "{}"))
+            rows.append(Noted(self._at, Row(RowKind(kind), text, lift, caller)))
             self._at += 1_000_000
-        self._file.write(entries)
+        self._store.commit({}, rows)
 
-    def cut_through(self, seq: int, digest: bytes) -> None:
-        self._file.write([Entry(self._at, "anchor", "", "", "rows go", f'{{"hash":"{digest.hex()}","through":{seq}}}')])
-        while self._file.tend(self._at, check=False).more:
-            pass
+    def cut_through(self, seq: int) -> None:
+        """Go on a day after this row, when those up to it are too old."""
+        check = True
+        while self._store.tend(T0 + DAY + seq * 1_000_000, check=check).more:
+            check = False
 
     def end(self) -> None:
-        self._file.close()
+        self._store.close()
 
 
 @pytest.fixture
 def manager(tmp_path: Path) -> Iterator[Manager]:
-    manager = Manager(tmp_path / "x.journal.db")
+    manager = Manager(tmp_path / "x.db")
     yield manager
     manager.end()
 
@@ -195,12 +197,9 @@ def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) 
 
 def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager: Manager) -> None:
     manager.write("a", "b", "c")
-    with open_journal(manager.path) as reader:
-        second = reader.row(2)
-    assert second is not None
     with following(manager) as follower:
         assert follower.news() == News()
-        manager.cut_through(2, second.hash)
+        manager.cut_through(2)
         assert follower.news().cut is None
         manager.end()
         assert follower.news() == News()
@@ -214,12 +213,9 @@ def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager:
     manager.write("a")
     with following(manager) as follower:
         manager.write("b", "c", "d")
-        with open_journal(manager.path) as reader:
-            third = reader.row(3)
-        assert third is not None
-        manager.cut_through(3, third.hash)
+        manager.cut_through(3)
         news = follower.news()
-        assert (texts(news), news.cut) == (["d", "rows go"], (2, 3))
+        assert (texts(news), news.cut) == (["d", "rows 1 to 3 go: they are too old"], (2, 3))
 
 
 def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager, tmp_path: Path) -> None:
@@ -227,7 +223,7 @@ def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager,
     with following(manager) as follower:
         assert follower.news() == News()
         manager.end()
-        for file in tmp_path.glob("x.journal.db*"):
+        for file in tmp_path.glob("x.db*"):
             file.rename(tmp_path / f"old-{file.name}")
         other = Manager(manager.path)
         other.write("as old as the last that was told", "x", "y")
@@ -246,7 +242,7 @@ def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(man
         manager.end()
         with closing(sqlite3.connect(manager.path)) as old, closing(sqlite3.connect(tmp_path / "copy")) as copy:
             old.backup(copy)
-        for file in tmp_path.glob("x.journal.db*"):
+        for file in tmp_path.glob("x.db*"):
             file.unlink()
         (tmp_path / "copy").rename(manager.path)
         again = Manager(manager.path)
@@ -288,10 +284,10 @@ def test_what_is_no_journal_is_told_in_words(tmp_path: Path) -> None:
     assert "is empty" in told("empty.db", b"")
     assert "is no journal, or is damaged (file is not a database)" in told("words.db", b"what people said " * 300)
     for name, pragmas, what in (
-        ("other.db", "PRAGMA application_id = 7", "a database, but no journal"),
-        ("newer.db", "PRAGMA application_id = 0x4C4A524E; PRAGMA user_version = 2", "use the newer program"),
-        ("older.db", "PRAGMA application_id = 0x4C4A524E; PRAGMA user_version = 0", "start `lift-manager serve`"),
-        ("bare.db", "PRAGMA application_id = 0x4C4A524E; PRAGMA user_version = 1", "damaged (no such table: about)"),
+        ("other.db", "PRAGMA application_id = 7", "is no store of a lift manager"),
+        ("newer.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 2", "reads versions up to 1"),
+        ("none.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 0", "does not say which version it is"),
+        ("bare.db", "PRAGMA application_id = 0x4C494654; PRAGMA user_version = 1", "damaged (no such table: about)"),
     ):
         with closing(sqlite3.connect(tmp_path / name)) as file:
             file.executescript(f"{pragmas}; CREATE TABLE x (y)")

@@ -4,17 +4,20 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
+from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.domain.boarding import KeptBoarding, Who
 from lift_manager.domain.contradictions import Contradiction, Distrust, Trust
 from lift_manager.domain.service import Acknowledged, Cause, Lockout, Occupied, Remembered
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder
-from lift_manager.lab.world.disk import DiskMemory, Pace, SimulatedDisk
-from lift_manager.store.state_file import opened
+from lift_manager.lab.world.disk import DiskJournal, Pace, SimulatedDisk
+from lift_manager.store.adapter import RecordMemory
+from tests.lift_manager.store.journal_disk import LIFTS, journal, written
 from tests.support.virtual_time import run_virtual
 
 Main = Callable[[], Coroutine[None, None, None]]
@@ -57,28 +60,40 @@ VALUES = [
     Remembered(session=EVERYTHING.session),
     Remembered(trust=EVERYTHING.trust),
 ]
-LIFTS = ("east", "Güter / 2")
 
 
-def no_trouble(lift: str, text: str) -> None:
-    raise AssertionError(f"{lift}: {text}")
+class Opened(NamedTuple):
+    """A memory and the journal that writes for it."""
+
+    memory: Memory
+    journal: Journal
 
 
-@pytest.fixture(params=["short", "file", "simulated disk", "instant disk"])
+Again = Callable[[], Opened]
+"""Makes the memory, or makes it again, as a restart of the manager does."""
+
+
+@pytest.fixture(params=["short", "store", "simulated disk", "instant disk"])
 def kind(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
 @pytest.fixture
-def again(kind: str, tmp_path: Path) -> Callable[[], Memory]:
-    """Make the memory, or make it again, as a restart of the manager does."""
-    if kind == "file":
-        return lambda: opened(tmp_path / "state.json", "Main hospital", LIFTS)
+def again(kind: str, tmp_path: Path) -> Again:
     if kind == "short":
-        short = ShortMemory()
+        short = Opened(ShortMemory(), ShortJournal())
         return lambda: short
     disk = SimulatedDisk(None if kind == "instant disk" else Pace(0.01, 2.0), seed=1)
-    return lambda: DiskMemory(disk)
+
+    def on_disk() -> Opened:
+        committer = journal(tmp_path / "site.db")
+        return Opened(RecordMemory(committer), committer)
+
+    def on_simulated_disk() -> Opened:
+        simulated = DiskJournal(disk)
+        return Opened(simulated.memory, simulated)
+
+    return on_disk if kind == "store" else on_simulated_disk
 
 
 @pytest.fixture
@@ -87,64 +102,61 @@ def run(kind: str) -> Callable[[Main], None]:
     return run_virtual if kind == "simulated disk" else lambda main: asyncio.run(main())
 
 
-async def written(memory: Memory) -> None:
-    """Let it write everything down."""
-    async with asyncio.timeout(10):
-        running = asyncio.ensure_future(memory.run(no_trouble))
-        await memory.settled()
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-
-
-def test_a_lift_that_nothing_was_kept_of_is_free(again: Callable[[], Memory]) -> None:
-    assert again().recall("east") == Remembered()
-    assert again().recall("of no site") == Remembered()
+def test_a_lift_that_nothing_was_kept_of_is_free(again: Again) -> None:
+    assert again().memory.recall("east") == Remembered()
+    assert again().memory.recall("of no site") == Remembered()
 
 
 @pytest.mark.parametrize("value", VALUES)
 def test_what_is_kept_is_recalled_at_once_and_after_a_restart(
-    again: Callable[[], Memory], run: Callable[[Main], None], value: Remembered
+    again: Again, run: Callable[[Main], None], value: Remembered
 ) -> None:
     async def main() -> None:
-        memory = again()
+        memory, journal = again()
         memory.keep("east", Remembered(fire_since=AT))
         memory.keep("east", value)
         assert memory.recall("east") == value
-        await written(memory)
-        assert again().recall("east") == value
+        await written(journal)
+        assert again().memory.recall("east") == value
 
     run(main)
 
 
-def test_each_lift_has_its_own(again: Callable[[], Memory], run: Callable[[Main], None]) -> None:
+def test_each_lift_has_its_own(again: Again, run: Callable[[Main], None]) -> None:
     async def main() -> None:
-        memory = again()
+        memory, journal = again()
         for lift, value in zip(LIFTS, VALUES[1:], strict=False):
             memory.keep(lift, value)
-        await written(memory)
-        assert [again().recall(lift) for lift in LIFTS] == VALUES[1:3]
+        await written(journal)
+        assert [again().memory.recall(lift) for lift in LIFTS] == VALUES[1:3]
         memory.keep(LIFTS[0], Remembered())
-        await written(memory)
-        assert [again().recall(lift) for lift in LIFTS] == [Remembered(), VALUES[2]]
+        await written(journal)
+        assert [again().memory.recall(lift) for lift in LIFTS] == [Remembered(), VALUES[2]]
 
     run(main)
 
 
-def test_nothing_to_write_is_settled_at_once(again: Callable[[], Memory], run: Callable[[Main], None]) -> None:
-    run(lambda: written(again()))
-
-
-def test_a_press_waits_for_nothing_once_everything_is_written(
-    again: Callable[[], Memory], run: Callable[[Main], None]
-) -> None:
+def test_a_press_waits_for_nothing_once_everything_is_written(again: Again, run: Callable[[Main], None]) -> None:
     async def main() -> None:
-        memory = again()
+        memory, journal = again()
         assert memory.written("east") is None
         memory.keep("east", EVERYTHING)
         waiting = memory.written("east")
-        await written(memory)
+        await written(journal)
         assert waiting is None or waiting.done()
         assert memory.written("east") is None
         assert memory.trouble == ""
+
+    run(main)
+
+
+def test_a_press_that_gave_up_waiting_is_forgotten(again: Again, run: Callable[[Main], None]) -> None:
+    async def main() -> None:
+        memory, journal = again()
+        memory.keep("east", EVERYTHING)
+        if (given_up := memory.written("east")) is not None:
+            given_up.cancel()
+        await written(journal)
+        assert memory.written("east") is None
 
     run(main)

@@ -19,8 +19,11 @@ from tests.support.virtual_time import elapse, run_virtual
 
 SESSION = "/api/v1/lifts/lift/sessions"
 WISH = {"lift": "lift", "from": "L1", "to": "L2", "robot": "amr-7"}
-WORDS = [(path, body) for path, body in CHANGES.items() if "by" not in (body or {})]
-"""All but what people say."""
+NEVER_WAIT = [
+    *((path, body) for path, body in CHANGES.items() if "/rmf/" in path),
+    ("/open-rmf/demo-lift/lift_request?lift_name=lift", {"floor": "L2", "door_state": 2}),
+]
+WORDS = [change for change in CHANGES.items() if change not in NEVER_WAIT]
 every_word = pytest.mark.parametrize(("path", "body"), WORDS)
 
 
@@ -56,10 +59,42 @@ def test_a_word_is_taken_at_once_and_answered_when_it_is_written_or_after_half_a
             await elapse(0.1)
             assert facade.changes, "it was not taken before it was written"
             assert not asking.done()
-            assert (await asking).is_success
+            answer = await asking
+            assert answer.is_success
+            # said only where a crash would forget what was taken
+            assert answer.json().get("recorded", True) is (disk_s == answered_s)
             assert asyncio.get_running_loop().time() - began == pytest.approx(answered_s, abs=0.01)
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(("path", "body"), NEVER_WAIT)
+def test_neither_the_workshop_nor_rmf_waits_for_the_disk(path: str, body: object) -> None:
+    async def main() -> None:
+        async with client(make_app(holding(60.0))) as ask:
+            began = asyncio.get_running_loop().time()
+            assert (await ask.post(path, json=body)).is_success
+            assert asyncio.get_running_loop().time() == began
+
+    run_virtual(main)
+
+
+def test_a_lockout_an_acknowledgement_and_a_drain_are_known_after_a_crash_right_behind_their_answer() -> None:
+    async def main() -> None:
+        memory = SlowMemory()
+        async with building("lift", memory=memory) as made, client(make_app(made.manager)) as ask:
+            lift = "/api/v1/lifts/lift"
+            await ask.post(f"{lift}/lockout", json={"by": "M. Weber", "reason": "new ropes"})
+            after_lockout = memory.crashed()
+            await ask.post(f"{lift}/drain", json={"by": "M. Weber", "reason": "new ropes"})
+            after_drain = memory.crashed()
+            await ask.post(f"{lift}/lockout/end", json={"by": "M. Weber"})
+            after_end = memory.crashed()
+        assert after_lockout.recall("lift").lockout is not None
+        assert after_drain.recall("lift").drain is not None
+        assert after_end.recall("lift").lockout is None
+
+    run_virtual(main, limit_s=9000)
 
 
 def test_what_is_answered_with_no_or_changes_nothing_waits_for_no_disk() -> None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sqlite3
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.errors import JournalUnusable
-from lift_manager.store.journal.chain import Stored, follows
-from lift_manager.store.journal.database import COLUMNS
+from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.store.errors import CommitFailed
 
 STEP_ROWS = 500
 """Rows that go at once, each time with an anchor of their own."""
@@ -48,7 +45,7 @@ class Aim(NamedTuple):
 
 
 def aim(connection: sqlite3.Connection, limits: Limits, now_us: int) -> Aim:
-    """Return what has to go now. Raises JournalUnusable for a row that says nothing of its age.
+    """Return what has to go now. Raises CommitFailed for a row that says nothing of its age.
 
     By age only a bite goes, and none soon after another: a clock that is wrong for an hour must not wipe out a year, however
     often the manager starts in that hour.
@@ -61,58 +58,31 @@ def aim(connection: sqlite3.Connection, limits: Limits, now_us: int) -> Aim:
     return Aim(older_than_us, round(_BELOW * most) if _used_bytes(connection) > most else most)
 
 
-def overdue(connection: sqlite3.Connection, aim: Aim) -> Row | None:
-    """Return the anchor that has to be written before the oldest rows may go, or None if nothing has to go.
+class Cut(NamedTuple):
+    """The oldest rows, which go."""
 
-    Raises JournalUnusable for rows that say nothing of their age or their hash.
-    """
+    through: int
+    anchor: Row
+    """Says so, and has the hash of the last one, from which the others are verified."""
+
+
+def next_cut(connection: sqlite3.Connection, aim: Aim) -> Cut | None:
+    """Return what goes next, or None if nothing has to go. Raises CommitFailed for rows that say nothing of their age or their hash."""
     found = connection.execute("SELECT seq, at FROM rows ORDER BY seq LIMIT ?", (STEP_ROWS,)).fetchall()
     oldest = [(seq, _time(seq, at)) for seq, at in found]
     # of the first rows those before the first that is young enough
     old = next((index for index, (_, at) in enumerate(oldest) if at >= aim.older_than_us), len(oldest))
     count = max(old, min(len(oldest), _too_many(connection, aim)))
     (newest,) = connection.execute("SELECT max(seq) FROM rows").fetchone()
-    if count == 0 or oldest[count - 1][0] == newest:  # the newest row is what the next one is chained to
+    if count == 0 or oldest[count - 1][0] == newest:
         return None
     first, through = oldest[0][0], oldest[count - 1][0]
     (hash_,) = connection.execute("SELECT hash FROM rows WHERE seq = ?", (through,)).fetchone()
     if not isinstance(hash_, bytes):
         raise _damaged(through)
-    return Row(
-        RowKind.ANCHOR,
-        f"rows {first} to {through} go: {_TOO_OLD if count == old else _TOO_LARGE}",
-        data={"through": through, "hash": hash_.hex(), "rows": count, "from": first},
-    )
-
-
-class CutStep(NamedTuple):
-    """What became of a step of a cut."""
-
-    cut: bool
-    refusal: str = ""
-    """Why the newest anchor is not believed."""
-
-
-def cut_step(connection: sqlite3.Connection) -> CutStep:
-    """Delete some of the rows that the newest anchor lets go, if it is as it was written and fits the rows."""
-    newest = f"SELECT {COLUMNS} FROM rows WHERE kind = 'anchor' ORDER BY seq DESC LIMIT 1"  # noqa: S608  constants
-    found = connection.execute(newest).fetchone()
-    if found is None:
-        return CutStep(cut=False)
-    anchor = Stored(*found)
-    (first,) = connection.execute("SELECT min(seq) FROM rows").fetchone()
-    through = _through(connection, anchor, first)
-    if through is None:
-        text = (
-            f"row {anchor.seq}, an anchor, is not as it was written, so nothing is cut on its word;"
-            " see what `lift-manager audit --verify` says of the journal"
-        )
-        # an anchor that has become the oldest row has nothing to let go
-        return CutStep(cut=False, refusal=text if first < anchor.seq else "")
-    if first > through:
-        return CutStep(cut=False)
-    connection.execute("DELETE FROM rows WHERE seq <= ?", (min(first + STEP_ROWS - 1, through),))
-    return CutStep(cut=True)
+    text = f"rows {first} to {through} go: {_TOO_OLD if count == old else _TOO_LARGE}"
+    data: dict[str, Json] = {"through": through, "hash": hash_.hex(), "rows": count, "from": first}
+    return Cut(through, Row(RowKind.ANCHOR, text, data=data))
 
 
 def shrink_step(connection: sqlite3.Connection) -> bool:
@@ -140,34 +110,15 @@ def _may_age(connection: sqlite3.Connection, now_us: int) -> bool:
     return isinstance(cut_us, int) and now_us - cut_us >= _BITE_EVERY_US
 
 
-def _through(connection: sqlite3.Connection, anchor: Stored, first: int) -> int | None:
-    """Return the newest row that an anchor lets go; None if the anchor is not as it was written, or does not fit the rows."""
-    rows = "SELECT hash FROM rows WHERE seq = ?"
-    before = connection.execute(rows, (anchor.seq - 1,)).fetchone()
-    if before is None or not follows(before[0], anchor):
-        return None
-    try:
-        said = json.loads(anchor.data)
-    except (ValueError, RecursionError):
-        return None
-    match said:
-        case {"through": int(through), "hash": str(digest)} if through < anchor.seq:
-            last = connection.execute(rows, (through,)).fetchone()
-            gone = through < first
-            fits = last is not None and isinstance(last[0], bytes) and last[0].hex() == digest
-            return through if gone or fits else None
-    return None
-
-
 def _time(seq: int, at: object) -> int:
     if not isinstance(at, int):
         raise _damaged(seq)
     return at
 
 
-def _damaged(seq: int) -> JournalUnusable:
+def _damaged(seq: int) -> CommitFailed:
     what = f"row {seq} holds what no manager writes"
-    return JournalUnusable(f"{what}; see what `lift-manager audit --verify` says of it")
+    return CommitFailed(what, "see what `lift-manager audit --verify` says of it")
 
 
 def _too_many(connection: sqlite3.Connection, aim: Aim) -> int:

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lift_manager.domain.journal import RowKind
+from lift_manager.store.chain import Stored, row_hash, seed
+from lift_manager.store.database import Head
 from lift_manager.store.errors import ChainBroken, JournalBusy, JournalUnreadable, RowUnreadable
-from lift_manager.store.journal.chain import Stored, row_hash, seed
-from lift_manager.store.journal.read import BATCH, Reader
+from lift_manager.store.read import BATCH, Reader
 
 _SEAL = re.compile(r"([0-9]{1,18}):([0-9a-fA-F]{16,64})(?:\s+from\s+([0-9]{1,18}))?")
 _HASH = re.compile(r"[0-9a-f]{64}")
@@ -100,7 +101,10 @@ class _Walk:
         """What is wrong with the beginning, unless the row that says so turns out to be the bad one."""
 
     def chain(self, first: int | None) -> Chain:
+        committed = self._head()
         if first is None:
+            if committed is not None and committed.seq:
+                raise ChainBroken(committed.seq, "is missing: it was the newest, and there are no rows")
             return Chain(0, None, 0, None)
         if first < 1:
             raise ChainBroken(first, "was put in: the numbers of a journal begin at 1")
@@ -115,12 +119,36 @@ class _Walk:
                 self._doubt = ChainBroken(first, f"does not follow the row at which {self._cut_words()}: {_OTHER_ROW}")
             else:
                 self._broken(ChainBroken(row.seq, problem))
-            if self._cut is not None and row.seq == self._cut.through and row.hash != self._cut.hash:
-                self._doubt = ChainBroken(row.seq, f"is not the row at which {self._cut_words()}: {_OTHER_ROW}")
+            if committed is not None and row.seq == committed.seq and row.hash != committed.hash:
+                self._broken(
+                    ChainBroken(row.seq, "is not the row that was committed as the newest: it was written anew")
+                )
+            if first == 1 and row.kind == RowKind.ANCHOR and self._read_cut(row.seq) is not None:
+                self._doubt = ChainBroken(first, f"was put in: anchor row {row.seq} says that it was cut")
             before, oldest, newest, rows = row.hash, oldest or row, row, rows + 1
         if self._doubt is not None:
             raise self._doubt
+        self._end(newest.seq if newest is not None else 0, 0 if committed is None else committed.seq)
         return Chain(rows, newest, first, self._cut, oldest)
+
+    def _head(self) -> Head | None:
+        """Return what the newest commit left; None where that cannot be read, which is told if the rows have nothing worse."""
+        try:
+            return self._reader.head()
+        except JournalBusy:
+            raise
+        except JournalUnreadable:
+            return None
+
+    def _end(self, newest: int, committed: int) -> None:
+        """Raise ChainBroken where rows were cut off at the end, or put behind the newest one, and JournalUnreadable."""
+        if newest < committed:
+            gone = _missing(newest + 1, committed)
+            raise ChainBroken(
+                newest + 1, f"{gone} missing: row {committed} was the newest, and the journal ends with row {newest}"
+            )
+        if newest > (committed := self._reader.head().seq):
+            raise ChainBroken(committed + 1, f"was put in: row {committed} was the newest")
 
     def _beginning(self, first: int) -> bytes | None:
         """Return the hash before the oldest row, None where it is not known."""
@@ -131,17 +159,20 @@ class _Walk:
             gone = _missing(1, first - 1)
             self._doubt = ChainBroken(1, f"{gone} missing, and no row of the kind `anchor` says that they were cut")
             return None
-        self._cut = self._read_cut(anchor)
-        if self._cut is None:
+        cut = self._read_cut(anchor)
+        if cut is None:
             self._doubt = ChainBroken(anchor, "is an anchor that does not say what was cut")
             return None
-        if self._cut.through < first - 1:
-            gone = _missing(self._cut.through + 1, first - 1)
-            self._doubt = ChainBroken(self._cut.through + 1, f"{gone} missing, and {self._cut_words()}, no further")
-            self._cut = None
+        self._cut = cut
+        if cut.through != first - 1:
+            words = self._cut_words()
+            if cut.through < first:
+                gone = _missing(cut.through + 1, first - 1)
+                self._doubt = ChainBroken(cut.through + 1, f"{gone} missing, and {words}, no further")
+            else:
+                self._doubt = ChainBroken(first, f"was put in: {words}")
             return None
-        # the cut may be under way: then rows that the anchor gives up are still there, and hang together by themselves
-        return self._cut.hash if self._cut.through == first - 1 else None
+        return cut.hash
 
     def _read_cut(self, anchor: int) -> Cut | None:
         try:
@@ -187,7 +218,7 @@ class _Walk:
         doubt = self._doubt
         if doubt is None:
             raise found
-        if self._cut is None or found.seq == self._cut.anchor:
+        if self._cut is None or self._cut.through != doubt.seq - 1 or found.seq == self._cut.anchor:
             # the doubt is about rows that are gone, and the bad row may be the one that told of them
             raise ChainBroken(found.seq, f"{found.what}; and {doubt}")
         raise doubt

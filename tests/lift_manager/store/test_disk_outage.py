@@ -6,7 +6,6 @@ import sqlite3
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC
 from pathlib import Path
 
 import pytest
@@ -14,15 +13,12 @@ import pytest
 from lift_manager.core.bus import Subscription
 from lift_manager.core.journal import Hears, ShortJournal
 from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import wall_clock
 from lift_manager.core.recording import RecordingBus
 from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.journal.file import JournalFile
-from lift_manager.store.journal.retention import Limits
-from lift_manager.store.journal.spell import CALM_COMMITS
-from lift_manager.store.journal.writer import SqliteJournal
-from tests.lift_manager.store.journal_disk import SITE, Disk, journal, press, read_only, stored, usual, writing
+from lift_manager.store.committer import Committer
+from lift_manager.store.outage import CALM_COMMITS
+from tests.lift_manager.store.journal_disk import Disk, journal, press, read_only, stored, usual, writing
 from tests.support.spine import spine
 from tests.support.virtual_time import run_virtual
 
@@ -50,15 +46,15 @@ class Slow:
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    return tmp_path / "site.journal.db"
+    return tmp_path / "site.db"
 
 
-def bounded(path: Path, disk: Disk) -> SqliteJournal:
+def bounded(path: Path, disk: Disk) -> Committer:
     """A journal that waits less long for its disk, so that a test need not."""
-    return SqliteJournal(JournalFile(path, SITE, Limits(400, 500), disk), wall_clock(UTC), answer_s=BOUND_S)
+    return journal(path, disk, answer_s=BOUND_S)
 
 
-async def busy_until_over(kept: SqliteJournal) -> None:
+async def busy_until_over(kept: Committer) -> None:
     """Note a row for each commit, so that nobody waits for a trial."""
     while kept.trouble:
         kept.note(press(100))

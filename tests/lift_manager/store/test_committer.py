@@ -1,4 +1,4 @@
-"""The journal on the disk: what it costs, what it does when the disk refuses, and that nothing is lost or told twice."""
+"""Commits to the disk: what they take with them, what happens when the disk refuses, and that nothing is lost or told twice."""
 
 import asyncio
 import json
@@ -6,7 +6,7 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from datetime import UTC, datetime
 from itertools import count
@@ -16,8 +16,12 @@ from typing import Any
 import pytest
 
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.journal.writer import ANSWER_S, END_S, SqliteJournal
+from lift_manager.domain.service import Remembered
+from lift_manager.store.committer import ANSWER_S, END_S, Committer
+from lift_manager.store.site import read_site
 from tests.lift_manager.store.journal_disk import (
+    LIFTS,
+    SITE,
     WITHIN_S,
     Disk,
     Hanging,
@@ -33,6 +37,8 @@ from tests.lift_manager.store.journal_disk import (
     writing,
     written,
 )
+from tests.lift_manager.store.test_memory_contract import EVERYTHING
+from tests.lift_manager.store.test_site_store import FIRE
 from tests.support.programs import eventually
 
 LARGE = "x" * 20_000
@@ -42,12 +48,16 @@ LARGE = "x" * 20_000
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """A file in a folder that is not there yet."""
-    return tmp_path / "var" / "lib" / "site.journal.db"
+    return tmp_path / "var" / "lib" / "site.db"
 
 
-async def trouble(kept: SqliteJournal, words: str) -> None:
+async def trouble(kept: Committer, words: str) -> None:
     """Wait until it says so."""
     await asyncio.to_thread(eventually, lambda: words in kept.trouble, WITHIN_S)
+
+
+def kept_of(path: Path) -> Mapping[str, Remembered]:
+    return read_site(path, SITE, LIFTS)
 
 
 @pytest.fixture
@@ -64,8 +74,8 @@ def test_the_files_are_for_their_user_alone(path: Path) -> None:
         async with writing(kept):
             assert await kept.before(press(1)) is None
             seen = {file.name: file.stat().st_mode & 0o777 for file in path.parent.iterdir()}
-            assert seen == {path.name + end: 0o600 for end in ("", "-wal", "-shm")}
-        assert list(path.parent.iterdir()) == [path]
+            assert seen == {path.name + end: 0o600 for end in ("", "-wal", "-shm", ".lock")}
+        assert sorted(path.parent.iterdir()) == [path, path.with_name(f"{path.name}.lock")]
 
     asyncio.run(main())
     assert path.parent.stat().st_mode & 0o777 == 0o700
@@ -121,6 +131,117 @@ def test_everything_that_waits_when_a_commit_begins_is_one_commit(path: Path, ha
     assert numbers(path) == list(range(102))
 
 
+def test_a_press_its_record_and_the_rows_before_it_are_one_commit(path: Path) -> None:
+    disk = Disk()
+
+    async def main() -> None:
+        kept = journal(path, disk)
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            disk.statements.clear()
+            kept.keep("east", FIRE)
+            kept.note(Row(RowKind.REQUEST, "L3", "east"))
+            session = kept.written("east")
+            assert await kept.before(press(1)) is None
+            assert session is not None
+            assert session.done()
+            assert disk.statements.count("COMMIT") == 1
+
+    asyncio.run(main())
+    assert [row.kind for row in stored(path)] == ["press", "request", "press"]
+    assert kept_of(path) == {"east": FIRE}
+
+
+def test_the_presses_of_several_lifts_at_once_are_one_commit_with_the_newest_record_of_each(
+    path: Path, hanging: Hanging
+) -> None:
+    async def main() -> None:
+        disk = Disk(hanging)
+        kept = journal(path, disk)
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            under_way = kept.before(press(1))
+            await asyncio.to_thread(hanging.hung.wait)
+            disk.statements.clear()
+            answers = []
+            for number, lift in enumerate(LIFTS):
+                kept.keep(lift, Remembered())
+                kept.keep(lift, EVERYTHING)
+                answers.append(kept.before(press(2 + number)))
+            kept.keep(LIFTS[0], FIRE)
+            hanging.through.set()
+            assert set(await asyncio.gather(under_way, *answers)) == {None}
+            assert disk.statements.count("BEGIN IMMEDIATE") == 1
+
+    asyncio.run(main())
+    assert kept_of(path) == {LIFTS[0]: FIRE, LIFTS[1]: EVERYTHING}
+
+
+def test_what_is_kept_during_a_commit_is_waited_for_until_the_next_one(path: Path, hanging: Hanging) -> None:
+    async def main() -> None:
+        kept = journal(path, Disk(hanging))
+        async with writing(kept):
+            assert await kept.before(press(0)) is None
+            hanging.through.clear()
+            kept.keep("east", EVERYTHING)
+            first = kept.written("east")
+            await asyncio.to_thread(hanging.hung.wait)
+            kept.keep("east", FIRE)
+            second = kept.written("east")
+            assert kept.written(LIFTS[1]) is None
+            assert first is not None
+            assert second is not None
+            begun, hanging.through, gate = hanging.through, threading.Event(), hanging.hung
+            gate.clear()
+            begun.set()
+            await first
+            assert not second.done()
+            assert kept_of(path) == {"east": EVERYTHING}
+            hanging.through.set()
+            await second
+            assert kept_of(path) == {"east": FIRE}
+
+    asyncio.run(main())
+
+
+def test_what_nobody_waits_for_is_committed_soon_all_the_same(path: Path) -> None:
+    async def main() -> None:
+        kept = journal(path)
+        async with writing(kept):
+            kept.keep("east", FIRE)
+            kept.note(press(1))
+            await asyncio.to_thread(eventually, lambda: path.exists() and numbers(path) == [1], WITHIN_S)
+        assert kept.unwritten == {}
+
+    asyncio.run(main())
+    assert kept_of(path) == {"east": FIRE}
+
+
+def test_a_disk_that_takes_nothing_leaves_what_is_kept_in_force_and_takes_the_newest_in_the_end(path: Path) -> None:
+    disk = Disk()
+
+    async def main() -> None:
+        kept = journal(path, disk)
+        async with writing(kept) as told:
+            assert await kept.before(press(0)) is None
+            disk.hook = read_only
+            kept.keep("east", EVERYTHING)
+            waiting = kept.written("east")
+            assert "what people say is in force but not kept over a restart" in await told.get()
+            assert kept.recall("east") == EVERYTHING
+            assert waiting is not None
+            assert not waiting.done()
+            kept.keep("east", FIRE)
+            disk.hook = usual
+            assert await told.get() == ""
+            await waiting
+            await kept.settled()
+
+    asyncio.run(main())
+    assert kept_of(path) == {"east": FIRE}
+
+
 def test_a_press_is_answered_only_after_its_commit(path: Path, hanging: Hanging) -> None:
     async def main() -> None:
         kept = journal(path, Disk(hanging))
@@ -157,7 +278,7 @@ def test_a_disk_that_refuses_is_told_once_and_everything_is_written_when_it_take
             refused = await kept.before(press(1, LARGE))
             why = await told.get()
             assert refused == why == kept.trouble
-            assert f"the journal {path} {words}" in why
+            assert f"the store {path} {words}" in why
             assert "until it can be written nothing is pressed, while releases and states go on" in why
             assert "it is tried again by itself" in why
             assert kept.before(press(2)).result() == why
@@ -207,7 +328,7 @@ def test_a_disk_that_is_read_only_is_known_before_the_first_press(path: Path) ->
 
 def test_a_folder_that_cannot_be_made_is_trouble_until_it_can(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
-    path = tmp_path / "file" / "site.journal.db"
+    path = tmp_path / "file" / "site.db"
 
     async def main() -> None:
         kept = journal(path)
@@ -233,7 +354,7 @@ def test_a_disk_that_hangs_is_told_in_time_and_what_it_writes_in_the_end_is_ther
             refused = await kept.before(press(1))
             assert time.monotonic() - begun < ANSWER_S + 1
             assert refused is not None
-            assert f"did not reach the journal {path} within 2 s" in refused
+            assert f"did not reach the store {path} within 2 s" in refused
             assert "the disk has not answered for 2 s" in await told.get()
             assert kept.before(press(2)).result() == kept.trouble
             kept.note(Row(RowKind.OUTCOME, "not pressed"))
@@ -471,6 +592,7 @@ def test_the_log_beside_the_file_is_carried_over_and_stays_small(path: Path) -> 
     async def main() -> None:
         kept = journal(path)
         async with writing(kept):
+            assert await kept.before(press(800)) is None
             with closing(sqlite3.connect(path)) as reader:
                 for number in range(800):
                     assert await kept.before(press(number, "x" * 500)) is None
@@ -480,4 +602,4 @@ def test_the_log_beside_the_file_is_carried_over_and_stays_small(path: Path) -> 
             assert log.st_size < 5_000_000
 
     asyncio.run(main())
-    assert numbers(path) == list(range(800))
+    assert numbers(path) == [800, *range(800)]

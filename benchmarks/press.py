@@ -1,0 +1,96 @@
+"""How long a request takes to the wire: from POST lift_request to the first byte of the call at the controller, journal included.
+
+    python benchmarks/press.py [--presses 12] [--rounds 5] [--other TREE] [--folder /var/lib/lift-manager]
+
+One manager in a process of its own (`serve`) with one controlled lift, one press after the other; this process plays the client and the
+controller, so that both ends of a time are read from one clock. With --other the manager of another source tree takes turns with this one,
+round by round, so that a busy machine slows both. Run it on the disk that the site has. It takes 12 s a round and ends by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import http.client
+import json
+import random
+import statistics
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
+
+from benchmarks.common import FLOOR_NAMES, ROOT, Controller, only, running, site_file
+
+PAUSE_S = (0.7, 1.1)
+"""Between two requests: a press lasts 0.5 s."""
+WITHIN_S = 30.0
+"""What takes longer is an error, and no measurement."""
+ATTEMPTS = 5
+"""For each press at the most."""
+
+
+def post(port: str, floor: str) -> bool:
+    """Ask for a floor by the workshop's API; False where that is refused, as on a computer too busy to read its lift in time."""
+    connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=WITHIN_S)
+    body = json.dumps({"floor": floor, "door_state": 2})
+    path = "/open-rmf/demo-lift/lift_request?lift_name=lift"
+    connection.request("POST", path, body, {"content-type": "application/json"})
+    said = json.loads(connection.getresponse().read())
+    connection.close()
+    return bool(said["success"])
+
+
+async def measured(tree: Path, folder: Path, presses: int) -> list[float]:
+    """Return what each press took, in milliseconds."""
+    controller, dice, took = Controller(), random.Random(1), []
+    server = await asyncio.get_running_loop().create_server(partial(only, controller), "127.0.0.1", 0)
+    site = site_file(folder, {"lift": server.sockets[0].getsockname()[1]}, 0.1)
+    manager = ExitStack()
+    try:
+        serve = running("serve", str(site), "--port", "0", says=r"http://[\d.]+:(\d+)/docs", tree=tree)
+        said = await asyncio.to_thread(manager.enter_context, serve)
+        for number in range(ATTEMPTS * presses):
+            code = 2 + number % 2
+            called, asked_at = controller.called(code), time.monotonic()
+            if await asyncio.to_thread(post, said[1], FLOOR_NAMES[code - 1]):
+                async with asyncio.timeout(WITHIN_S):
+                    wrote_at = await called
+                if number:  # the first one waits until the controller has granted robot mode
+                    took.append((wrote_at - asked_at) * 1e3)
+            if len(took) == presses:
+                break
+            await asyncio.sleep(dice.uniform(*PAUSE_S))
+    finally:
+        await asyncio.to_thread(manager.close)
+        server.close()
+    return took
+
+
+async def main(chosen: argparse.Namespace) -> None:
+    """Let the trees take turns, and print the median round of each."""
+    trees = {"this tree": ROOT} | ({} if chosen.other is None else {str(chosen.other): chosen.other.resolve()})
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in trees}
+    for _ in range(chosen.rounds):
+        for name, tree in trees.items():
+            with tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
+                took = sorted(await measured(tree, Path(folder), chosen.presses))
+            found[name].append((statistics.median(took), took[len(took) * 9 // 10]))
+    print(f"{chosen.rounds} rounds of {chosen.presses} presses: POST -> first byte of the call, ms")
+    print(f"{'':30}{'p50':>8}{'p90':>8}   p50 of each round")
+    for name, rounds in found.items():
+        p50, p90 = (statistics.median(column) for column in zip(*rounds, strict=True))
+        print(f"{name[-30:]:30}{p50:8.2f}{p90:8.2f}   {' '.join(f'{one:.2f}' for one, _ in rounds)}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--presses", type=int, default=12)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--other", type=Path, default=None, help="another source tree to compare with")
+    parser.add_argument("--folder", type=Path, default=None, help="a folder on the disk to be measured")
+    asyncio.run(main(parser.parse_args()))
