@@ -24,11 +24,10 @@ from typing import Any
 
 import pytest
 
-from drivers.driver import Permit, always
 from drivers.modbus.lift import ModbusLift
-from drivers.modbus.steps import Phase
-from drivers.model import Command, CommandKind, LiftReading, Outcome
+from drivers.model import Capabilities, Command, CommandKind, LiftReading, Outcome, OutputState
 from lift_manager.core.lift import LiftTask
+from lift_manager.core.outputs import LiftOutputs, Permit, always
 from lift_manager.domain import asking, events, journal_rows, service, session_requests
 from lift_manager.domain import state as states
 from lift_manager.lab.world.world import World
@@ -58,6 +57,15 @@ from tests.lift_manager.core.scripted import ScriptedDriver
 
 AT_A_TIME = 10
 INPUTS_SHOWN = 14
+STATUSES = {
+    OutputState.AT_REST: OutputStatus.AT_REST,
+    OutputState.REQUESTED: OutputStatus.DUE,
+    OutputState.ON: OutputStatus.ON,
+    OutputState.HELD: OutputStatus.HELD,
+    OutputState.LOST: OutputStatus.ON,
+    OutputState.RELEASING: OutputStatus.RELEASING,
+}
+"""As the core of today takes them: what is lost is still wanted."""
 Json = Any
 
 
@@ -83,13 +91,13 @@ class Shadow:
     ) -> None:
         self.task = task
         self.keeper = task._keeper
-        driver: Any = task._driver
-        self.driver = driver
-        self.config = config_of(task, driver)
+        self.outputs: LiftOutputs = task._outputs
+        capabilities = self.outputs.capabilities
+        self.config = config_of(task, capabilities)
         self.report = report
         self.trace = trace
         self.record: LiftRecord | None = None
-        self.commands = {name: command_of(name) for name in sorted(driver.capabilities.commands) if name != "heartbeat"}
+        self.commands = {name: command_of(name) for name in sorted(capabilities.commands) if name != "heartbeat"}
         self.durable = durable_of(self.config.name, task.remembered())
         self.depth = self.steps = 0
         self.over = False
@@ -156,19 +164,19 @@ class Shadow:
         self.entry(task.line, "join", lambda holder, _: inputs.JoinQueue(holder_of(holder)))
         self.entry(task.line, "leave", lambda holder: inputs.LeaveQueue(holder_of(holder)))
         self.entry(task, "state", lambda: None)
-        self.hook_driver()
+        self.hook_outputs()
 
-    def hook_driver(self) -> None:
-        driver: Any = self.driver
-        old_press, old_hold, old_release = driver.press, driver.hold, driver.let_go
-        old_keep, old_adopt = driver.keep, driver.adopt
+    def hook_outputs(self) -> None:
+        held: Any = self.outputs
+        old_press, old_hold, old_release = held.press, held.hold, held.let_go
+        old_keep, old_adopt = held.keep, held.adopt
 
         def press(command: Command, permit: Permit, begins: Permit = always) -> Future[Outcome]:
             asked = self.permit(command, permit, begins)
             future: Future[Outcome] = old_press(command, asked, begins)
             asked.future = future
             self.pressed.append((command, future))
-            if command.name in driver.capabilities.levels:
+            if command.name in held.capabilities.levels:
                 self.wanted = {one: may for one, may in self.wanted.items() if one.name != command.name}
                 self.wanted[command] = False
             return future
@@ -178,7 +186,7 @@ class Shadow:
                 self.wanted[command] = begin
             wanted = dict(self.wanted)
             old_hold(command, self.permit(command, permit), begin=begin)
-            self.wanted = wanted  # where the map requires what the lift does not give, the driver lets go by itself
+            self.wanted = wanted  # where the map requires what the lift does not give, they let go by themselves
 
         def let_go(command: Command) -> None:
             self.wanted = {one: may for one, may in self.wanted.items() if one.name != command.name}
@@ -193,7 +201,7 @@ class Shadow:
             self.wanted[command] = False
             old_adopt(command, self.permit(command, permit))
 
-        driver.press, driver.hold, driver.let_go, driver.keep, driver.adopt = press, hold, let_go, keep, adopt
+        held.press, held.hold, held.let_go, held.keep, held.adopt = press, hold, let_go, keep, adopt
 
     def permit(self, command: Command, permit: Permit, begins: Permit = always) -> "Asked":
         return Asked(self, command, permit, begins)
@@ -305,17 +313,10 @@ class Shadow:
         return Moment(asyncio.get_running_loop().time(), self.task._people.clock(), read_at)
 
     def status(self, command: Command) -> OutputStatus:
-        driver = self.driver
-        if driver.held(command):
-            return OutputStatus.HELD
-        if isinstance(driver, ModbusLift):
-            if driver._outputs.phase(command.name) in (Phase.ON, Phase.LEAVING):
-                return OutputStatus.ON
-        elif driver.given(command):
-            return OutputStatus.ON
-        if driver.given(command):
-            return OutputStatus.DUE
-        return OutputStatus.AT_REST if driver.at_rest(command) else OutputStatus.RELEASING
+        known = self.outputs._state(command.name)
+        if known in (OutputState.AT_REST, OutputState.RELEASING) and self.outputs.given(command):
+            return OutputStatus.DUE  # it waits to be written down
+        return STATUSES[known]
 
     # -- what comes out
 
@@ -340,7 +341,7 @@ class Shadow:
         self.same("presses", [str(one) for one, _ in self.pressed], [str(one.command) for one in presses])
         for (_, future), press in zip(self.pressed, presses, strict=False):
             self.ids[future] = press.id
-        if name != "stop":  # the driver is told to release everything right after it
+        if name != "stop":  # the outputs are told to release everything right after it
             self.compare_holds(moment)
         assert self.record is not None
         after = {name: self.status(command) for name, command in self.commands.items()}
@@ -364,7 +365,7 @@ class Shadow:
             for command, begin in self.wanted.items()
             if command.name in self.config.capabilities.commands
         }
-        given = {str(command) for command in self.wanted if self.driver.given(command)}
+        given = {str(command) for command in self.wanted if self.outputs.given(command)}
         old = {name: begin for name, begin in wanted.items() if name in declared or name in given}
         new = {name: hold.begin for name, hold in declared.items()}
         for name in [*old]:
@@ -418,18 +419,16 @@ def command_of(name: str) -> Command:
     return Command(CommandKind(kind), side=Side(side) if side else None)
 
 
-def config_of(task: LiftTask, driver: Any) -> LiftConfig:
+def config_of(task: LiftTask, capabilities: Capabilities) -> LiftConfig:
     options = task.options
-    mapped = driver._commands if isinstance(driver, ModbusLift) else {}
-    limits = {name: command.spec.max_hold_s for name, command in mapped.items()}
     return LiftConfig(
         name=options.name,
-        source=driver.source,
+        source=task._driver.source,
         floors=options.floors,
         doors_at=options.doors_at,
         control=options.control,
-        capabilities=driver.capabilities,
-        max_hold_s={name: limit for name, limit in limits.items() if limit is not None},
+        capabilities=capabilities,
+        max_hold_s=capabilities.max_hold_s,
         lease_s=options.lease_s,
         max_session_s=options.max_session_s,
         takeover_after_s=options.takeover_after_s,
