@@ -3,10 +3,10 @@
 import asyncio
 import json
 import sqlite3
-import threading
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from asyncio import Future
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
@@ -16,32 +16,49 @@ from lift_manager.core.manager import LiftManager
 from lift_manager.core.recording import RecordingBus
 from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.journal import Row, RowKind
-from lift_manager.store.committer import Committer
+from lift_manager.store.committer import ANSWER_S, Committer
 from lift_manager.store.outage import CALM_COMMITS
-from tests.lift_manager.store.journal_disk import Disk, journal, press, read_only, stored, usual, writing
+from lift_manager.store.retention import Limits
+from lift_manager.store.sqlite import SqliteStore
+from tests.lift_manager.store.journal_disk import SITE, Disk, journal, press, read_only, stored, usual, writing
 from tests.support.spine import spine
 from tests.support.virtual_time import run_virtual
 
-BOUND_S = 0.15
-SLOW_S, QUICK_S = 3 * BOUND_S, 0.0
+Result = TypeVar("Result")
+
+SLOW_S, QUICK_S = ANSWER_S + 0.5, 0.0
 
 
-@dataclass
-class Slow:
-    """Takes so long for each commit, and then `then_s` for every other; `done` is set once they are used up."""
+class SlowDisk:
+    """Carries out the calls of a real store, and says when it has taken as long as its commits should have."""
 
-    commits: list[float] = field(default_factory=list)
-    then_s: float = QUICK_S
-    count: int = 0
-    done: threading.Event = field(default_factory=threading.Event)
+    def __init__(self) -> None:
+        self.then_s = QUICK_S
+        """What commits take once the given ones are used up."""
+        self.commits: list[float] = []
+        self.count = 0
+        self._takes_s = 0.0
 
-    def __call__(self, connection: sqlite3.Connection, sql: str) -> None:
-        if sql != "COMMIT":
-            return
-        self.count += 1
-        if not self.commits:
-            self.done.set()
-        threading.Event().wait(self.commits.pop(0) if self.commits else self.then_s)
+    def slow(self, *commits: float, then_s: float = QUICK_S) -> None:
+        """Take so long for the commits that follow, and then `then_s` for every other."""
+        self.commits, self.then_s, self.count = list(commits), then_s, 0
+
+    def do(self, work: Callable[[], Result]) -> Future[Result]:
+        loop = asyncio.get_running_loop()
+        done: Future[Result] = loop.create_future()
+        self._takes_s = 0.0
+        result = work()
+        loop.call_later(self._takes_s, lambda: None if done.done() else done.set_result(result))
+        return done
+
+    def stop(self) -> None:
+        pass
+
+    def committing(self, connection: sqlite3.Connection, sql: str) -> None:
+        """See each statement before it is executed."""
+        if sql == "COMMIT":
+            self.count += 1
+            self._takes_s += self.commits.pop(0) if self.commits else self.then_s
 
 
 @pytest.fixture
@@ -49,9 +66,10 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "site.db"
 
 
-def bounded(path: Path, disk: Disk) -> Committer:
-    """A journal that waits less long for its disk, so that a test need not."""
-    return journal(path, disk, answer_s=BOUND_S)
+def kept_on(path: Path, disk: SlowDisk) -> Committer:
+    """Keep a journal there, on virtual time."""
+    store = SqliteStore(path, SITE, Limits(400, 500), Disk(disk.committing))
+    return Committer(store, str(path), store.load(), jobs=lambda: disk)
 
 
 async def busy_until_over(kept: Committer) -> None:
@@ -65,12 +83,12 @@ def told_by(path: Path, commits: Sequence[float]) -> list[str]:
     """Note one row on a disk that takes so long for its commits; returns what is told until it is over."""
 
     async def main() -> list[str]:
-        disk = Disk()
-        kept = bounded(path, disk)
+        disk = SlowDisk()
+        kept = kept_on(path, disk)
         heard: list[str] = []
         async with writing(kept) as told:
             assert await kept.before(press(0)) is None
-            disk.hook = Slow(list(commits))
+            disk.slow(*commits)
             kept.note(press(1))
             heard.append(await told.get())
             await busy_until_over(kept)
@@ -78,26 +96,26 @@ def told_by(path: Path, commits: Sequence[float]) -> list[str]:
                 heard.append(told.get_nowait())
         return heard
 
-    return asyncio.run(main())
+    return run_virtual(main)
 
 
 def test_a_commit_that_ended_too_late_is_no_recovery_and_nobody_has_to_hear_of_it_again(path: Path) -> None:
     async def main() -> None:
-        disk = Disk()
-        kept = bounded(path, disk)
+        disk = SlowDisk()
+        kept = kept_on(path, disk)
         async with writing(kept) as told:
             assert await kept.before(press(0)) is None
-            disk.hook = slow = Slow([SLOW_S] * 3, then_s=SLOW_S)
+            disk.slow(then_s=SLOW_S)
             kept.note(press(1))
             assert "the disk has not answered for" in await told.get()
             for number in range(4):
                 kept.note(press(2 + number))
                 await kept.settled()
-            assert slow.done.is_set()
+            assert disk.count >= 3
             assert kept.before(press(2)).result() == kept.trouble != ""
             assert told.empty()
 
-    asyncio.run(main())
+    run_virtual(main)
     assert {row.kind for row in stored(path)} == {"press"}
 
 
@@ -109,22 +127,22 @@ def test_a_disk_that_is_slow_every_other_time_does_not_flicker(path: Path) -> No
 
 def test_a_disk_that_is_silent_again_soon_has_to_be_in_time_twice_as_often(path: Path) -> None:
     async def main() -> list[int]:
-        disk = Disk()
-        kept = bounded(path, disk)
+        disk = SlowDisk()
+        kept = kept_on(path, disk)
         needed = []
         async with writing(kept) as told:
             assert await kept.before(press(0)) is None
             for number in range(2):
-                disk.hook = slow = Slow([SLOW_S])
+                disk.slow(SLOW_S)
                 kept.note(press(number + 1))
                 assert await told.get()
                 await busy_until_over(kept)
                 assert await told.get() == ""
-                needed.append(slow.count - 1)
+                needed.append(disk.count - 1)
                 await kept.settled()
         return needed
 
-    assert asyncio.run(main()) == [CALM_COMMITS, 2 * CALM_COMMITS]
+    assert run_virtual(main) == [CALM_COMMITS, 2 * CALM_COMMITS]
 
 
 def test_a_trouble_that_is_over_is_one_row_for_the_site_and_says_from_when_to_when_and_why(path: Path) -> None:
@@ -154,19 +172,19 @@ def test_while_nothing_waits_it_is_tried_with_a_real_write(path: Path) -> None:
     log = path.with_name(f"{path.name}-wal")
 
     async def main() -> None:
-        disk = Disk()
-        kept = bounded(path, disk)
+        disk = SlowDisk()
+        kept = kept_on(path, disk)
         async with writing(kept) as told:
             assert await kept.before(press(0)) is None
             before = log.stat().st_size
-            disk.hook = Slow([SLOW_S])
+            disk.slow(SLOW_S)
             kept.note(press(1))
             assert await told.get()
             assert await told.get() == ""
             page_and_head = 4096 + 24
             assert log.stat().st_size >= before + (1 + CALM_COMMITS) * page_and_head
 
-    asyncio.run(main())
+    run_virtual(main)
 
 
 class Troubled(ShortJournal):
