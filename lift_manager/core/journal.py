@@ -28,7 +28,8 @@ class Journal(Protocol):
     def before(self, row: Row) -> Future[str | None]:
         """Write this down, and tell when it is on the disk: None, or why it is not there (then nothing may be pressed).
 
-        Answers within a bounded time whatever the disk does. A row that is refused may still be written later.
+        All that Memory was given to keep before it is on the disk with it. Answers within a bounded time whatever the disk does.
+        A row that is refused may still be written later.
         """
         ...
 

@@ -158,7 +158,7 @@ class _Changes:
 
 
 class LiftLog:
-    """What one lift has in the journal. As its WriteLog: a press waits for its row, and for its session, to be on the disk."""
+    """What one lift has in the journal. As its WriteLog: a press waits for its row to be on the disk, and its session with it."""
 
     def __init__(self, lift: str, journal: Journal, memory: Memory) -> None:
         self._lift = lift
@@ -203,9 +203,7 @@ class LiftLog:
         self._requests.tell(self._holder)  # what was asked comes before what is pressed because of it
         if trouble := self._memory.trouble:
             return _answered(trouble)
-        row = self._journal.before(rows.pressing(self._lift, self._holder, command, frames, again=again))
-        session = self._memory.written(self._lift)
-        return row if session is None else _both(row, session)
+        return self._journal.before(rows.pressing(self._lift, self._holder, command, frames, again=again))
 
     def wrote(self, written: Written) -> None:
         """Note what reached the wire, or may have."""
@@ -278,21 +276,3 @@ def _answered(text: str | None) -> Future[str | None]:
     done: Future[str | None] = asyncio.get_running_loop().create_future()
     done.set_result(text)
     return done
-
-
-def _both(row: Future[str | None], session: Future[None]) -> Future[str | None]:
-    """Wait for a row and a session; a row that is refused needs no waiting."""
-    if row.done() and not row.cancelled() and row.result() is not None:
-        return row
-    both: Future[str | None] = asyncio.get_running_loop().create_future()
-
-    def look(_: object) -> None:
-        if both.done() or not row.done():
-            return
-        refusal = row.result()
-        if refusal is not None or session.done():
-            both.set_result(refusal)
-
-    row.add_done_callback(look)
-    session.add_done_callback(look)
-    return both

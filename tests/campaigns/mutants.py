@@ -188,7 +188,8 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "lift_manager/core/recording.py",
-                "        return row if session is None else _both(row, session)\n",
+                "        return self._journal.before(rows.pressing(self._lift, self._holder, command, frames, again=again))\n",
+                "        self._journal.before(rows.pressing(self._lift, self._holder, command, frames, again=again))\n"
                 "        return _answered(None)\n",
             ),
         ),
@@ -197,9 +198,9 @@ MUTANTS: tuple[Mutant, ...] = (
         "session before a press",
         (
             Edit(
-                "lift_manager/core/recording.py",
-                "        return row if session is None else _both(row, session)\n",
-                "        return row\n",
+                "lift_manager/store/committer.py",
+                "return _Batch(self.unwritten, list(self._queue), self._number)",
+                "return _Batch({}, list(self._queue), self._number)",
             ),
         ),
     ),
