@@ -61,7 +61,7 @@ def serve(
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     allow_files()
-    loaded = loaded_site(site)
+    loaded = loaded_site(site, for_rmf=rmf)
     if loaded.unusable:
         raise refused(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):
