@@ -75,8 +75,8 @@ def health_router(facade: LiftFacade) -> APIRouter:
         responses={
             200: _documented("They are.", _EXAMPLE),
             503: _documented(
-                "The journal or the state cannot be written: nothing is pressed, while letting go and states go on.",
-                {**_EXAMPLE, "ready": False, "journal": _NOT_WRITTEN},
+                "Journal and state cannot be written: nothing is pressed, while letting go and states go on.",
+                {**_EXAMPLE, "ready": False, "journal": _NOT_WRITTEN, "state": _NOT_WRITTEN},
             ),
         },
     )
