@@ -47,13 +47,15 @@ class Site:
         server = ModbusServer("127.0.0.1", modbus, no_block=True, data_bank=self.controller)
         server.start()
         start.callback(server.stop)
+        lift = {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}, "poll_s": 0.1}
+        lift["max_age_s"] = 10  # so that a busy computer takes no lift offline
         content = {
             "schema": 1,
             "name": NAME,
             "timezone": "Asia/Singapore",
             "state": "kept",
             "controllers": {"plc": {"host": "127.0.0.1", "port": modbus, "map": "generic-registers"}},
-            "lifts": {LIFT: {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}, "poll_s": 0.1}},
+            "lifts": {LIFT: lift},
         }
         self.kept = folder / "kept"
         self._start, self.file = start, folder / "site.yaml"
