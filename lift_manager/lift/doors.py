@@ -132,9 +132,11 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
 def keep_found(draft: Draft, session: Session, call: Call, observation: Observation) -> Session:
     """Keep a hold that a restart found on, as long as nothing says that the car has left; release any other one."""
     is_kept = draft.record.door_hold_found and session.hold_door
-    if not is_kept or has_departed(observation, call.floor):
+    departed = has_departed(observation, call.floor)
+    if not is_kept or departed:
         release_doors(draft)
-        return session
+        # once the car has left, a hold begins from the beginning
+        return replace(session, holding_since=None) if departed and session.holding_since is not None else session
     return hold_doors(draft, session, observation, call.floor, begin=False)
 
 
