@@ -288,7 +288,9 @@ class Serving:
         """
         session = self._spent(session, now)
         is_barred = barred(sight.values, self._able) is not None or self._is_for_nobody(session, sight, floor, now)
-        if session.hold_spent or is_barred:
+        # no robot was invited here, and none will be while our hold keeps the door from closing
+        must_close = sight.must_close and floor == session.floor and not session.stood_open
+        if session.hold_spent or is_barred or must_close:
             self._let_go_of_doors()
             if session.hold_spent:
                 self._button.let_go_of_door()
