@@ -243,7 +243,8 @@ class Rules:
         truth = book.truth
         told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
         here = None if truth is None else truth.open_at if told_by_doors else truth.at
-        lets_go = not ask.hold_door and truth is not None and here in (ask.floor, None)
+        # a session that stays wants the lift also without its door
+        lets_go = not (ask.hold_door or ask.stays) and truth is not None and here in (ask.floor, None)
         # between floors it is a call, if the manager has not seen the car where it is let go of; a robot inside lets go of nothing
         between = truth is not None and here is None
         if book.asked_since is not None and (not lets_go or between or ask.robot is RobotWord.IN_PLACE):

@@ -269,6 +269,15 @@ def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | 
     assert bool(oracle.excused) is isinstance(fault, Stopped)
 
 
+def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the_car_stands() -> None:
+    oracle, rules = book()
+    rules.looked(2.0, "lift", STANDS_OPEN)
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(5.0, replace(ask("L2"), hold_door=False, stays=True), Accepted())
+    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
+    assert found(oracle) == []
+
+
 @pytest.mark.parametrize("told_by_doors", [True, False])
 def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_the_car_is_there(
     told_by_doors: bool,
