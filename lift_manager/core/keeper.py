@@ -155,7 +155,8 @@ class SessionKeeper:
     @property
     def commanded(self) -> Commanded:
         """What of the session is on the lift."""
-        return Commanded(self.serving.call.now, pressed=self.serving.call.pressed or self.serving.doors.given)
+        pressed = self.serving.call.pressed or self.serving.doors.given
+        return Commanded(self.serving.call.now, pressed=pressed, stood_open=self.stood_open_at is not None)
 
     def restrictions(self) -> Restrictions:
         """Return what keeps robots off, and what the session waits for."""
@@ -187,6 +188,9 @@ class SessionKeeper:
                 self.say.doubt(kept.holder, *taken_up, self.handshake.occupied_by(None))
                 self.say.ended(kept.holder, *taken_up, self._advice())
             return
+        if self.people.remembered.trust.map_hash != self._able.map_hash:
+            # with another map an open door has shown nothing
+            taken_up = replace(taken_up, stood_open=False)
         self.session = taken_up
         self.book.begun(taken_up, kept.opened_at)
         self.opened = self._used_by = number

@@ -236,9 +236,11 @@ class Serving:
 
     def _keep_found(self, session: Session, call: Call, sight: Sight, permit: Permit, now: float) -> Session:
         """Keep a hold that a restart found on, as long as nothing says that the car has left; let go of any other one."""
-        if not (self._found_held and session.hold_door) or left(sight, call.floor):
+        has_left = left(sight, call.floor)
+        if not (self._found_held and session.hold_door) or has_left:
             self._let_go_of_doors()
-            return session
+            # once the car has left, a hold begins from the beginning
+            return replace(session, holding_since=None) if has_left and session.holding_since is not None else session
         return self._hold_open(session, sight, call.floor, permit, now, begin=False)
 
     def _await_word(self, session: Session, sight: Sight, permit: Permit, now: float) -> Session:
@@ -286,7 +288,9 @@ class Serving:
         """
         session = self._spent(session, now)
         is_barred = barred(sight.values, self._able) is not None or self._is_for_nobody(session, sight, floor, now)
-        if session.hold_spent or is_barred:
+        # no robot was invited here, and none will be while our hold keeps the door from closing
+        must_close = sight.must_close and floor == session.floor and not session.stood_open
+        if session.hold_spent or is_barred or must_close:
             self._let_go_of_doors()
             if session.hold_spent:
                 self._button.let_go_of_door()

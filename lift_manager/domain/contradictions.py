@@ -92,6 +92,8 @@ class Commanded:
     """The call of the session."""
     pressed: bool = False
     """That call, or the hold of a door at its floor, was pressed."""
+    stood_open: bool = False
+    """The door at its floor was believed to stand open for this session, with the map of today."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +278,9 @@ class _Step:
             return self._came_shut(), None
         pressed = given.pressed and given.call is not None and floor in (None, given.call.floor)
         opened_at = track.opened_at
-        if opened_at is None and pressed and track.shut_here and self._is_open():
+        # a break in the readings takes nothing from what the door has shown before it
+        shown = track.shut_here or (given.stood_open and track.floor is None)
+        if opened_at is None and pressed and shown and self._is_open():
             opened_at = self._at
         return self.is_shut or (pressed and track.shut_here), opened_at
 

@@ -72,7 +72,7 @@ def lift_state(seen: Seen, now: float) -> LiftState:
         not_visible=seen.able.not_visible,
         restrictions=seen.restrictions,
         waiting=seen.waiting,
-        ending=session is not None and session.ending,
+        ending=session is not None and session.ending and session.closing is None,
         releases_at=seen.releases_at,
         releases_in_s=None if seen.releases_at is None else max(0.0, seen.releases_at - now),
     )

@@ -114,7 +114,9 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
     config = draft.config
     session = spend_hold(draft, session)
     is_barred = barred_by(observation.values, config.capabilities) is not None
-    if session.hold_spent or is_barred or _is_for_nobody(draft, session, observation, floor):
+    # no robot was invited here, and none will be while our hold keeps the door from closing
+    must_close = observation.must_close and floor == session.floor and not session.opened_at_target
+    if session.hold_spent or is_barred or must_close or _is_for_nobody(draft, session, observation, floor):
         release_doors(draft)
         if not session.hold_spent:
             call_press.interrupt_call(draft)
@@ -132,9 +134,11 @@ def hold_doors(draft: Draft, session: Session, observation: Observation, floor: 
 def keep_found(draft: Draft, session: Session, call: Call, observation: Observation) -> Session:
     """Keep a hold that a restart found on, as long as nothing says that the car has left; release any other one."""
     is_kept = draft.record.door_hold_found and session.hold_door
-    if not is_kept or has_departed(observation, call.floor):
+    departed = has_departed(observation, call.floor)
+    if not is_kept or departed:
         release_doors(draft)
-        return session
+        # once the car has left, a hold begins from the beginning
+        return replace(session, holding_since=None) if departed and session.holding_since is not None else session
     return hold_doors(draft, session, observation, call.floor, begin=False)
 
 

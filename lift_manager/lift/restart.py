@@ -232,7 +232,8 @@ def _restored(config: LiftConfig, saved: SavedSession, draft: Draft) -> Session:
         opened_at=monotonic(saved.opened_at),
         opened_clock=saved.opened_at,
         lease_from=monotonic(saved.lease_from),
-        opened_at_target=saved.opened_at_target,
+        # with another map an open door has shown nothing
+        opened_at_target=saved.opened_at_target and draft.record.durable.trust.map_hash == config.capabilities.map_hash,
         holding_since=None if saved.holding_since is None else monotonic(saved.holding_since),
         hold_spent=saved.hold_spent,
         is_restored=True,

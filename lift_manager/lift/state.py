@@ -132,7 +132,7 @@ def state(config: LiftConfig, record: LiftRecord, moment: Moment) -> LiftState:
         not_visible=config.capabilities.not_visible,
         restrictions=restrictions(config, record, moment),
         waiting=len(queue.waiting(record.queue, now)),
-        ending=session is not None and session.is_ending,
+        ending=session is not None and session.ended_by_holder,
         releases_at=released_at,
         releases_in_s=None if released_at is None else max(0.0, released_at - now),
     )

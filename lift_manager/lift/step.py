@@ -228,7 +228,9 @@ def _judged(draft: Draft, observation: Observation, at: float) -> tuple[Observat
     """Return an observation with what speaks against its open door, and what people should know of that."""
     config, record = draft.config, draft.record
     pressed = (record.call is not None and record.call.was_pressed) or doors.door_is_given(config, record)
-    own = OwnCommands(record.call, pressed)
+    own = OwnCommands(
+        record.call, pressed, door_believed=record.session is not None and record.session.opened_at_target
+    )
     judged = judge(config, record.track, record.durable.trust, observation, own, at, draft.moment.clock)
     draft.change(track=judged.track)
     draft.change_durable(trust=judged.trust)

@@ -77,6 +77,8 @@ class OwnCommands:
     """The call of the session."""
     pressed: bool = False
     """That call, or the hold of a door at its floor, was pressed."""
+    door_believed: bool = False
+    """The door at its floor was believed to stand open for this session, with the map of today."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +280,9 @@ class _TrackedReading:
             return self._came_shut(), None
         pressed = own.pressed and own.call is not None and floor in (None, own.call.floor)
         opened_at = track.opened_at
-        if opened_at is None and pressed and track.shut_here and self._is_open():
+        # a break in the readings takes nothing from what the door has shown before it
+        shown = track.shut_here or (own.door_believed and track.floor is None)
+        if opened_at is None and pressed and shown and self._is_open():
             opened_at = self._at
         return self.is_shut or (pressed and track.shut_here), opened_at
 

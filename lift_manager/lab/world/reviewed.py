@@ -210,9 +210,10 @@ _UNSEEN = frozenset({Wrong.EFFECT, Wrong.OUTPUT})
 """Of registers that stand still. What may be said of the lift meanwhile the judge knows better: what was so when they came to."""
 
 
-def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float) -> dict[str, Excuse]:
+def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float, poll_s: float) -> dict[str, Excuse]:
     """Return what each fault may make wrong, by the name of the fault. A fault that is not here excuses nothing."""
-    stands_still = None if shows.beats_within_s is None else shows.beats_within_s + max_age_s
+    # the last beat is seen a poll after it at the latest, and the last reading that still had time for the next one is kept for its age
+    stands_still = None if shows.beats_within_s is None else poll_s + shows.beats_within_s + max_age_s
     found = {
         # a call counts as taken while the car moves, and nobody sees before it should have come that it does not
         "wrong_floor": Excuse(_LATE, arrive_within_s),

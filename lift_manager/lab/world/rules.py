@@ -29,6 +29,7 @@ from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck
 from register_maps.frames import parse_request
 from register_maps.words import Mode
+from simulator.faults import PowerLoss
 from simulator.wire_faults import Exchange
 
 KNOWN_WITHIN_S = 1.0
@@ -242,7 +243,8 @@ class Rules:
         truth = book.truth
         told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
         here = None if truth is None else truth.open_at if told_by_doors else truth.at
-        lets_go = not ask.hold_door and truth is not None and here in (ask.floor, None)
+        # a session that stays wants the lift also without its door
+        lets_go = not (ask.hold_door or ask.stays) and truth is not None and here in (ask.floor, None)
         # between floors it is a call, if the manager has not seen the car where it is let go of; a robot inside lets go of nothing
         between = truth is not None and here is None
         if book.asked_since is not None and (not lets_go or between or ask.robot is RobotWord.IN_PLACE):
@@ -259,6 +261,11 @@ class Rules:
             book.stopping = True
         for lift in struck.fault.lifts if isinstance(struck.fault, Forgot) else ():
             self._books[lift].fire_since = self._books[lift].locked_since = math.inf
+        if isinstance(struck.fault, PowerLoss) and struck.began and not struck.fault.outputs_held:
+            # our outputs are gone, and nobody but the lift knows that it has taken a call from them
+            for lift, book in self._books.items():
+                if struck.where in (lift, *book.about.controllers):
+                    book.standing_calls.clear()
         if struck.fault == RESTART:
             for book in self._books.values():
                 # the session may go on, and is told then

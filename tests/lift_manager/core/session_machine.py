@@ -419,7 +419,8 @@ class SessionMachine(RuleBasedStateMachine):
     @invariant()
     def nothing_forbidden_has_happened(self) -> None:
         assert self.book.wrong == []
-        assert [str(finding) for finding in self.oracle.findings] == []
+        findings = [str(finding) for finding in self.oracle.findings]
+        assert not findings, findings
         self.run(self.look())
         held_s = self.state_now().held_since_s
         assert held_s is None or held_s <= MAX_SESSION_S + ARRIVES_S + LATE_S
@@ -457,4 +458,5 @@ class SessionMachine(RuleBasedStateMachine):
 
     def nothing_is_left(self) -> None:
         assert self.book.wrong == []
-        assert [str(finding) for finding in self.oracle.findings] == []
+        findings = [str(finding) for finding in self.oracle.findings]
+        assert not findings, findings

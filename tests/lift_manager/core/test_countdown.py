@@ -2,8 +2,10 @@
 
 import pytest
 
+from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.events import StateChanged
 from lift_manager.domain.state import RobotDoor
+from register_maps.words import Door
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.rmf_words import open_for_it
 from tests.lift_manager.core.scripted import PLAIN, ROBOT, Bench, on_bench
@@ -99,3 +101,27 @@ def test_the_limit_of_a_hold_ends_it_though_the_lift_cannot_be_read() -> None:
         assert made.state.holder == ROBOT
 
     on_bench(check, PLAIN, max_session_hold_s=60.0)
+
+
+def test_a_hold_begins_from_the_beginning_once_the_car_has_left_and_come_back() -> None:
+    memory = ShortMemory()
+
+    async def check(made: Bench) -> None:
+        await open_at_l1(made)
+        await elapse(40)
+        await made.car("L2", Door.CLOSED)
+        await elapse(1)
+        assert made.driver.on == set()
+        assert made.state.releases_in_s == pytest.approx(300.0, abs=60.0)
+        kept = memory.recall("lift").session
+        # a restart would look for the hold, and where a call excludes it let go of the call
+        assert kept is not None
+        assert kept.holding_since is None
+        await elapse(3)
+        made.accept("L1")
+        await made.car("L1", Door.OPEN, enter=True)
+        await elapse(1)
+        assert made.driver.on == {"hold_door.front"}
+        assert made.state.releases_in_s == pytest.approx(60.0, abs=3.0)
+
+    on_bench(check, PLAIN, max_session_hold_s=60.0, memory=memory)

@@ -338,6 +338,20 @@ def test_a_robot_in_the_door_has_clear_s_from_a_persons_word_also_over_a_crash(
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
+def test_a_session_that_a_person_ends_is_not_said_to_be_ended_by_its_holder(
+    withdraw: Callable[[Spine], EndReason],
+) -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        withdraw(made)
+        await elapse(1)
+        # an adapter of RMF would not bring the END of its fleet for a session that its holder has ended already
+        assert not made.state.ending
+
+    on_spine(check)
+
+
+@pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
 def test_its_holder_may_still_let_go_of_the_door_before_it_is_released(withdraw: Callable[[Spine], EndReason]) -> None:
     async def check(made: Spine) -> None:
         await door_held(made)

@@ -92,6 +92,63 @@ def test_a_proven_door_is_believed_after_a_restart_and_not_with_another_map() ->
     on_bench(with_another_map, replace(CONTACTS, map_hash="2e"), memory=memory, found=PARKED_OPEN, door_proven=False)
 
 
+def test_a_door_that_opened_for_us_is_believed_after_a_crash_and_not_with_another_map() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        made.accept("L2")
+        await made.car("L2", Door.OPEN)
+        await elapse(4)
+        assert made.robot_door() is RobotDoor.OPEN
+
+    async def after(made: Bench) -> None:
+        assert made.robot_door() is RobotDoor.MOVING
+        await elapse(4)
+        assert made.robot_door() is RobotDoor.OPEN
+        assert made.driver.log == []
+
+    async def with_another_map(made: Bench) -> None:
+        await elapse(4)
+        assert made.robot_door() is RobotDoor.MOVING
+        assert made.driver.log == ["let go hold_door.front"]
+
+    left_on = frozenset({"hold_door.front"})
+    on_bench(before, CONTACTS, memory=memory, door_proven=False)
+    on_bench(after, CONTACTS, memory=memory, door_proven=False, found=PARKED_OPEN, left_on=left_on)
+    other = replace(CONTACTS, map_hash="2e")
+    on_bench(with_another_map, other, memory=memory, door_proven=False, found=PARKED_OPEN, left_on=left_on)
+
+
+def test_our_hold_does_not_keep_a_door_open_that_has_to_close_before_it_is_believed() -> None:
+    memory = ShortMemory()
+
+    async def before(made: Bench) -> None:
+        made.accept("L2")
+        await made.car("L2", Door.OPENING)
+        assert made.driver.on == {"hold_door.front"}
+
+    async def after(made: Bench) -> None:
+        assert made.driver.on == set()
+        made.accept("L2")
+        await elapse(1)
+        assert made.driver.on == set()
+        await made.car("L2", Door.CLOSED)
+        assert made.driver.on == {"hold_door.front"}
+        await made.car("L2", Door.OPEN)
+        await elapse(4)
+        assert made.robot_door() is RobotDoor.OPEN
+
+    on_bench(before, CONTACTS, memory=memory, door_proven=False)
+    on_bench(
+        after,
+        CONTACTS,
+        memory=memory,
+        found=PARKED_OPEN,
+        left_on=frozenset({"hold_door.front"}),
+        door_proven=False,
+    )
+
+
 def test_a_contradiction_outlives_the_manager_and_ends_with_a_persons_word() -> None:
     memory = ShortMemory()
 

@@ -21,7 +21,7 @@ from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import RESTART, Struck
 from register_maps.words import Mode
-from simulator.faults import Stopped
+from simulator.faults import Fault, PowerLoss, Stopped
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, judge, polled, state
 
 OTHER = Holder("fleet", "r2")
@@ -248,24 +248,34 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stands_still", "findings"),
-    [(False, ["pressed again after a restart"]), (True, [])],
-    ids=["shown", "registers stand still"],
+    ("fault", "findings"),
+    [(None, ["pressed again after a restart"]), (Stopped(), []), (PowerLoss(), [])],
+    ids=["shown", "registers stand still", "the output lost its power"],
 )
-def test_a_call_that_stands_is_not_pressed_again_after_a_restart(stands_still: bool, findings: list[str]) -> None:
+def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | None, findings: list[str]) -> None:
     oracle, rules = book(excuses={"stopped": Excuse(frozenset({Wrong.EFFECT, Wrong.OUTPUT}), None)})
-    if stands_still:
-        oracle.struck(1.0, Struck("lift", Stopped(), began=True))
     called = replace(SHUT, calls=frozenset({"L1"}), given=(("go_to", 0),))
     rules.asked(1.0, ask(), Accepted())
     rules.looked(1.1, "lift", called)
     rules.pressed(1.1, "lift", frozenset({"go_to"}))
+    if fault is not None:
+        for witness in (oracle, rules):
+            witness.struck(2.0, Struck("lift", fault, began=True))
     rules.struck(3.0, Struck("manager", RESTART, began=True))
     rules.asked(4.0, ask(), Accepted())
     rules.looked(9.0, "lift", called)
     rules.pressed(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == findings
-    assert bool(oracle.excused) is stands_still
+    assert bool(oracle.excused) is isinstance(fault, Stopped)
+
+
+def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the_car_stands() -> None:
+    oracle, rules = book()
+    rules.looked(2.0, "lift", STANDS_OPEN)
+    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.asked(5.0, replace(ask("L2"), hold_door=False, stays=True), Accepted())
+    rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
+    assert found(oracle) == []
 
 
 @pytest.mark.parametrize("told_by_doors", [True, False])

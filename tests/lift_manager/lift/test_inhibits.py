@@ -92,7 +92,8 @@ def test_a_hold_is_refreshed_until_an_announced_end_although_the_lift_is_locked_
     lift = PaperLift()
     lift.called_to("L2")
     lift.take(Restrict(RestrictionKind.LOCKOUT, "ann", "moving"))
-    assert lift.state.ending
+    assert lift.state.releases_in_s == 10.0
+    assert not lift.state.ending
     assert not blocked(lift, "hold_door.front")
     lift.wait(10.5)
     assert lift.holder is None

@@ -271,11 +271,18 @@ class Actors:
             case happens.Fire():
                 await self._burn(event)
             case happens.LockedOut(for_s=for_s):
+                await self._manager_is_up()
                 world.plant.manager.lock_out(world.lift, PERSON, "moving furniture")
                 await elapse(for_s)
+                await self._manager_is_up()
                 world.plant.manager.end_lockout(world.lift, PERSON)
             case _:
                 await self._strike_program(event)
+
+    async def _manager_is_up(self) -> None:
+        """Wait as a person does whose command finds nobody."""
+        while not self.world.manager_is_up:
+            await elapse(STAYS_AWAY_S)
 
     async def _strike_program(self, event: Event) -> None:
         world, judge = self.world, self.world.judge

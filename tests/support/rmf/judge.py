@@ -54,6 +54,7 @@ UNCHANGED_MOST = 12
 CHANGED_MOST = 40
 """States within five seconds that say something new. Chosen: a ride has about ten changes."""
 LOOK_BACK_S = 5.0
+ROUNDING_S = 1e-6
 PASSES_ON_S = 2.0
 """What a supervisor has for passing on an END."""
 FLEET_ENDS_S = 3.0
@@ -230,6 +231,7 @@ class Judge:
             self._opened = None  # from its own word on it needs the door no more
         if is_end:
             session.ended_at = at
+            session.fleet_ended_at = math.inf  # it was passed on
             session.asks = 0
             self._ends.append(at)
             return
@@ -242,7 +244,8 @@ class Judge:
         """Note what reaches the adapter on `adapter_lift_requests`."""
         session = self.sessions[request.session_id]
         if request.request_type == END_SESSION:
-            session.fleet_ended_at = min(session.fleet_ended_at, at)
+            if not session.is_over:  # otherwise it was passed on before it came this way
+                session.fleet_ended_at = min(session.fleet_ended_at, at)
         else:
             session.fleet_asks, session.fleet_ended_at = True, math.inf
 
@@ -374,7 +377,10 @@ class Judge:
             self._find(at, "past the supervisor", f"{session!r} was never asked for on lift_requests")
         if before == session or before not in book or not book[before].asks_ever:
             return
-        was_ended = book[before].ended_at >= book[before].began_at or at - book[before].fleet_ended_at >= PASSES_ON_S
+        was_ended = (
+            book[before].ended_at >= book[before].began_at
+            or at - book[before].fleet_ended_at >= PASSES_ON_S - ROUNDING_S
+        )
         ended_since = book[before].ended_at >= self._said_since(before)
         taken = self._is_excused("down", "fire", "kept off", "adapter", "taken", at=at, lately_s=2.0)
         # the manager does not take an offline lift for anybody: who was only promised it has to ask again

@@ -113,6 +113,7 @@ class RmfWorld:
         self._look_at: asyncio.Handle | None = None
         self._inside: Inside | None = None
         self.site: RmfSite
+        self.manager_is_up = True
         self.states: list[tuple[float, LiftState]] = []
         self.stepped: set[asyncio.Event] = set()
         """Set with each step of a robot."""
@@ -167,11 +168,13 @@ class RmfWorld:
         """End the manager as `kill -9` does; the adapter goes on."""
         self.cut_way("the manager is not there")
         self._leave_manager()
+        self.manager_is_up = False
         await self.plant.kill()
 
     async def start_manager(self) -> None:
         """Start it again with what it had written down, which it takes up before any face is served."""
         self.plant.revive()
+        self.manager_is_up = True
         await elapse(LEAST_S)
         self.mend_way()
 
