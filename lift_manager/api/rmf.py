@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
 from lift_manager.api.fields import ON_ONE_LINE, Answer, RequestModel, ShortName
@@ -13,12 +13,9 @@ from lift_manager.api.lifts import Age
 from lift_manager.domain.rmf import (
     ADAPTER_ID,
     ADAPTER_ID_LIMIT,
-    FACE,
     LONGEST_GRACE_S,
-    RmfSite,
-    rmf_session,
 )
-from lift_manager.domain.state import Holder, RobotDoor
+from lift_manager.domain.state import RobotDoor
 from register_maps.words import Mode, Motion
 
 
@@ -59,13 +56,6 @@ class RmfHolder(Answer):
     )
 
 
-def _rmf_holder(value: object) -> object:
-    if not isinstance(value, Holder) or value.face != FACE:
-        return value
-    session, adapter = rmf_session(value)
-    return RmfHolder(face=FACE, name=session, adapter=adapter)
-
-
 class RmfLiftAnswer(Answer):
     """One lift at one moment."""
 
@@ -83,7 +73,7 @@ class RmfLiftAnswer(Answer):
     motion: Motion
     mode: Mode
     robot_mode_on: bool | None = Field(description="null where the lift has no such signal.")
-    holder: Annotated[RmfHolder | None, BeforeValidator(_rmf_holder)] = Field(description="null while it is free.")
+    holder: RmfHolder | None = Field(description="null while it is free.")
     ending: bool = Field(description="The holder has ended its session; door and robot mode stay for a moment.")
     fire_latched: bool = Field(description="There was a fire, and no person has acknowledged it.")
     waiting_for: str = Field(description="What the session waits for before anything is pressed.")
@@ -107,17 +97,6 @@ class RmfSiteAnswer(Answer):
     lifts: tuple[RmfLiftAnswer, ...]
     end_grace_s: float = Field(description="How long door hold and robot mode stay after END_SESSION.")
     alarms: RmfAlarms
-
-    @classmethod
-    def of(cls, site: RmfSite) -> RmfSiteAnswer:
-        """Return it as it is."""
-        return cls(
-            boot=site.boot,
-            event=site.event,
-            lifts=tuple(RmfLiftAnswer.model_validate(lift) for lift in site.lifts),
-            end_grace_s=site.rules.end_grace_s,
-            alarms=RmfAlarms.model_validate(site.rules),
-        )
 
 
 class RmfWantedRequest(RequestModel):

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.model import FloorName
 from lift_manager.domain.description import LiftDescription
-from lift_manager.domain.state import Holder, LiftState, Quality, Restrictions, RobotDoor
-from register_maps.words import Mode, Motion
+from lift_manager.domain.state import Holder, LiftState, Quality, Restrictions
+from lift_manager.plain.rmf import HeldBy, LiftView
 
 FACE = "rmf"
 """Of every holder that RMF has: its name there is RMF's session id."""
@@ -52,51 +50,10 @@ class RmfRules:
     """Tell RMF once that it is over when a person has acknowledged."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RmfLift:
-    """One lift as an adapter sees it; the keys of `GET /api/v1/rmf`."""
-
-    lift: str
-    name: str
-    """In RMF's building map."""
-    floors: Mapping[FloorName, str]
-    """The site's name to RMF's, lowest first."""
-    live: bool
-    reason: str
-    """Why it is not live."""
-    age_s: float | None
-    max_age_s: float
-    floor: FloorName | None
-    standing: bool
-    destination: FloorName | None
-    door: RobotDoor
-    motion: Motion
-    mode: Mode
-    robot_mode_on: bool | None
-    """None where the lift does not tell."""
-    holder: Holder | None
-    ending: bool
-    """The holder has ended its session, and the grace runs."""
-    fire_latched: bool
-    waiting_for: str
-    keeps_off: str
-    """Why robots are kept off, in words; empty where they are not."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RmfSite:
-    """Every lift, and what the site says about RMF."""
-
-    boot: str
-    event: int
-    """The number of the newest event: nothing up to it is missing."""
-    lifts: tuple[RmfLift, ...]
-    rules: RmfRules
-
-
-def rmf_lift(state: LiftState, about: LiftDescription) -> RmfLift:
-    """Return a lift as it is published."""
-    return RmfLift(
+def rmf_lift(state: LiftState, about: LiftDescription) -> LiftView:
+    """Return a lift as an adapter sees it."""
+    holder = state.holder
+    return LiftView(
         lift=state.lift,
         name=about.rmf_name or state.lift,
         floors={floor: about.rmf_floors.get(floor, floor) for floor in state.floors},
@@ -107,16 +64,20 @@ def rmf_lift(state: LiftState, about: LiftDescription) -> RmfLift:
         floor=state.floor,
         standing=state.standing,
         destination=state.destination,
-        door=state.robot_door,
-        motion=state.motion,
-        mode=state.mode,
+        door=state.robot_door.value,
+        motion=state.motion.value,
+        mode=state.mode.value,
         robot_mode_on=state.permissions.get("robot_mode_on"),
-        holder=state.holder,
+        holder=None if holder is None else _held_by(holder),
         ending=state.ending,
         fire_latched=state.restrictions.fire_latched,
         waiting_for=state.restrictions.waiting_for,
         keeps_off=_keeps_off(state.restrictions),
     )
+
+
+def _held_by(holder: Holder) -> HeldBy:
+    return HeldBy(FACE, *rmf_session(holder)) if holder.face == FACE else HeldBy(holder.face, holder.name)
 
 
 def _keeps_off(told: Restrictions) -> str:

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lift_manager.plain.rmf import Site
 from lift_manager.rmf.alarms import AlarmOut, FireAlarm
 from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Done, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
 from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
-from lift_manager.rmf.views import Site
 from lift_manager.rmf.words import USUAL, quoted, why_ignored
 
 _log = logging.getLogger(__name__)

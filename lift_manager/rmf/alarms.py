@@ -6,7 +6,7 @@ import logging
 import math
 from typing import Protocol
 
-from lift_manager.rmf.views import Alarms, Site
+from lift_manager.plain.rmf import Alarms, Site
 
 _log = logging.getLogger(__name__)
 

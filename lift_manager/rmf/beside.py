@@ -20,9 +20,9 @@ from lift_manager.plain.backoff import Backoff
 from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Server
 from lift_manager.plain.news import News, event_number
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
+from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
 from lift_manager.plain.sse import EventParser, TooLong
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, Hears, Wanted
-from lift_manager.rmf.views import BadAnswer, Site, decision_of, site_of
 
 _log = logging.getLogger(__name__)
 

@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from lift_manager.plain.rmf import HeldBy, LiftView
 from lift_manager.rmf.messages import ASKED_DOORS, DOOR_OPEN, END_SESSION, HUMAN_MODE, REQUEST_TYPES, LiftRequest
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
-from lift_manager.rmf.views import HeldBy, LiftView
 
 FACE = "rmf"
 _OFFLINE = "offline"

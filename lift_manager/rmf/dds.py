@@ -10,11 +10,11 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
+from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf.dds_inbox import Inbox
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import Deliver
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.views import Alarms
 
 if TYPE_CHECKING:
     from lift_manager.rmf.dds_wire import Wire

@@ -12,10 +12,8 @@ from lift_manager.core.facade import Facade
 from lift_manager.core.rmf_site import described, rmf_site
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Occurrence
-from lift_manager.domain.rmf import FACE, RmfLift, RmfSite, rmf_holder, rmf_session
-from lift_manager.domain.state import Holder
+from lift_manager.domain.rmf import rmf_holder
 from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears
-from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 
 ASKED_WITHIN = 3
 """So often the lifts are looked at within the shortest `max_age_s`, changed or not."""
@@ -92,7 +90,7 @@ class Inside:
         now = _now()
         if self._facade.stopping:
             return  # nobody holds a lift any more, and sessions are kept: what RMF was told last stays
-        site = site_view(rmf_site(self._facade, self._abouts))
+        site = rmf_site(self._facade, self._abouts)
         self._due, self._told_at = False, now
         hears.heard(site, now, now)
 
@@ -105,52 +103,6 @@ class Inside:
                 tell(self._hears)
 
         self._deliver(told)
-
-
-def site_view(site: RmfSite) -> Site:
-    """Return the site as it is read from an answer of the manager, too."""
-    rules = site.rules
-    return Site(
-        boot=site.boot,
-        event=site.event,
-        lifts=tuple(_lift_view(lift) for lift in site.lifts),
-        end_grace_s=rules.end_grace_s,
-        alarms=Alarms(
-            fire_alarm=rules.fire_alarm,
-            emergency_signal=rules.emergency_signal,
-            emergency_fleets=rules.emergency_fleets,
-            clear_on_acknowledge=rules.clear_on_acknowledge,
-        ),
-    )
-
-
-def _lift_view(lift: RmfLift) -> LiftView:
-    holder = lift.holder
-    return LiftView(
-        lift=lift.lift,
-        name=lift.name,
-        floors=lift.floors,
-        live=lift.live,
-        reason=lift.reason,
-        age_s=lift.age_s,
-        max_age_s=lift.max_age_s,
-        floor=lift.floor,
-        standing=lift.standing,
-        destination=lift.destination,
-        door=lift.door.value,
-        motion=lift.motion.value,
-        mode=lift.mode.value,
-        robot_mode_on=lift.robot_mode_on,
-        holder=None if holder is None else _held_by(holder),
-        ending=lift.ending,
-        fire_latched=lift.fire_latched,
-        waiting_for=lift.waiting_for,
-        keeps_off=lift.keeps_off,
-    )
-
-
-def _held_by(holder: Holder) -> HeldBy:
-    return HeldBy(FACE, *rmf_session(holder)) if holder.face == FACE else HeldBy(holder.face, holder.name)
 
 
 def _now() -> float:

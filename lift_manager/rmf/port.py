@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.rmf.views import Site
+from lift_manager.plain.rmf import Site
 
 
 @dataclass(frozen=True)

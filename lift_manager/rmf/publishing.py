@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from lift_manager.plain.aging import age_s, is_too_old
+from lift_manager.plain.rmf import LiftView
 from lift_manager.rmf.contract import LiftContract
 from lift_manager.rmf.messages import (
     DOOR_CLOSED,
@@ -25,7 +26,6 @@ from lift_manager.rmf.messages import (
     LiftState,
     Time,
 )
-from lift_manager.rmf.views import LiftView
 
 PERIOD_S = 0.5
 """2 Hz: most waits in RMF last until the next LiftState, and humble's supervisor sends only in answer to one (open-rmf 1.6.10, 7)."""

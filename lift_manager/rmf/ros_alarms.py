@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import rmf_fleet_msgs.msg
 from std_msgs.msg import Bool
 
-from lift_manager.rmf.views import Alarms
+from lift_manager.plain.rmf import Alarms
 
 _log = logging.getLogger(__name__)
 

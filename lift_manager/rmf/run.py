@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from lift_manager.plain.rmf import Site
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
@@ -16,7 +17,6 @@ from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Deliver, Hears, Manager
 from lift_manager.rmf.publishing import NO_CLOCK_S
-from lift_manager.rmf.views import Site
 
 _log = logging.getLogger(__name__)
 

@@ -52,7 +52,7 @@ async def lifts_for_rmf(site: Site) -> RmfSiteAnswer:
     if site.stopping:
         # nobody holds a lift then, and an adapter would take sessions for over that are kept
         granted(STOPPING)
-    return RmfSiteAnswer.of(rmf_site(site))
+    return RmfSiteAnswer.model_validate(rmf_site(site))
 
 
 @router.post(

@@ -11,8 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.port import Asked
-from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 
 FOLDER = Path(__file__).parent / "fake_rclpy"
 DISTROS = ("humble", "iron", "jazzy", "kilted", "rolling")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
 from lift_manager.rmf.publishing import AT_LEAST_S
-from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
 EPOCH = 1_700_000_000.0

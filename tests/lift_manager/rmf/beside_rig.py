@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from lift_manager.plain.http import Address, Server
+from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.beside import Beside, Pace
 from lift_manager.rmf.port import Answer
-from lift_manager.rmf.views import HeldBy, LiftView, Site
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, problem, said
 
 KEY = "lm_rmf_abcdefgh"

@@ -6,9 +6,9 @@ import logging
 
 import pytest
 
+from lift_manager.plain.rmf import Alarms, LiftView
 from lift_manager.rmf.alarms import AGAIN_S, FORGET_S
 from lift_manager.rmf.messages import MODE_FIRE
-from lift_manager.rmf.views import Alarms, LiftView
 from tests.lift_manager.rmf.bench import Bench, bench, lift
 
 WANTED = Alarms(fire_alarm=True)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from lift_manager.plain.rmf import HeldBy
 from lift_manager.rmf.contract import FRESH_S, HEARD_S, PASS_ON_S, REFUSED_S, REPEAT_S, UNDELIVERED_S
 from lift_manager.rmf.messages import (
     DOOR_MOVING,
@@ -16,7 +17,6 @@ from lift_manager.rmf.messages import (
 )
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.publishing import PERIOD_S
-from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
 from tests.support.rows import each_row
 

@@ -6,12 +6,12 @@ import signal
 import pytest
 from cyclonedds.qos import Policy, Qos
 
+from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.dds_link import DdsLink
 from lift_manager.rmf.dds_types import WireLiftState, wire_state
 from lift_manager.rmf.messages import END_SESSION, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.views import Alarms
 from tests.support.dds_oracle import BOOL
 from tests.support.dds_partner import Offer, Process, process
 from tests.support.dds_rig import ORACLE, adapter, config, padded, request, settings_of_test, state

@@ -6,10 +6,10 @@ import pytest
 from cyclonedds.qos import Policy
 from cyclonedds.util import duration
 
+from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.messages import END_SESSION
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.views import Alarms
 from tests.support.dds_oracle import BOOL, EMERGENCY_SIGNAL
 from tests.support.dds_partner import Offer, Partner
 from tests.support.dds_rig import ORACLE, Heard, adapter, padded, request, settings_of_test, state

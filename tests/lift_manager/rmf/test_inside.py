@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from lift_manager.core.manager import LiftManager
 from lift_manager.domain.asking import Refusal
 from lift_manager.domain.rmf import RmfRules
+from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.inside import BETWEEN_S, Inside
 from lift_manager.rmf.port import Answer, Asked, Ended, Wanted
-from lift_manager.rmf.views import HeldBy, LiftView, Site
 from register_maps.words import Door
 from tests.lift_manager.core.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse

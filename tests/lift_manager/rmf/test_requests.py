@@ -6,6 +6,7 @@ import logging
 
 import pytest
 
+from lift_manager.plain.rmf import HeldBy
 from lift_manager.rmf.contract import Done
 from lift_manager.rmf.messages import (
     AGV_MODE,
@@ -17,7 +18,6 @@ from lift_manager.rmf.messages import (
     Time,
 )
 from lift_manager.rmf.port import Wanted
-from lift_manager.rmf.views import HeldBy
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
 from tests.support.rows import each_row
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from lift_manager.plain.http import BadAddress
+from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf import messages
 from lift_manager.rmf.messages import LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Ended, Wanted
-from lift_manager.rmf.views import Alarms
 from tests.support.fake_rclpy_loader import DISTROS, Ros, held, installed, lift
 
 HOME = Path(__file__).resolve().parents[3]

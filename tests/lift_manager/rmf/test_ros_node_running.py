@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 
 from lift_manager.plain.paths import RMF
+from lift_manager.plain.rmf import Site
 from lift_manager.rmf.messages import DOOR_MOVING, DOOR_OPEN, MODE_OFFLINE
-from lift_manager.rmf.views import Site
 from tests.support.fake_rclpy_loader import FOLDER, Ros, installed, lift
 
 HOME = Path(__file__).resolve().parents[3]

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears, Wanted
 from lift_manager.rmf.run import AGAIN_S, Running
-from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site
 from tests.lift_manager.rmf.bench import AlarmEar
 
 REQUEST = LiftRequest("Lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN)

@@ -14,8 +14,7 @@ from lift_manager.domain.description import LiftDescription
 from lift_manager.domain.events import Alarm
 from lift_manager.domain.rmf import RmfRules, rmf_holder, rmf_session
 from lift_manager.domain.state import Holder, Quality, Restrictions, RobotDoor
-from lift_manager.rmf.inside import site_view
-from lift_manager.rmf.views import Alarms, HeldBy, LiftView, Site, site_of
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site, site_of
 from register_maps.words import Mode, Motion
 from tests.lift_manager.web.changes import refused
 from tests.lift_manager.web.fake import FakeManager, ask
@@ -133,7 +132,7 @@ def test_the_keys_are_the_fields_that_an_adapter_knows() -> None:
 
 def test_an_adapter_inside_the_manager_is_told_the_same() -> None:
     facade = Named({"Güter": RIDING, "lift": LOST}, newest=7, rmf=RULES)
-    assert told(facade) == site_view(rmf_site(facade))
+    assert told(facade) == rmf_site(facade)
 
 
 def test_a_lift_without_names_of_its_own_has_those_of_the_site() -> None:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
+from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
 from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Manager, Wanted
-from lift_manager.rmf.views import HeldBy, LiftView, Site
 
 Clock = Callable[[], float]
 TOGETHER_S = 0.05

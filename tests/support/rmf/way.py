@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable
 from random import Random
 
+from lift_manager.plain.rmf import Site
 from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Hears, Manager
-from lift_manager.rmf.views import Site
 from tests.support.rmf.network import Channel
 
 GIVES_UP_S = 0.3

@@ -13,11 +13,11 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.lab.virtual_time import elapse
 from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
+from lift_manager.plain.rmf import Alarms, Site
 from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.inside import Inside
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Hears, Manager
-from lift_manager.rmf.views import Alarms, Site
 from register_maps.codec import compile_map
 from register_maps.words import Mode
 from simulator.state import Parameters

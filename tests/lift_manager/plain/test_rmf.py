@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lift_manager.rmf.views import Alarms, BadAnswer, HeldBy, LiftView, Site, decision_of, site_of
+from lift_manager.plain.rmf import Alarms, BadAnswer, HeldBy, LiftView, Site, decision_of, site_of
 from tests.lift_manager.rmf.beside_rig import LIFT, SITE
 from tests.support.rows import each_row
 
