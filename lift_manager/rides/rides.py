@@ -99,7 +99,7 @@ def forget(rides: Rides, now: float) -> tuple[Rides, tuple[str, ...]]:
     """Forget what ended long ago with its robot outside; return the lifts of these rides too."""
     ended = sorted(
         (one for one in rides.by_id.values() if one.is_over and not one.maybe_aboard),
-        key=lambda one: one.ended_at or now,
+        key=lambda one: now if one.ended_at is None else one.ended_at,
         reverse=True,
     )
     old = {one.id: one.lift for number, one in enumerate(ended) if number >= MOST_ENDED or _is_old(one, now)}

@@ -721,8 +721,9 @@ def core_tests(paths: Sequence[str]) -> int:
     """Run tests of today with both engines; return how many differ or fail with the new one."""
     plugins = [OnTests(RideEngine), OnTests(Engine)]
     for plugin in plugins:
-        args = ["-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--timeout=600", "--tb=short", *paths]
-        pytest.main(args, plugins=[plugin])
+        args = ["-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--assert=plain", "--timeout=900", "--tb=short"]
+        args += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        pytest.main([*args, *paths], plugins=[plugin])
     old, new = plugins
     differing = {name: found for name in old.logs if (found := difference(old.logs[name].lines, new.logs[name].lines))}
     for name, found in differing.items():
@@ -764,6 +765,7 @@ def main() -> int:
         if found:
             differing += 1
             sys.stdout.write(f"DIFFERS {name}: {found}\n")
+        sys.stderr.write(f"{name}: {lines} lines, {'they differ' if found else 'the same'}\n")
     sys.stdout.write(f"{len(plays)} rides in {time.monotonic() - began:.0f} s, {total} lines, {differing} differ\n")
     return 1 if differing else 0
 
