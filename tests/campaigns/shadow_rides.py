@@ -189,10 +189,14 @@ class Engine:
     def _note(self, done: Step) -> None:
         self._rides, changes = all_rides.take(self._rides, done, self._lifts, self._moment())
         self._change_queues(changes)
-        for lift in done.saves:
-            self._keep(lift, tuple(old_kept(one) for one in all_rides.saved(self._rides, lift, self._moment())))
+        self._save(done.saves[:1])
         for event in done.events:
             self._publish(old_event(event))
+        self._save(done.saves[1:])  # so that the order is today's; to the runtime it is all one
+
+    def _save(self, lifts: Sequence[str]) -> None:
+        for lift in lifts:
+            self._keep(lift, tuple(old_kept(one) for one in all_rides.saved(self._rides, lift, self._moment())))
 
     def _settle(self, ride_id: str) -> None:
         """Go on with a ride until there is nothing to do for it."""
@@ -363,8 +367,7 @@ class Engine:
     def _recall(self) -> None:
         self.take_up()
         self._rides, lifts = all_rides.forget(self._rides, _now())
-        for lift in lifts:
-            self._keep(lift, tuple(old_kept(one) for one in all_rides.saved(self._rides, lift, self._moment())))
+        self._save(lifts)
 
     def _shown(self, ride_id: str) -> today.Ride:
         record = self._rides.by_id[ride_id]
