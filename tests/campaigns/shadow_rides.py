@@ -13,6 +13,7 @@ A tool for the time in which both exist. `Engine` does what the runtime has to d
 import argparse
 import asyncio
 import logging
+import random
 import re
 import secrets
 import sys
@@ -29,6 +30,7 @@ import pytest
 
 from lift_manager.core import lift as core_lift
 from lift_manager.core import manager as core_manager
+from lift_manager.core.memory import ShortMemory
 from lift_manager.core.rides.engine import RideEngine
 from lift_manager.domain import asking, events, ride_record, session_requests
 from lift_manager.domain import ride as today
@@ -65,12 +67,14 @@ from lift_manager.rides.record import Clearing, RideRecord, SavedRide, published
 from lift_manager.rides.ride import Phase, RideLimits, RideRefused, RideRequest, RideWord
 from lift_manager.rides.rides import Rides
 from lift_manager.rides.step import TICK_S, Step, at_moment, step
+from register_maps.words import Door, Mode, Side
 from tests.campaigns import ride_truth
+from tests.lift_manager.core.ride_building import FLEET, Building, building
 from tests.support import ride_rig
 from tests.support.ride_faults import FAULTS, STEPS
 from tests.support.ride_faults import play as play_fault
 from tests.support.trip_sites import site_of
-from tests.support.virtual_time import run_virtual
+from tests.support.virtual_time import elapse, run_virtual
 
 AT_ONCE = 8
 AT_A_TIME = 10
@@ -563,6 +567,7 @@ def old_kept(new: SavedRide) -> ride_record.KeptRide:
 
 MUTATES = ("open_session", "ask_within", "renew_session", "close_session", "end_session", "request")
 ANSWERS = ("plan", "begin", "ride", "rides", "word", "cancel")
+SHORT = today.RideLimits(queued_s=20.0, called_s=20.0, boarding_s=20.0, riding_s=20.0, alighting_s=20.0)
 _IDS = re.compile(r"\b[0-9a-f]{16}\b|(?<=')[\w-]{22}(?=')")
 
 
@@ -699,6 +704,84 @@ def main_of(seed: int) -> Callable[[], Any]:
     return lambda: ride_truth.play(ride_truth.draw(seed))
 
 
+# -- many robots among three lifts
+
+
+async def crowd(seed: int) -> None:
+    """Play minutes of robots, callers and people that do anything at any time, through two restarts."""
+    dice, memory = random.Random(seed), ShortMemory()
+    known: list[str] = []
+    for _ in range(3):
+        async with building("A", "B", "C", memory=memory) as made:
+            known = [one.id for one in made.manager.rides()]
+            for _ in range(60):
+                await _anything(dice, made, known)
+                await elapse(dice.choice((0.0, 0.1, 0.5, 1.3, 4.0, 12.0)))
+
+
+async def _anything(dice: random.Random, made: Building, known: list[str]) -> None:
+    manager, lift = made.manager, dice.choice("ABC")
+    chance = dice.random()
+    ride_id = dice.choice(known) if known else "none"
+    caller = dice.choice((FLEET, FLEET, FLEET, None))
+    if chance < 0.2:
+        wish = made.wish(
+            dice.choice(("any", "any", lift)),
+            *dice.sample(("L1", "L2", "L3"), 2),
+            robot=dice.choice(("amr-1", "amr-1", "amr-2", "amr-3", "")),
+            key=dice.choice(("", "", "k1", "k2")),
+            limits=dice.choice((None, SHORT)),
+        )
+        if dice.random() < 0.2:
+            manager.plan_ride(wish)
+        begun = manager.begin_ride(wish)
+        if not isinstance(begun, asking.Refused):
+            known.append(begun.ride.id)
+    elif chance < 0.45:
+        manager.ride_word(ride_id, dice.choice(tuple(today.RideWord)), caller)
+    elif chance < 0.52:
+        manager.cancel_ride(ride_id, caller, "no order")
+    elif chance < 0.82:
+        _move_cars(dice, made)
+    elif chance < 0.86:
+        driver = made.drivers[lift]
+        driver.silent = not driver.silent
+    else:
+        _people(dice, made, lift)
+    for ride_id in known:
+        manager.ride(ride_id)
+
+
+def _move_cars(dice: random.Random, made: Building) -> None:
+    """Let cars be where their rides want them as often as not."""
+    for lift, driver in made.drivers.items():
+        state = made.manager.state(lift)
+        wanted = None if state is None else state.destination
+        floor = dice.choice((wanted, wanted, "L1", "L2", "L3", None))
+        is_open = floor is not None and dice.random() < 0.6
+        flags = {"may_enter": is_open, "may_leave": is_open}
+        doors = {Side.FRONT: Door.OPEN if is_open else Door.CLOSED}
+        mode = dice.choice((Mode.NORMAL,) * 19 + (Mode.INSPECTION, Mode.FIRE))
+        driver.values = replace(driver.values, floor=floor, doors=doors, flags=flags, mode=mode)
+
+
+def _people(dice: random.Random, made: Building, lift: str) -> None:
+    manager = made.manager
+    match dice.randrange(7):
+        case 0:
+            manager.force_release(lift, "Ana", "needed", at_once=dice.random() < 0.5)
+        case 1 | 2:
+            manager.acknowledge(lift, "Ana")
+        case 3:
+            manager.lock_out(lift, "Ana", "oil")
+        case 4:
+            manager.end_lockout(lift, "Ana")
+        case 5:
+            made.ask(lift)
+        case _:
+            made.ask(lift, hold=False)
+
+
 class OnTests:
     """Lets tests of today run with an engine, and keeps what it did in each: a plugin of pytest."""
 
@@ -743,6 +826,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rides", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1, help="of the first ride; the others follow")
+    parser.add_argument("--crowds", type=int, default=0, help="so many plays of many robots among three lifts instead")
     parser.add_argument("--replay", type=int, metavar="SEED")
     parser.add_argument("--table", action="store_true", help="every fault at every step, each on one map")
     parser.add_argument(
@@ -758,8 +842,15 @@ def main() -> int:
         maps = ride_truth.MAPS
         cases = enumerate(product(STEPS, FAULTS))
         plays = [(f"{s}, {f}", _case(maps[n % len(maps)], s, f)) for n, (s, f) in cases]
+    elif given.crowds:
+        seeds = range(given.seed, given.seed + given.crowds)
+        plays = [(f"crowd {seed}", _crowd(seed)) for seed in seeds]
     else:
-        seeds = range(given.seed, given.seed + given.rides) if given.replay is None else (given.replay,)
+        seeds = (
+            range(given.seed, given.seed + given.rides)
+            if given.replay is None
+            else range(given.replay, given.replay + 1)
+        )
         plays = [(str(ride_truth.draw(seed)), main_of(seed)) for seed in seeds]
     total, differing = 0, 0
     for name, play in plays:
@@ -771,6 +862,10 @@ def main() -> int:
         sys.stderr.write(f"{name}: {lines} lines, {'they differ' if found else 'the same'}\n")
     sys.stdout.write(f"{len(plays)} rides in {time.monotonic() - began:.0f} s, {total} lines, {differing} differ\n")
     return 1 if differing else 0
+
+
+def _crowd(seed: int) -> Callable[[], Any]:
+    return lambda: crowd(seed)
 
 
 def _case(name: str, at_step: str, fault: str) -> Callable[[], Any]:
