@@ -78,7 +78,7 @@ def _begun(
 class Choices:
     """The lifts that rides may take at one moment.
 
-    What is best for one ride is best for all of the same trip: it is found once, so keep one of these for a pass over many rides.
+    What is best for one ride is best for all of the same trip: it is found once. Keep that for a pass over many rides with `go_on`.
     """
 
     def __init__(self, rides: Rides, lifts: Lifts, now: float) -> None:
@@ -86,6 +86,12 @@ class Choices:
         self.lifts = lifts
         self._now = now
         self._best: dict[tuple[tuple[str, ...], FloorName, FloorName, Side | None], Candidate | None] = {}
+
+    def go_on(self, rides: Rides, now: float) -> Choices:
+        """Return the choices a moment later in the same pass: what was best for a trip still is, and rides are as they are then."""
+        later = Choices(rides, self.lifts, now)
+        later._best = self._best
+        return later
 
     def first(self, request: RideRequest) -> str | Refused:
         """Return the lift that a ride takes when it begins."""

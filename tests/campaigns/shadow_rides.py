@@ -222,8 +222,8 @@ class Engine:
                 self._reconsider(after)
 
     def _reconsider(self, record: RideRecord) -> None:
-        if self._choices is None:
-            self._choices = Choices(self._rides, self._lifts, _now())
+        before = self._choices or self._fresh_choices()
+        self._choices = before.go_on(self._rides, _now())
         lift = self._choices.better(record)
         if lift is not None:
             self._step(record.id, TakeLift(lift))
