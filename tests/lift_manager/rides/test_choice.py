@@ -240,6 +240,6 @@ def test_a_lift_that_refused_a_ride_is_left_for_one_that_does_not_for_a_while() 
 
 def test_a_ride_that_ends_during_a_pass_keeps_the_others_of_its_robot_at_the_car_that_it_may_be_in() -> None:
     waiting = replace(ride(), id="r2", lift="A", request=ANY)
-    made = choices(view("A", IN_CAR), view("B"), view("C"))
+    made = choices(view("A", replace(IN_CAR, mode=Mode.INSPECTION)), view("B"), view("C"))
     assert made.better(waiting) == "B"
     assert made.go_on(put(Rides(), INSIDE), 9.0).better(waiting) is None
