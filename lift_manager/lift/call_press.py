@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from drivers.model import OutputState
 from lift_manager.lift.call import (
     Call,
     CallOutput,
@@ -19,7 +20,6 @@ from lift_manager.lift.call import (
 )
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.draft import Draft
-from lift_manager.lift.inputs import OutputStatus
 from lift_manager.lift.observation import Observation
 from lift_manager.lift.occupancy import Occupancy, is_aboard
 from lift_manager.lift.record import LiftRecord
@@ -48,14 +48,14 @@ def call_is_lost(record: LiftRecord) -> bool:
     output = record.call_output
     if output is None or not output.until:
         return False
-    return output.interrupted or not record.status(output.command).is_given
+    return output.interrupted or not record.is_given(output.command)
 
 
 def no_call_keeps_door(record: LiftRecord) -> bool:
     """Whether no call keeps the door open, and that is verified."""
     if call_keeps_door(record):
         return False
-    return record.door_call is None or record.status(record.door_call) is OutputStatus.AT_REST
+    return record.door_call is None or record.status(record.door_call) is OutputState.AT_REST
 
 
 def only_call_holds_door(config: LiftConfig, record: LiftRecord, session: Session) -> bool:

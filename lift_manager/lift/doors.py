@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
+from drivers.model import Command, CommandKind, FloorName, Outcome, OutputState, PressId, Proof, Result
 from lift_manager.lift import call_press, handshake
-from lift_manager.lift.call import Call, CallPhase, PressId, call_holds_door
+from lift_manager.lift.call import Call, CallPhase, call_holds_door
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandProgress
 from lift_manager.lift.config import LiftConfig, door_hold
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.events import hold_spent_text
 from lift_manager.lift.inhibits import why_no_close, why_no_press
-from lift_manager.lift.inputs import OutputStatus
 from lift_manager.lift.observation import (
     Observation,
     barred_by,
@@ -58,7 +57,7 @@ def door_is_held(config: LiftConfig, record: LiftRecord) -> bool:
         return False
     declared = _declared_holds(config, record)
     for hold in config.door_holds(session.floor):
-        if config.has(hold) and not (hold in declared and record.status(hold) is OutputStatus.HELD):
+        if config.has(hold) and not (hold in declared and record.status(hold) is OutputState.HELD):
             return False
     if observation is not None and is_closing(observation, config.doors_at[session.floor]):
         return False
@@ -88,7 +87,7 @@ def is_clearing(config: LiftConfig, record: LiftRecord, observation: Observation
 
 def door_is_given(config: LiftConfig, record: LiftRecord) -> bool:
     """Whether the hold of any door is on or on its way."""
-    return any(record.status(hold).is_given for hold in _declared_holds(config, record))
+    return any(record.is_given(hold) for hold in _declared_holds(config, record))
 
 
 def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
@@ -96,7 +95,7 @@ def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
     if record.door_hold is not None:
         return False
     holds = (door_hold(side) for side in config.capabilities.doors)
-    return all(record.status(hold) is OutputStatus.AT_REST for hold in holds)
+    return all(record.status(hold) is OutputState.AT_REST for hold in holds)
 
 
 def _declared_holds(config: LiftConfig, record: LiftRecord) -> tuple[Command, ...]:

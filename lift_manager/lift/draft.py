@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from drivers.model import Command
-from lift_manager.lift.call import PressId
+from drivers.model import Command, PressId
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm, Event
-from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, AuditRow, Cancel, Press
+from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, Cancel, Press
 from lift_manager.lift.observation import Moment, Observation, is_fresh
 from lift_manager.lift.record import DurableRecord, LiftRecord, PendingPress
 from lift_manager.lift.session import Holder, Session
@@ -67,10 +66,10 @@ class Draft:
         """Press a command once this step is on the disk. An earlier press of it that has no outcome yet is withdrawn."""
         self.cancel(command)
         record = self.record
-        press, session = PressId(record.presses_made + 1), record.session
-        holder = "" if session is None else str(session.holder)
-        row = AuditRow(f"{command} is to be pressed", holder, {"command": command.name, "floor": command.floor})
-        self.actions.append(Press(press, command, self.now + LEAVE_WITHIN_S, row))
+        press, session = record.presses_made + 1, record.session
+        self.actions.append(
+            Press(press, command, self.now + LEAVE_WITHIN_S, None if session is None else session.holder)
+        )
         pending = PendingPress(press, command, record.sequence + 1)
         self.change(presses=(*record.presses, pending), presses_made=press)
         return press

@@ -391,7 +391,7 @@ def _keep_in_place(draft: Draft) -> None:
     word = draft.record.in_place
     if word.call is None or not word.is_on:
         return
-    if draft.record.status(ROBOT_IN_PLACE).is_given:
+    if draft.record.is_given(ROBOT_IN_PLACE):
         draft.change(in_place=replace(word, renewed_at=draft.now))
     elif word.call.is_answered:
         lost = call_found_off(word.call, "the controller no longer holds robot_in_place", draft.now)

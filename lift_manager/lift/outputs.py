@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from drivers.model import Command
+from lift_manager.lift.call import flags_missing
 from lift_manager.lift.config import ROBOT_IN_PLACE, ROBOT_LEFT, ROBOT_MODE, LiftConfig
 from lift_manager.lift.observation import Moment
 from lift_manager.lift.record import LiftRecord
@@ -25,7 +26,8 @@ def outputs(config: LiftConfig, record: LiftRecord, moment: Moment) -> Mapping[C
     """Return the holds that should be on: doors, robot mode, and the presses that stay on until something ends them.
 
     How long they may stay on without a new reading is counted from the newest reading. A press that stays on is begun by
-    `Press` and is only kept here, so that losing it is never another press.
+    `Press` and is only kept here, so that losing it is never another press. What the map requires and the lift no longer gives
+    ends a hold.
     """
     holds: dict[Command, Hold] = {}
     if (mode := record.robot_mode).is_wanted and config.has(ROBOT_MODE):
@@ -41,4 +43,7 @@ def outputs(config: LiftConfig, record: LiftRecord, moment: Moment) -> Mapping[C
     for command, word in ((ROBOT_IN_PLACE, record.in_place), (ROBOT_LEFT, record.robot_left)):
         if word.is_on:
             holds[command] = Hold(begin=False, until=config.held_until(command, word.renewed_at))
-    return holds
+    if (observation := record.observation) is None or not config.capabilities.requires:
+        return holds
+    missing = {one for one in holds if flags_missing(observation, config.capabilities, one.name)}
+    return {one: hold for one, hold in holds.items() if one not in missing}

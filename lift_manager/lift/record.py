@@ -7,17 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from drivers.model import Command, FloorName
-from lift_manager.lift.call import Call, CallOutput, CallPhase, PressId
+from drivers.model import Command, FloorName, OutputState, PressId
+from lift_manager.lift.call import Call, CallOutput, CallPhase
 from lift_manager.lift.commands import CommandEntry, CommandProgress, PastSession, SavedCommand, SavedPast
 from lift_manager.lift.events import Acknowledged, Restriction, RestrictionKind
-from lift_manager.lift.inputs import Outputs, OutputStatus
+from lift_manager.lift.inputs import Outputs
 from lift_manager.lift.observation import Observation
 from lift_manager.lift.occupancy import Boarding, Occupancy, SavedBoarding
 from lift_manager.lift.queue import Queue
 from lift_manager.lift.session import EndReason, Holder, Session
 from lift_manager.lift.trust import Track, Trust
 from register_maps.words import Side
+
+
+_GIVEN = frozenset({OutputState.REQUESTED, OutputState.ON, OutputState.HELD})
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,9 +249,13 @@ class LiftRecord:
     disk_trouble: str = ""
     """Why nothing may be pressed, because it cannot be written down; empty while it can."""
 
-    def status(self, command: Command) -> OutputStatus:
+    def status(self, command: Command) -> OutputState:
         """Return where an output is."""
-        return self.outputs.get(command.name, OutputStatus.AT_REST)
+        return self.outputs.get(command.name, OutputState.AT_REST)
+
+    def is_given(self, command: Command) -> bool:
+        """Whether an output is requested or on, and neither lost nor released."""
+        return self.status(command) in _GIVEN
 
     def restriction(self, kind: RestrictionKind) -> Restriction | None:
         """Return the restriction of a kind, if a person has begun one."""

@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from drivers.model import LiftReading, Outcome, Result
+from drivers.model import LiftReading, Outcome, OutputState, PressId, Result
 from lift_manager.lift import command_requests, doors, endings, handshake, operator_actions, queue, requests, restart
 from lift_manager.lift.advance import advance
-from lift_manager.lift.call import PressId, call_answered
+from lift_manager.lift.call import call_answered
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandStatus, SessionInfo
 from lift_manager.lift.config import ROBOT_MODE, LiftConfig
 from lift_manager.lift.draft import Draft
@@ -37,7 +37,6 @@ from lift_manager.lift.inputs import (
     OpenSession,
     OutputChanged,
     Outputs,
-    OutputStatus,
     PressEnded,
     ReadFailed,
     Reading,
@@ -111,8 +110,8 @@ def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, moment
 def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, moment: Moment) -> LiftRecord:
     """Return the record with what the driver knows of the outputs; nothing is done because of it."""
     mode = record.robot_mode
-    status = outputs.get(ROBOT_MODE.name, OutputStatus.AT_REST)
-    if mode.is_wanted and not mode.was_pressed and status in (OutputStatus.ON, OutputStatus.HELD):
+    status = outputs.get(ROBOT_MODE.name, OutputState.AT_REST)
+    if mode.is_wanted and not mode.was_pressed and status in (OutputState.ON, OutputState.HELD):
         mode = replace(mode, was_pressed=True)
     return _note_door_held(config, replace(record, outputs=outputs, robot_mode=mode), moment)
 
@@ -282,8 +281,8 @@ def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
     name = outcome.command.name
     if outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels:
         # it stays on until the driver reports otherwise
-        on = draft.record.status(outcome.command)
-        draft.change(outputs={**draft.record.outputs, name: on if on.is_given else OutputStatus.ON})
+        if not draft.record.is_given(outcome.command):
+            draft.change(outputs={**draft.record.outputs, name: OutputState.ON})
     if record.call is not None and record.call.press == press:
         # one that its holder's end came before has not failed
         kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED

@@ -1,26 +1,27 @@
 """What is declared to be on, until when, when a lift is looked at again, and what a reading without news costs."""
 
 import math
+from dataclasses import replace
 
-from drivers.model import LiftReading
-from lift_manager.lift.inputs import OutputChanged, OutputStatus, Reading, Tick
+from drivers.model import LiftReading, OutputState
+from lift_manager.lift.inputs import OutputChanged, Reading, Tick
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.state import same_but_for_time
 from lift_manager.lift.step import is_news
 from register_maps.words import Door, Mode, Motion
-from tests.lift_manager.lift.paper import HANDSHAKE, PaperLift
+from tests.lift_manager.lift.paper import HANDSHAKE, PLAIN, PaperLift
 
 
 def test_holds_fall_by_themselves_when_no_reading_comes() -> None:
-    lift = PaperLift(site={"max_hold_s": {"hold_door.front": 30.0}})
+    lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0}))
     lift.called_to("L2")
     lift.now += 5.0
     assert lift.holds["hold_door.front"].until == lift.read_at + 30.0
 
 
 def test_a_held_call_is_renewed_only_while_its_door_is_held() -> None:
-    lift = PaperLift(HANDSHAKE, site={"max_hold_s": {"call": 300.0}})
+    lift = PaperLift(replace(HANDSHAKE, max_hold_s={"call": 300.0}))
     lift.called_to("L2")
     before = lift.holds["call"].until
     lift.wait(3.0)
@@ -30,7 +31,7 @@ def test_a_held_call_is_renewed_only_while_its_door_is_held() -> None:
 def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> None:
     lift = PaperLift(HANDSHAKE)
     lift.called_to("L2")
-    lift.status["call"] = OutputStatus.AT_REST
+    lift.status["call"] = OutputState.AT_REST
     lift.take(OutputChanged(dict(lift.status)))
     lift.wait(1.0)
     assert lift.log == ["call L2"]
@@ -45,7 +46,7 @@ def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> Non
 def test_a_door_hold_that_is_lost_withdraws_open() -> None:
     lift = PaperLift()
     lift.called_to("L2")
-    lift.take(OutputChanged({**lift.status, "hold_door.front": OutputStatus.ON}))
+    lift.take(OutputChanged({**lift.status, "hold_door.front": OutputState.ON}))
     assert lift.door is RobotDoor.MOVING
 
 
