@@ -19,7 +19,6 @@ from lift_manager.lift.session import EndReason, Holder, Session
 from lift_manager.lift.trust import Track, Trust
 from register_maps.words import Side
 
-
 _GIVEN = frozenset({OutputState.REQUESTED, OutputState.ON, OutputState.HELD})
 
 

@@ -279,10 +279,10 @@ def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
     draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
     draft.emit(CommandEnded(draft.config.name, outcome, None if session is None else session.holder))
     name = outcome.command.name
-    if outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels:
-        # it stays on until the driver reports otherwise
-        if not draft.record.is_given(outcome.command):
-            draft.change(outputs={**draft.record.outputs, name: OutputState.ON})
+    stays_on = outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels
+    if stays_on and not draft.record.is_given(outcome.command):
+        # until the driver reports otherwise
+        draft.change(outputs={**draft.record.outputs, name: OutputState.ON})
     if record.call is not None and record.call.press == press:
         # one that its holder's end came before has not failed
         kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.core.bus import Subscription
 from lift_manager.core.journal import Hears, ShortJournal
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.recording import RecordingBus
 from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.journal import Row, RowKind
+from lift_manager.runtime.bus import Subscription
 from lift_manager.store.committer import Committer
 from lift_manager.store.outage import CALM_COMMITS
 from tests.lift_manager.store.journal_disk import Disk, journal, press, read_only, stored, usual, writing
