@@ -261,6 +261,11 @@ class LiftRecord:
         return self.durable.restriction(kind)
 
     @property
+    def holder(self) -> Holder | None:
+        """Whose session holds the lift."""
+        return None if self.session is None else self.session.holder
+
+    @property
     def call_has_arrived(self) -> bool:
         """Whether the session's call is fulfilled, or was and the car has not left since."""
         return self.call is not None and self.call.has_arrived

@@ -104,7 +104,7 @@ class Holds:
 
     def shown(self, pressed: Collection[str]) -> Outputs:
         """Return the state of every output as the rules know it: what waits for the disk is requested."""
-        waiting = {name: OutputState.REQUESTED for name in (*pressed, *self._waiting)}
+        waiting = dict.fromkeys((*pressed, *self._waiting), OutputState.REQUESTED)
         lost = {
             name: OutputState.REQUESTED
             for name, state in self.states.items()

@@ -111,7 +111,7 @@ class LiftJournal:
             if row.kind is RowKind.LINK:
                 self._link.log(row)
 
-    def _line(self, event: Event) -> tuple[int, str]:
+    def _line(self, event: Event) -> tuple[int, str]:  # noqa: PLR0911  one for each kind of event
         match event:
             case Alarm(_, text, _):
                 return logging.WARNING, text

@@ -5,7 +5,10 @@ python -m tests.lift_manager.runtime.as_core tests/lift_manager/core/test_fire.p
 A tool for the time in which both exist: it goes with the core.
 """
 
+# ruff: noqa: SLF001  it looks into the core of today from outside, and goes with it
+
 import asyncio
+import importlib
 import sys
 from asyncio import Future
 from dataclasses import fields, is_dataclass, replace
@@ -23,7 +26,18 @@ from lift_manager.domain import asking, boarding, contradictions, events, servic
 from lift_manager.domain import state as states
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.journal import Row
-from lift_manager.lift import commands, history, inputs, observation, occupancy, queue, record, refusals, requests, trust
+from lift_manager.lift import (
+    commands,
+    history,
+    inputs,
+    observation,
+    occupancy,
+    queue,
+    record,
+    refusals,
+    requests,
+    trust,
+)
 from lift_manager.lift import events as lift_events
 from lift_manager.lift import session as lift_session
 from lift_manager.lift import state as lift_states
@@ -32,6 +46,8 @@ from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.record import DurableRecord
 from lift_manager.runtime.actor import LiftActor, LiftSettings
 from lift_manager.runtime.bus import Bus, StateChanged
+from lift_manager.runtime.life import is_clearing, release
+from lift_manager.runtime.poll import LiftPoll
 from lift_manager.runtime.ticker import Ticker
 
 SAME: dict[type, type] = {
@@ -352,37 +368,36 @@ class LiftTask:
         settings = LiftSettings(poll_s=options.poll_s, first_poll_s=options.first_poll_s)
         recorder: Any = OldRecorder(memory, journal)
         new_bus: Any = OldBus(bus)
-        self.actor = LiftActor(
-            driver, config, new_bus, recorder, settings=settings, ticker=ticker, **({} if clock is None else {"clock": clock})
-        )
+        self.actor = LiftActor(driver, config, new_bus, recorder, settings=settings, clock=clock)
+        self.poll = LiftPoll(self.actor, ticker)
         self.line = Line(self.actor)
         self.sessions = Sessions(self.actor, bus)
 
     @property
     def polls(self) -> int:
-        return self.actor.polls
+        return self.poll.polls
 
     async def first_look(self) -> None:
-        await self.actor.looked.wait()
+        await self.poll.looked.wait()
 
     async def run(self) -> None:
-        await self.actor.run()
+        await self.poll.run()
 
     async def drive(self) -> None:
-        await self.actor.drive()
+        await self._driver.run()
 
     def announce_stop(self) -> None:
-        self.actor.announce_stop()
+        self.actor.handle(inputs.AnnounceStop())
 
     @property
     def clearing(self) -> bool:
-        return self.actor.announce_stop()
+        return is_clearing(self.actor)
 
     async def stop(self) -> None:
-        await self.actor.stop()
+        await release(self.actor)
 
     def tell(self, *, end: bool = False) -> None:
-        self.actor.sum_up(end=end)
+        self.actor.journal.tell(asyncio.get_running_loop().time(), end=end)
 
     def freshen(self) -> None:
         self.actor.freshen()
@@ -459,12 +474,10 @@ class LiftTask:
 
 def install() -> None:
     """Have everything that is imported from here on use the runtime."""
-    import lift_manager.core.lift as module
-
-    module.LiftTask = LiftTask  # type: ignore[assignment,misc]
+    importlib.import_module("lift_manager.core.lift")
     for name, loaded in tuple(sys.modules.items()):
-        if name.startswith(("lift_manager", "tests")) and hasattr(loaded, "LiftTask") and name != __name__:
-            loaded.LiftTask = LiftTask
+        if name.startswith(("lift_manager", "tests")) and hasattr(loaded, "LiftTask"):
+            setattr(loaded, "LiftTask", LiftTask)  # noqa: B010  whatever the module is
 
 
 install()
@@ -472,4 +485,9 @@ install()
 if __name__ == "__main__":
     from tests.lift_manager.runtime import as_core
 
-    raise SystemExit(pytest.main(["-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning", *sys.argv[1:]], plugins=[as_core]))
+    raise SystemExit(
+        pytest.main(
+            ["-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning", *sys.argv[1:]],
+            plugins=[as_core],
+        )
+    )
