@@ -58,6 +58,11 @@ def no_call_keeps_door(record: LiftRecord) -> bool:
     return record.door_call is None or record.status(record.door_call) is OutputState.AT_REST
 
 
+def call_is_on_at_floor(record: LiftRecord) -> bool:
+    """Whether the car has arrived by a call that keeps the door open, and that is not seen to be released."""
+    return record.call_has_arrived and not no_call_keeps_door(record)
+
+
 def only_call_holds_door(config: LiftConfig, record: LiftRecord, session: Session) -> bool:
     """Whether nothing but the call to the session's floor keeps the door open there."""
     floor = session.floor
@@ -94,7 +99,7 @@ def press(draft: Draft, call: Call) -> None:
         draft.change(call=call_without_press(call, now))
         return
     output = draft.record.call_output
-    if output is not None and output.command.name != command.name:
+    if output is not None and output.command != command:
         release_call(draft)
     press_id = draft.press(command)
     take_call_output(draft, CallOutput(command, ends_call(config, command, aboard=aboard), press_id, now))
@@ -113,7 +118,7 @@ def release_call(draft: Draft) -> None:
     """Release the call, if one is on; one that was not pressed yet is not pressed."""
     output = draft.record.call_output
     if output is not None:
-        draft.cancel(output.command)
+        draft.cancel(output.command, output.press)
         draft.change(call_output=None)
 
 
@@ -133,7 +138,7 @@ def interrupt_call(draft: Draft) -> None:
     """Release a call that keeps the door open, and miss it: it counts as lost from here on."""
     output = draft.record.call_output
     if output is not None and output.keeps_door and not output.interrupted:
-        draft.cancel(output.command)
+        draft.cancel(output.command, output.press)
         draft.change(call_output=replace(output, interrupted=True))
 
 

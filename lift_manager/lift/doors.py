@@ -68,8 +68,14 @@ def door_is_held(config: LiftConfig, record: LiftRecord) -> bool:
 
 
 def may_be_crossed(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether a robot may be on its way through the door that is held for the session, or about to be."""
-    return record.session is not None and record.call_has_arrived and door_is_held(config, record)
+    """Whether a robot may be on its way through the door that is held for the session, or about to be.
+
+    A hold whose refresh was not answered no longer counts as held, and one that a restart found on may be at a floor that is not
+    known yet: a robot may be in its door all the same.
+    """
+    if record.session is None or not (record.call_has_arrived or record.door_hold_found):
+        return False
+    return door_is_given(config, record) or call_press.call_is_on_at_floor(record)
 
 
 def is_released_open(config: LiftConfig, record: LiftRecord) -> bool:
@@ -194,7 +200,7 @@ def release_door_at_request(draft: Draft) -> None:
 def _declare(draft: Draft, floor: FloorName, *, may_begin: bool) -> None:
     """Want the doors of a floor held; where that may not begin, only what is on is kept."""
     if may_begin or draft.record.door_hold is not None:
-        draft.change(door_hold=DoorHold(floor, may_begin))
+        draft.change(door_hold=DoorHold(floor, may_begin, draft.moment.read_at))
 
 
 def _note_shut(draft: Draft, session: Session, observation: Observation, floor: FloorName) -> Session:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from drivers.model import Command, PressId
+from drivers.model import Command, OutputState, PressId
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm, Event
 from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, Cancel, Press
@@ -74,9 +74,12 @@ class Draft:
         self.change(presses=(*record.presses, pending), presses_made=press)
         return press
 
-    def cancel(self, command: Command) -> None:
-        """Withdraw what is pressed of a command and has no outcome yet."""
+    def cancel(self, command: Command, press: PressId | None = None) -> None:
+        """Withdraw what is pressed of a command and has no outcome yet; and `press`, whose pulse may still be on, whatever it came to."""
         gone = tuple(pending for pending in self.record.presses if pending.command.name == command.name)
+        ids = [pending.id for pending in gone]
+        if press is not None and press not in ids and self.record.status(command) is not OutputState.AT_REST:
+            ids.append(press)
+        self.actions += [Cancel(one) for one in ids]
         if gone:
-            self.actions += [Cancel(pending.id) for pending in gone]
             self.change(presses=tuple(pending for pending in self.record.presses if pending not in gone))

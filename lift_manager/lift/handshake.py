@@ -352,7 +352,8 @@ def want_word_again(draft: Draft, name: WordName) -> None:
 
 def release_word(draft: Draft, name: WordName) -> None:
     """Release a word that is on; one that was not pressed yet is not pressed."""
-    draft.cancel(COMMAND_OF[name])
+    call = _word(draft, name).call
+    draft.cancel(COMMAND_OF[name], None if call is None else call.press)
     _set(draft, name, replace(_word(draft, name), is_on=False))
 
 

@@ -258,7 +258,7 @@ class Press:
 
 @dataclass(frozen=True, slots=True)
 class Cancel:
-    """Withdraw a press that has no outcome yet. Where its output stays on, `outputs` no longer declares it."""
+    """Withdraw a press: it does not leave any more, and what it put on is released, unless `outputs` declares it."""
 
     id: PressId
 

@@ -83,6 +83,12 @@ class DurableRecord:
     trust: Trust = field(default_factory=Trust)
     """What its readings have proved, and what they contradicted."""
 
+    @property
+    def keeps_robots_out(self) -> bool:
+        """Whether some robot is refused, or not let through the door, because of it."""
+        has_reason = self.fire_since is not None or self.occupied is not None
+        return has_reason or bool(self.restrictions or self.trust.distrust)
+
     def restriction(self, kind: RestrictionKind) -> Restriction | None:
         """Return the restriction of a kind, if a person has begun one."""
         return next((one for one in self.restrictions if one.kind is kind), None)
@@ -128,6 +134,8 @@ class DoorHold:
     floor: FloorName
     may_begin: bool
     """What is found off is put on; otherwise only what is on stays."""
+    renewed_at: float
+    """How long it stays on is counted from the newest reading at which it was wanted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +158,8 @@ class RobotModeHold:
     """Its bytes have left, or it may be found on after a restart."""
     kept_until: float | None = None
     """Its session is over, and the car still moves: until then at the most it is kept."""
+    renewed_at: float = -math.inf
+    """As `DoorHold.renewed_at`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ def hold_robot_mode(draft: Draft, *, may_begin: bool) -> None:
     if not is_given:
         mode = replace(mode, was_pressed=False)
     if may_begin or is_given:
-        mode = replace(mode, is_wanted=True, may_begin=may_begin)
+        mode = replace(mode, is_wanted=True, may_begin=may_begin, renewed_at=draft.moment.read_at)
     draft.change(robot_mode=mode)
 
 

@@ -53,15 +53,17 @@ class Holds:
     ) -> tuple[Beginning, ...]:
         """Take what should be on; return what has to be written down before it begins.
 
-        `pressed` are the outputs whose press is not with the driver yet: they stay as they are. Nothing new may begin while
-        nothing can be written down.
+        `pressed` are the outputs whose press is not with the driver yet: what is on for the same command stays, and what is on
+        for another one is released. Nothing new may begin while nothing can be written down.
         """
         self._wanted = {command.name: hold for command, hold in wanted.items()}
         for name in [name for name in (*self._waiting, *self._unwritten) if not self._begins(name)]:
             self._waiting.pop(name, None)
             self._unwritten.discard(name)
         before = {command.name: (command, hold) for command, hold in self.declared.items()}
-        after = {command: hold for command, hold in self.declared.items() if command.name in pressed}
+        after = {
+            command: hold for command, hold in self.declared.items() if command.name in pressed and command in wanted
+        }
         beginnings = []
         for command, hold in wanted.items():
             name = command.name

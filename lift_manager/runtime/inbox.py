@@ -10,9 +10,6 @@ from collections.abc import Callable
 
 from lift_manager.lift.inputs import Input, OutputChanged, Tick
 
-WAKES_LATE_S = 0.001
-"""A timer may fire a hair before its time, and would find nothing due."""
-
 
 class Inbox:
     """Hands inputs over one by one, in their order and soon. Whoever reports is in the middle of its own work."""
@@ -50,7 +47,7 @@ class Inbox:
         if self._timer is not None:
             self._timer.cancel()
         if at < math.inf:
-            self._timer = asyncio.get_running_loop().call_at(at + WAKES_LATE_S, self._tick)
+            self._timer = asyncio.get_running_loop().call_at(at, self._tick)
 
     async def watch(self) -> None:
         """Raise the first bug that was met in a callback of the loop, where it would only be logged."""

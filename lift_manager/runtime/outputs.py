@@ -71,7 +71,7 @@ class LiftOutputs:
                 press = self._waiting.pop(pending.id)
                 self._sent.add(press.id)
                 self._driver.press(press.id, press.command, press.leave_by)
-        wanted, before = outputs(self._config, record, moment), self._holds.declared
+        wanted, before = outputs(self._config, record), self._holds.declared
         beginnings = self._holds.update(wanted, self._waiting_names, may_begin=not record.disk_trouble)
         if self._holds.declared != before:
             self._driver.declare(self._holds.declared)
@@ -117,11 +117,11 @@ class LiftOutputs:
                 case Press():
                     self._waiting[action.id] = action
                     presses.append(action)
-                case Cancel(press) if press in self._sent:
+                case Cancel(press) if press not in self._waiting:
                     self._driver.cancel(press)
                 case Cancel(press):
-                    gone = self._waiting.pop(press, None)
-                    if gone is not None and not not_recorded:
+                    gone = self._waiting.pop(press)
+                    if not not_recorded:
                         outcome = Outcome(gone.command, Result.REJECTED, NOT_SENT, press=press)
                         self._inbox.put(PressEnded(press, outcome))
         return [press for press in presses if press.id in self._waiting]

@@ -349,7 +349,7 @@ class Shadow:
 
     def compare_holds(self, moment: Moment) -> None:
         assert self.record is not None
-        declared = {str(command): hold for command, hold in outputs(self.config, self.record, moment).items()}
+        declared = {str(command): hold for command, hold in outputs(self.config, self.record).items()}
         wanted = {
             str(command): begin
             for command, begin in self.wanted.items()

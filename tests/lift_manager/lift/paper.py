@@ -155,7 +155,7 @@ class PaperLift:
     @property
     def holds(self) -> dict[str, Hold]:
         """What is declared, by command."""
-        return {command.name: hold for command, hold in outputs(self.config, self.record, self.moment).items()}
+        return {command.name: hold for command, hold in outputs(self.config, self.record).items()}
 
     @property
     def alarms(self) -> list[str]:
@@ -280,7 +280,7 @@ class PaperLift:
 
     def _obey(self) -> None:
         """Do at once what is declared, as a controller does that obeys."""
-        declared = {command.name: hold for command, hold in outputs(self.config, self.record, self.moment).items()}
+        declared = {command.name: hold for command, hold in outputs(self.config, self.record).items()}
         for name in {*declared, *self.status}:
             hold, is_given = declared.get(name), self.status.get(name, OutputState.AT_REST) in GIVEN
             if hold is None and any(press.command.name == name for press in self.pressed):
