@@ -66,6 +66,9 @@ Reply = (
     | Acknowledged
 )
 
+PAST_S = 0.001
+"""So long after its longest age a reading is looked at: the difference of two times is only about what it should be."""
+
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -326,7 +329,7 @@ def _moments_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) 
     observation, capabilities = record.observation, config.capabilities
     if observation is None or not is_fresh(capabilities, moment):
         return
-    yield math.nextafter(moment.read_at + capabilities.max_age_s, math.inf)
+    yield moment.read_at + capabilities.max_age_s + PAST_S
     yield observation.floor_since + capabilities.evidence_for_s
     yield from (since + capabilities.door_closes_within_s for since in observation.not_open_since.values())
     if record.track.opened_at is not None:

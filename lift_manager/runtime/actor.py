@@ -37,7 +37,7 @@ from lift_manager.lift.inputs import (
     Request,
 )
 from lift_manager.lift.observation import Moment
-from lift_manager.lift.record import LiftRecord
+from lift_manager.lift.record import DurableRecord, LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.state import LiftState, same_but_for_time, state
@@ -84,7 +84,7 @@ class LiftActor:
         self.config = config
         self.settings = settings or LiftSettings()
         self.driver = driver
-        self.record = LiftRecord(durable=recorder.recall(config.name))
+        self.record = LiftRecord(durable=recorder.recall(config.name) or DurableRecord())
         """The newest one; only inputs change it."""
         self.journal = LiftJournal(config.name, driver.source, recorder)
         self.inbox = Inbox(self._take)

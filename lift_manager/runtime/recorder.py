@@ -21,15 +21,18 @@ def wall_clock(zone: tzinfo | None = None) -> Clock:
 
 
 class Recorder(Protocol):
-    """Commits records and rows in the order of the calls, many at once. Nothing here waits, so releases never wait for a disk."""
+    """Commits records and rows in the order of the calls, many at once. Nothing here waits, so releases never wait for a disk.
+
+    `store.committer.Committer` is one.
+    """
 
     @property
     def trouble(self) -> str:
         """Why nothing can be written now, in words with what to do; empty while it can."""
         ...
 
-    def recall(self, lift: str) -> DurableRecord:
-        """Return the newest record of a lift; an empty one for a lift that nothing was ever kept of."""
+    def recall(self, lift: str) -> DurableRecord | None:
+        """Return the newest record of a lift; None for a lift that nothing was ever kept of."""
         ...
 
     def keep(self, lift: str, record: DurableRecord) -> None:
@@ -66,9 +69,9 @@ class MemoryRecorder:
         self.trouble = ""
         """May be set, as if a disk took nothing more."""
 
-    def recall(self, lift: str) -> DurableRecord:
+    def recall(self, lift: str) -> DurableRecord | None:
         """Return what was kept last."""
-        return self.records.get(lift, DurableRecord())
+        return self.records.get(lift)
 
     def keep(self, lift: str, record: DurableRecord) -> None:
         """Keep this."""

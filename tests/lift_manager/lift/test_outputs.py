@@ -1,6 +1,5 @@
 """What is declared to be on, until when, when a lift is looked at again, and what a reading without news costs."""
 
-import math
 from dataclasses import replace
 
 from drivers.model import LiftReading, OutputState
@@ -8,7 +7,7 @@ from lift_manager.lift.inputs import OutputChanged, Reading, Tick
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.state import same_but_for_time
-from lift_manager.lift.step import is_news
+from lift_manager.lift.step import PAST_S, is_news
 from register_maps.words import Door, Mode, Motion
 from tests.lift_manager.lift.paper import HANDSHAKE, PLAIN, PaperLift
 
@@ -71,7 +70,7 @@ def test_an_unchanged_reading_of_an_idle_lift_is_no_news() -> None:
 def test_a_lift_that_is_not_read_is_looked_at_when_its_reading_gets_too_old() -> None:
     lift = PaperLift()
     lift.read()
-    assert lift.newest.wake_at == math.nextafter(lift.now + 1.0, math.inf)
+    assert lift.newest.wake_at == lift.now + 1.0 + PAST_S
     lift.now = lift.newest.wake_at
     lift.take(Tick())
     assert lift.state.quality == "offline"

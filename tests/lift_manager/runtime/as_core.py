@@ -1,6 +1,7 @@
 """Runs tests of the core of today, and campaigns, on the runtime: a lift that looks like `core.lift.LiftTask` over a `LiftActor`.
 
 python -m tests.lift_manager.runtime.as_core tests/lift_manager/core/test_fire.py ...   (arguments of pytest)
+python -m tests.lift_manager.runtime.as_core -m tests.campaigns.truth --schedules 100   (a module and its arguments)
 
 A tool for the time in which both exist: it goes with the core.
 """
@@ -9,6 +10,7 @@ A tool for the time in which both exist: it goes with the core.
 
 import asyncio
 import importlib
+import runpy
 import sys
 from asyncio import Future
 from dataclasses import fields, is_dataclass, replace
@@ -483,6 +485,10 @@ def install() -> None:
 install()
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["-m"]:
+        sys.argv = sys.argv[2:]
+        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+        raise SystemExit(0)
     from tests.lift_manager.runtime import as_core
 
     raise SystemExit(
