@@ -102,8 +102,11 @@ class PaperLift:
     events: list[Event] = field(default_factory=list)
     pressed: list[Press] = field(default_factory=list)
     """Without an outcome, the oldest first."""
+    cancelled: list[Cancel] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
     """Every press so far."""
+    obeys: bool = True
+    """The controller does at once what is declared."""
     status: dict[str, OutputState] = field(default_factory=dict)
     values: LiftValues = field(
         default_factory=lambda: LiftValues(
@@ -275,8 +278,10 @@ class PaperLift:
                     self.pressed.append(action)
                     self.log.append(str(action.command))
                 case Cancel(id=gone):
+                    self.cancelled.append(action)
                     self.pressed = [press for press in self.pressed if press.id != gone]
-        self._obey()
+        if self.obeys:
+            self._obey()
 
     def _obey(self) -> None:
         """Do at once what is declared, as a controller does that obeys."""

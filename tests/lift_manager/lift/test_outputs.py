@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 from drivers.model import LiftReading, OutputState
-from lift_manager.lift.inputs import OutputChanged, Reading, Tick
+from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.inputs import Cancel, OutputChanged, Reading, Restrict, Tick
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.state import same_but_for_time
@@ -106,3 +107,67 @@ def test_states_that_differ_only_in_time_are_the_same() -> None:
     assert same_but_for_time(before, lift.state)
     lift.read(None, Door.CLOSED, motion=Motion.UP)
     assert not same_but_for_time(before, lift.state)
+
+
+def test_a_restored_hold_lasts_before_the_first_reading() -> None:
+    lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0, "robot_mode": 20.0}))
+    lift.called_to("L2")
+    after = lift.restarted()
+    assert {name: hold.until - after.now for name, hold in after.holds.items()} == {
+        "hold_door.front": 30.0,
+        "robot_mode": 20.0,
+    }
+
+
+def test_a_hold_is_not_renewed_in_the_time_that_a_fire_gives_a_robot() -> None:
+    lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0}), site={"fire_release_delay_s": 3.0})
+    lift.called_to("L2")
+    until = lift.holds["hold_door.front"].until
+    lift.read(mode=Mode.FIRE)
+    lift.wait(2.0)
+    assert lift.holds["hold_door.front"].until == until
+
+
+def test_what_the_map_requires_and_the_lift_no_longer_gives_ends_a_hold() -> None:
+    lift = PaperLift(replace(PLAIN, requires={"hold_door.front": frozenset({"robot_mode_on"})}))
+    lift.called_to("L2")
+    assert "hold_door.front" in lift.holds
+    lift.read(robot_mode_on=False)
+    assert "hold_door.front" not in lift.holds
+
+
+def test_a_pulse_that_is_still_on_is_taken_back_with_its_session() -> None:
+    lift = PaperLift()
+    lift.read()
+    lift.accept("L2")
+    (press,) = lift.pressed
+    lift.answer()
+    lift.status["go_to"] = OutputState.ON
+    lift.take(OutputChanged(dict(lift.status)))
+    lift.take(Restrict(RestrictionKind.LOCKOUT, "ann", "new ropes", at_once=True))
+    assert Cancel(press.id) in lift.cancelled
+
+
+def test_a_held_call_is_released_before_the_call_to_another_floor() -> None:
+    lift = PaperLift(HANDSHAKE)
+    lift.read()
+    lift.accept("L2")
+    (press,) = lift.pressed
+    lift.answer()
+    lift.accept("L3")
+    assert lift.cancelled == [Cancel(press.id)]
+    assert lift.log == ["call L2", "call L3"]
+
+
+def test_a_robot_in_the_door_has_its_time_though_the_hold_is_in_doubt() -> None:
+    lift = PaperLift()
+    lift.called_to("L2")
+    lift.obeys = False
+    lift.status["hold_door.front"] = OutputState.ON
+    lift.take(OutputChanged(dict(lift.status)))
+    assert lift.door is RobotDoor.MOVING
+    lift.take(Restrict(RestrictionKind.LOCKOUT, "ann", "new ropes"))
+    lift.wait(9.0)
+    assert "hold_door.front" in lift.holds
+    lift.wait(2.0)
+    assert "hold_door.front" not in lift.holds

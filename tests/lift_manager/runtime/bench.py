@@ -71,9 +71,11 @@ class Bench:
     def state(self) -> LiftState:
         return self.site.state("lift")
 
-    @property
     def door(self) -> RobotDoor:
         return self.state.robot_door
+
+    def holder(self) -> Holder | None:
+        return self.state.holder
 
     @property
     def pressing(self) -> list[str]:

@@ -10,6 +10,7 @@ import pytest
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.session import Holder
+from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreUnusable
 from lift_manager.store.record import DURABLE, RecordDamaged
@@ -17,7 +18,7 @@ from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
 from lift_manager.store.sqlite import SqliteStore
 from register_maps.words import Door
-from tests.lift_manager.runtime.bench import PROVEN, ROBOT, Bench, MemoryRecorder, on_lift
+from tests.lift_manager.runtime.bench import PROVEN, ROBOT, Bench, on_lift
 from tests.support.virtual_time import elapse
 
 LIMITS = Limits(400, 500)
@@ -84,10 +85,10 @@ def test_a_session_and_a_lockout_outlive_the_manager(path: Path) -> None:
         await made.car("L2", Door.OPEN)
         assert "by ann" in made.state.restrictions.lockout
         assert made.site.durable("lift").restriction(RestrictionKind.LOCKOUT) is not None
-        assert made.state.holder == Holder("api", "fleet/robot1")  # until its door is released
+        assert made.holder() == Holder("api", "fleet/robot1")  # until its door is released
         assert made.driver.on == {"hold_door.front"}
         await elapse(12)
-        assert made.state.holder is None
+        assert made.holder() is None
         assert made.driver.on == set()
 
     on_lift(before, recorder=kept(path))
