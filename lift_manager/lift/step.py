@@ -101,12 +101,15 @@ def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment
     return _finish(draft, record, reply)
 
 
-def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, moment: Moment) -> bool:
-    """Whether a reading has to be stepped: most only show that nothing has changed, and cost next to nothing."""
+def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, *, read_at: float, now: float) -> bool:
+    """Whether a reading has to be stepped: most only show that nothing has changed, and cost next to nothing.
+
+    `read_at` is that of the reading before.
+    """
     before, max_age_s = record.observation, config.capabilities.max_age_s
     is_same = before is not None and reading.values is before.values and reading.epoch == before.epoch
     is_quiet = not (record.is_busy or record.fault or reading.notices)
-    in_time = reading.at - moment.read_at <= max_age_s and moment.now - reading.at <= max_age_s
+    in_time = reading.at - read_at <= max_age_s and now - reading.at <= max_age_s
     return not (is_same and is_quiet and in_time and before is not None and before.is_settled)
 
 

@@ -7,7 +7,6 @@ import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 
 from drivers.driver import LiftDriver, Report
 from drivers.errors import ControllerException, DriverError
@@ -49,9 +48,6 @@ from lift_manager.runtime.outputs import LiftOutputs
 from lift_manager.runtime.recorder import Clock, Recorder, wall_clock
 
 _log = logging.getLogger(__name__)
-
-_NO_CLOCK = datetime.min.replace(tzinfo=UTC)
-"""The time of day costs more than everything else that a reading without news needs, and nothing depends on it there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,13 +118,13 @@ class LiftActor:
 
     def take_reading(self, reading: LiftReading) -> None:
         """Take a poll that was answered; one without news costs next to nothing."""
-        moment = Moment(_now(), _NO_CLOCK, self._read_at)
-        if not self.inbox and not is_news(self.config, self.record, reading, moment):
+        now = _now()
+        if not self.inbox and not is_news(self.config, self.record, reading, read_at=self._read_at, now=now):
             self._read_at = reading.at
             return
         self.handle(Reading(reading, {}))
-        self.journal.link(self.record.fault, moment.now, answers=True)
-        self.journal.mode(reading.values.mode, moment.now)
+        self.journal.link(self.record.fault, now, answers=True)
+        self.journal.mode(reading.values.mode, now)
 
     def take_failure(self, error: DriverError) -> None:
         """Take a poll that failed."""
@@ -162,6 +158,8 @@ class LiftActor:
 
     def state(self) -> LiftState:
         """Return what this lift publishes right now, from memory."""
+        if not self._is_taking:
+            self.inbox.take_all()
         return state(self.config, self.record, self.moment)
 
     def freshen(self) -> None:
@@ -185,8 +183,8 @@ class LiftActor:
             case Reading(reading):
                 happened = Reading(reading, known)
                 self._read_at = reading.at
-            case inputs.OutputChanged():
-                happened = inputs.OutputChanged(known)
+            case inputs.OutputChanged(then):
+                known = then  # what fell and came back since has fallen all the same
             case GiveCommand() if not self.journal.admits(happened, moment.now, known=_knows(self.config, happened)):
                 happened = replace(happened, is_recorded=False)
         if known != record.outputs:

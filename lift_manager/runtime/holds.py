@@ -14,7 +14,8 @@ from drivers.model import Command, Hold, OutputState
 from lift_manager.lift import outputs
 from lift_manager.lift.inputs import Outputs
 
-_GIVEN = frozenset({OutputState.REQUESTED, OutputState.ON, OutputState.HELD})
+_ON = frozenset({OutputState.ON, OutputState.HELD})
+_GIVEN = _ON | {OutputState.REQUESTED}
 
 
 class Beginning(NamedTuple):
@@ -70,7 +71,7 @@ class Holds:
             if name in pressed:
                 continue
             known = before[name][1] if name in before else None
-            if not hold.begin or (known is not None and self._state(name) in _GIVEN):
+            if not hold.begin or self._needs_no_beginning(name, known):
                 after[command] = Hold(self._kept_number(name, known, hold), hold.until)
             elif self._is_written_down(name):
                 after[command] = Hold(self._next_number(), hold.until)
@@ -116,6 +117,11 @@ class Holds:
 
     def _begins(self, name: str) -> bool:
         return name in self._wanted and self._wanted[name].begin
+
+    def _needs_no_beginning(self, name: str, known: Hold | None) -> bool:
+        """Whether a hold is on, or on its way. One that a restart found on is only kept until it is written down for its holder."""
+        state = self._state(name)
+        return known is not None and state in _GIVEN and (known.begin > 0 or state is OutputState.REQUESTED)
 
     def _kept_number(self, name: str, known: Hold | None, hold: outputs.Hold) -> int:
         """Return the number of a hold that is on, or is only kept: what was not put on yet is not put on for nobody."""

@@ -8,7 +8,7 @@ from asyncio import Future
 from collections import deque
 from collections.abc import Callable
 
-from lift_manager.lift.inputs import Input, OutputChanged, Tick
+from lift_manager.lift.inputs import Input, Tick
 
 
 class Inbox:
@@ -27,9 +27,7 @@ class Inbox:
         return len(self._queue)
 
     def put(self, item: Input) -> None:
-        """Have this taken soon. Of several changes of outputs in a row one is enough: it is taken with all of them."""
-        if isinstance(item, OutputChanged) and self._queue and isinstance(self._queue[-1], OutputChanged):
-            return
+        """Have this taken soon."""
         self._queue.append(item)
         if self._soon is None:
             self._soon = asyncio.get_running_loop().call_soon(self._take_soon)

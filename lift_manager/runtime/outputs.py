@@ -91,7 +91,7 @@ class LiftOutputs:
     def changed(self, name: str, state: OutputState) -> None:
         """Note the state of an output."""
         self._holds.states[name] = state
-        self._inbox.put(OutputChanged({}))
+        self._inbox.put(OutputChanged(self.shown))
 
     def written(self, name: str) -> None:
         """Note that an output was put on."""

@@ -245,7 +245,7 @@ class Shadow:
         self.trace.append((moment.now, made))
         self.steps += 1
         if isinstance(made, inputs.Reading):
-            if not step.is_news(self.config, self.record, made.reading, moment):
+            if not step.is_news(self.config, self.record, made.reading, read_at=moment.read_at, now=moment.now):
                 self.trace.pop()
                 return
         else:

@@ -188,7 +188,7 @@ class PaperLift:
     def poll(self) -> None:
         """Read the lift once."""
         reading = LiftReading(self.now, 1, self.values)
-        if is_news(self.config, self.record, reading, self.moment):
+        if is_news(self.config, self.record, reading, read_at=self.read_at, now=self.now):
             self.take(Reading(reading, dict(self.status)))
         self.read_at = self.now
 

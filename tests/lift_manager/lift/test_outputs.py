@@ -62,10 +62,22 @@ def test_a_door_that_has_to_be_seen_shut_is_not_put_on_hold() -> None:
 def test_an_unchanged_reading_of_an_idle_lift_is_no_news() -> None:
     lift = PaperLift()
     lift.read()
-    assert not is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values), lift.moment)
-    assert is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 2, lift.values), lift.moment)
-    assert is_news(lift.config, lift.record, LiftReading(lift.now + 5.0, 1, lift.values), lift.moment)
-    assert is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)), lift.moment)
+    assert not is_news(
+        lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values), read_at=lift.read_at, now=lift.now
+    )
+    assert is_news(
+        lift.config, lift.record, LiftReading(lift.now + 0.2, 2, lift.values), read_at=lift.read_at, now=lift.now
+    )
+    assert is_news(
+        lift.config, lift.record, LiftReading(lift.now + 5.0, 1, lift.values), read_at=lift.read_at, now=lift.now
+    )
+    assert is_news(
+        lift.config,
+        lift.record,
+        LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)),
+        read_at=lift.read_at,
+        now=lift.now,
+    )
 
 
 def test_a_lift_that_is_not_read_is_looked_at_when_its_reading_gets_too_old() -> None:
