@@ -29,10 +29,10 @@ from drivers.modbus.wire import PymodbusWire
 from lift_manager.app import Building, build
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
+from lift_manager.runtime.bus import Bus
 from register_maps.codec import compile_map
 from register_maps.load import load
 

@@ -27,15 +27,12 @@ from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api, Controller
 from lift_manager.config.tls import path_of, tls_cautions
-from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
 from lift_manager.core.options import LiftOptions
-from lift_manager.core.progress import patience_s
 from lift_manager.core.recording import LiftLog, RecordingBus
-from lift_manager.core.ticker import Ticker
 from lift_manager.domain.events import Event
 from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.journal import Row
@@ -46,6 +43,9 @@ from lift_manager.plain.version import running_version
 from lift_manager.rmf.join import joined
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
+from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.progress import patience_s
+from lift_manager.runtime.ticker import Ticker
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch

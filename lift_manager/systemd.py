@@ -11,7 +11,7 @@ import os
 import socket
 from collections.abc import Callable, Mapping
 
-from lift_manager.core.progress import Progress
+from lift_manager.runtime.progress import Progress
 
 _log = logging.getLogger(__name__)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 
 from drivers.model import Outcome, Result
-from lift_manager.core.bus import Bus
 from lift_manager.domain.events import (
     Advised,
     Alarm,
@@ -30,6 +29,7 @@ from lift_manager.domain.service import (
 from lift_manager.domain.session import Session
 from lift_manager.domain.session_requests import Followed
 from lift_manager.domain.state import Holder
+from lift_manager.runtime.bus import Bus
 
 _log = logging.getLogger(__name__)
 

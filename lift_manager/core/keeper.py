@@ -10,7 +10,6 @@ from drivers.model import Command, CommandKind, FloorName, Outcome, Result
 from lift_manager.core.admission import Admission
 from lift_manager.core.announce import Announcer
 from lift_manager.core.around import Around
-from lift_manager.core.bus import Bus
 from lift_manager.core.calling import CallButton
 from lift_manager.core.countdown import Countdown
 from lift_manager.core.emergency import Emergency
@@ -35,6 +34,7 @@ from lift_manager.domain.session import KeptSession, Session
 from lift_manager.domain.session_requests import SessionInfo, SessionOver
 from lift_manager.domain.sight import Sight, disbelieved, moving
 from lift_manager.domain.state import Holder, Restrictions
+from lift_manager.runtime.bus import Bus
 from register_maps.vocabulary import CALLS
 from register_maps.words import Door
 

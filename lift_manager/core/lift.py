@@ -11,7 +11,6 @@ from drivers.errors import ControllerException, DriverError
 from drivers.model import FloorName, LiftReading
 from lift_manager.core.around import Around
 from lift_manager.core.ask_desk import AskDesk
-from lift_manager.core.bus import Bus
 from lift_manager.core.gate import Gate
 from lift_manager.core.held import ReadWhileHeld
 from lift_manager.core.journal import ShortJournal
@@ -24,7 +23,6 @@ from lift_manager.core.people import PeopleFirst
 from lift_manager.core.people_words import PeopleWords
 from lift_manager.core.recording import LiftLog
 from lift_manager.core.session_desk import SessionDesk
-from lift_manager.core.ticker import Ticker
 from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain import wish as wishes
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
@@ -44,6 +42,8 @@ from lift_manager.domain.service import (
 )
 from lift_manager.domain.sight import Sight, see
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.ticker import Ticker
 
 CLEAR_AT_STOP_S = 3.0
 """`clear_s` of a manager that ends: the process has five seconds in all. A robot at 0.5 m/s drives 1.5 m in that time."""

@@ -7,7 +7,6 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
-from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
@@ -32,6 +31,7 @@ from lift_manager.domain.service import (
     Remembered,
 )
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.runtime.bus import Bus, Subscription
 
 Answer = TypeVar("Answer")
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from drivers.model import Command, Written
 from drivers.sparing import TOLD_EVERY_S, Changes, Sparing, newest
-from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal
 from lift_manager.core.memory import Memory
 from lift_manager.domain import journal_rows as rows
@@ -22,6 +21,7 @@ from lift_manager.domain.journal import Row
 from lift_manager.domain.seconds import without_seconds
 from lift_manager.domain.state import Holder
 from lift_manager.domain.wish import Wish
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Mode
 
 _log = logging.getLogger(__name__)

@@ -9,9 +9,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from enum import StrEnum, unique
 
-from drivers.model import FloorName, Outcome, Proof
+from drivers.model import Command, FloorName, Outcome, Proof, Written
+from lift_manager.domain.journal import Json, Row, RowKind
 from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
 from lift_manager.lift.events import (
     Acknowledged,
@@ -54,33 +54,6 @@ SHARE_OF_MANY = 6
 """A caller that had more than its share gets this part of it in the next minute. Chosen: what goes on for weeks must not fill a journal."""
 CALLERS = 64
 """Callers that are told apart. Chosen: far more robots than wait for one lift."""
-
-Json = str | int | float | bool | None | list[str] | dict[str, int]
-
-
-@unique
-class RowKind(StrEnum):
-    """What a row of a lift is about; stable words for filters and exports."""
-
-    REQUEST = "request"
-    OUTCOME = "outcome"
-    SESSION = "session"
-    MODE = "mode"
-    LINK = "link"
-    ALARM = "alarm"
-    PERSON = "person"
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row, before it has a number and a time."""
-
-    kind: RowKind
-    text: str
-    lift: str
-    caller: str = ""
-    data: Mapping[str, Json] = field(default_factory=dict)
-
 
 # -- events
 
@@ -170,6 +143,55 @@ def mode_row(lift: str, mode: Mode, before: Mode | None) -> Row:
     """Return the row of a mode that is seen for the first time or has changed."""
     text = f"the mode is {mode}" if before is None else f"the mode was {before} and is {mode}"
     return Row(RowKind.MODE, text, lift, "", {"mode": mode, "before": before})
+
+
+def modes_row(lift: str, mode: Mode | None, modes: Mapping[str, int], for_s: float) -> Row:
+    """Return the row of changes beyond those that have rows of their own; `modes` tells how often each was seen."""
+    times = sum(modes.values())
+    among = f"to {mode}" if len(modes) < 2 else f"between {' and '.join(sorted(modes))}, and is {mode}"
+    text = f"the mode changed {times} times within {for_s:.0f} s {among}"
+    return Row(RowKind.MODE, text, lift, "", {"mode": mode, "times": times})
+
+
+# -- the controller
+
+
+def link_row(lift: str, source: str, fault: str) -> Row:
+    """Return the row of a lift that is read, or is not; `fault` says why."""
+    return Row(RowKind.LINK, fault or f"reading {source}", lift, "", {"up": not fault})
+
+
+def links_row(lift: str, fault: str, changes: Mapping[str, int], for_s: float) -> Row:
+    """Return the row of changes beyond those that have rows of their own; `fault` is why the lift is not read at last."""
+    times = sum(changes.values())
+    text = f"the lift was lost or read again {times} times within {for_s:.0f} s, and is {fault and 'not '}read"
+    data: dict[str, Json] = {"up": not fault, "times": times}
+    return Row(RowKind.LINK, text + (f": {fault}" if fault else ""), lift, "", data)
+
+
+def press_row(
+    lift: str, holder: Holder | None, command: Command, frames: tuple[str, ...], *, again: bool = False
+) -> Row:
+    """Return the row that a press or the beginning of a hold waits for: what is wanted, and not what came of it.
+
+    `again` says that it is a hold that was found off.
+    """
+    data: dict[str, Json] = {"command": command.name, "floor": command.floor, "frames": list(frames)}
+    why = " again: it was found off" if again else ""
+    return Row(RowKind.PRESS, f"{command} is to be pressed{why}", lift, "" if holder is None else str(holder), data)
+
+
+def write_row(lift: str, holder: Holder | None, write: Written) -> Row:
+    """Return the row of a write."""
+    what = f"{write.what} of {write.name}" if write.name else write.what
+    text = f"{what} failed: {write.failure}" if write.failure else f"{what} was answered"
+    data: dict[str, Json] = {
+        "command": write.name,
+        "what": write.what,
+        "frames": list(write.frames),
+        "failure": write.failure,
+    }
+    return Row(RowKind.WRITE, text, lift, "" if holder is None else str(holder), data)
 
 
 # -- requests

@@ -7,15 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum, unique
-from typing import NewType
 
-from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, Result
+from drivers.model import Capabilities, Command, CommandKind, FloorName, Outcome, PressId, Result
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.observation import Observation, has_no_open_door
 from register_maps.words import Motion, Side
-
-PressId = NewType("PressId", int)
-"""Names one press of one process; ids are never used twice."""
 
 BACKOFF_S = (2.0, 30.0)
 """First and longest pause before a failed call may be pressed again (DESIGN section 6)."""

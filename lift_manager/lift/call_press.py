@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from drivers.model import OutputState
 from lift_manager.lift.call import (
     Call,
     CallOutput,
@@ -19,7 +20,6 @@ from lift_manager.lift.call import (
 )
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.draft import Draft
-from lift_manager.lift.inputs import OutputStatus
 from lift_manager.lift.observation import Observation
 from lift_manager.lift.occupancy import Occupancy, is_aboard
 from lift_manager.lift.record import LiftRecord
@@ -48,14 +48,19 @@ def call_is_lost(record: LiftRecord) -> bool:
     output = record.call_output
     if output is None or not output.until:
         return False
-    return output.interrupted or not record.status(output.command).is_given
+    return output.interrupted or not record.is_given(output.command)
 
 
 def no_call_keeps_door(record: LiftRecord) -> bool:
     """Whether no call keeps the door open, and that is verified."""
     if call_keeps_door(record):
         return False
-    return record.door_call is None or record.status(record.door_call) is OutputStatus.AT_REST
+    return record.door_call is None or record.status(record.door_call) is OutputState.AT_REST
+
+
+def call_is_on_at_floor(record: LiftRecord) -> bool:
+    """Whether the car has arrived by a call that keeps the door open, and that is not seen to be released."""
+    return record.call_has_arrived and not no_call_keeps_door(record)
 
 
 def only_call_holds_door(config: LiftConfig, record: LiftRecord, session: Session) -> bool:
@@ -94,7 +99,7 @@ def press(draft: Draft, call: Call) -> None:
         draft.change(call=call_without_press(call, now))
         return
     output = draft.record.call_output
-    if output is not None and output.command.name != command.name:
+    if output is not None and output.command != command:
         release_call(draft)
     press_id = draft.press(command)
     take_call_output(draft, CallOutput(command, ends_call(config, command, aboard=aboard), press_id, now))
@@ -113,7 +118,7 @@ def release_call(draft: Draft) -> None:
     """Release the call, if one is on; one that was not pressed yet is not pressed."""
     output = draft.record.call_output
     if output is not None:
-        draft.cancel(output.command)
+        draft.cancel(output.command, output.press)
         draft.change(call_output=None)
 
 
@@ -133,7 +138,7 @@ def interrupt_call(draft: Draft) -> None:
     """Release a call that keeps the door open, and miss it: it counts as lost from here on."""
     output = draft.record.call_output
     if output is not None and output.keeps_door and not output.interrupted:
-        draft.cancel(output.command)
+        draft.cancel(output.command, output.press)
         draft.change(call_output=replace(output, interrupted=True))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
@@ -42,8 +42,6 @@ class LiftConfig:
     """The site lets robots command this lift; otherwise it is only watched."""
     capabilities: Capabilities
     """What the map lets this lift say and be told."""
-    max_hold_s: Mapping[str, float] = field(default_factory=dict)
-    """How long the map lets each output stay on after it was last renewed, by command name; no limit where it is absent."""
     lease_s: float = 300.0
     """For callers that can renew it. Chosen: it outlives RMF's 300 s localise step."""
     max_session_s: float = 3600.0
@@ -77,7 +75,7 @@ class LiftConfig:
 
     def held_until(self, command: Command, renewed_at: float) -> float:
         """Return until when an output may stay on that was last renewed at this time."""
-        return renewed_at + self.max_hold_s.get(command.name, math.inf)
+        return renewed_at + self.capabilities.max_hold_s.get(command.name, math.inf)
 
     def has(self, command: Command) -> bool:
         """Whether the map has this command, and the site lets us give it."""

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
+from drivers.model import Command, CommandKind, FloorName, Outcome, OutputState, PressId, Proof, Result
 from lift_manager.lift import call_press, handshake
-from lift_manager.lift.call import Call, CallPhase, PressId, call_holds_door
+from lift_manager.lift.call import Call, CallPhase, call_holds_door
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandProgress
 from lift_manager.lift.config import LiftConfig, door_hold
 from lift_manager.lift.draft import Draft
 from lift_manager.lift.events import hold_spent_text
 from lift_manager.lift.inhibits import why_no_close, why_no_press
-from lift_manager.lift.inputs import OutputStatus
 from lift_manager.lift.observation import (
     Observation,
     barred_by,
@@ -58,7 +57,7 @@ def door_is_held(config: LiftConfig, record: LiftRecord) -> bool:
         return False
     declared = _declared_holds(config, record)
     for hold in config.door_holds(session.floor):
-        if config.has(hold) and not (hold in declared and record.status(hold) is OutputStatus.HELD):
+        if config.has(hold) and not (hold in declared and record.status(hold) is OutputState.HELD):
             return False
     if observation is not None and is_closing(observation, config.doors_at[session.floor]):
         return False
@@ -69,8 +68,14 @@ def door_is_held(config: LiftConfig, record: LiftRecord) -> bool:
 
 
 def may_be_crossed(config: LiftConfig, record: LiftRecord) -> bool:
-    """Whether a robot may be on its way through the door that is held for the session, or about to be."""
-    return record.session is not None and record.call_has_arrived and door_is_held(config, record)
+    """Whether a robot may be on its way through the door that is held for the session, or about to be.
+
+    A hold whose refresh was not answered no longer counts as held, and one that a restart found on may be at a floor that is not
+    known yet: a robot may be in its door all the same.
+    """
+    if record.session is None or not (record.call_has_arrived or record.door_hold_found):
+        return False
+    return door_is_given(config, record) or call_press.call_is_on_at_floor(record)
 
 
 def is_released_open(config: LiftConfig, record: LiftRecord) -> bool:
@@ -88,7 +93,7 @@ def is_clearing(config: LiftConfig, record: LiftRecord, observation: Observation
 
 def door_is_given(config: LiftConfig, record: LiftRecord) -> bool:
     """Whether the hold of any door is on or on its way."""
-    return any(record.status(hold).is_given for hold in _declared_holds(config, record))
+    return any(record.is_given(hold) for hold in _declared_holds(config, record))
 
 
 def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
@@ -96,7 +101,7 @@ def doors_at_rest(config: LiftConfig, record: LiftRecord) -> bool:
     if record.door_hold is not None:
         return False
     holds = (door_hold(side) for side in config.capabilities.doors)
-    return all(record.status(hold) is OutputStatus.AT_REST for hold in holds)
+    return all(record.status(hold) is OutputState.AT_REST for hold in holds)
 
 
 def _declared_holds(config: LiftConfig, record: LiftRecord) -> tuple[Command, ...]:
@@ -199,7 +204,7 @@ def release_door_at_request(draft: Draft) -> None:
 def _declare(draft: Draft, floor: FloorName, *, may_begin: bool) -> None:
     """Want the doors of a floor held; where that may not begin, only what is on is kept."""
     if may_begin or draft.record.door_hold is not None:
-        draft.change(door_hold=DoorHold(floor, may_begin))
+        draft.change(door_hold=DoorHold(floor, may_begin, draft.moment.read_at))
 
 
 def _note_shut(draft: Draft, session: Session, observation: Observation, floor: FloorName) -> Session:

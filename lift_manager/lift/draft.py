@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from drivers.model import Command
-from lift_manager.lift.call import PressId
+from drivers.model import Command, OutputState, PressId
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm, Event
-from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, AuditRow, Cancel, Press
+from lift_manager.lift.inputs import LEAVE_WITHIN_S, Action, Cancel, Press
 from lift_manager.lift.observation import Moment, Observation, is_fresh
 from lift_manager.lift.record import DurableRecord, LiftRecord, PendingPress
 from lift_manager.lift.session import Holder, Session
@@ -67,17 +66,20 @@ class Draft:
         """Press a command once this step is on the disk. An earlier press of it that has no outcome yet is withdrawn."""
         self.cancel(command)
         record = self.record
-        press, session = PressId(record.presses_made + 1), record.session
-        holder = "" if session is None else str(session.holder)
-        row = AuditRow(f"{command} is to be pressed", holder, {"command": command.name, "floor": command.floor})
-        self.actions.append(Press(press, command, self.now + LEAVE_WITHIN_S, row))
+        press, session = record.presses_made + 1, record.session
+        self.actions.append(
+            Press(press, command, self.now + LEAVE_WITHIN_S, None if session is None else session.holder)
+        )
         pending = PendingPress(press, command, record.sequence + 1)
         self.change(presses=(*record.presses, pending), presses_made=press)
         return press
 
-    def cancel(self, command: Command) -> None:
-        """Withdraw what is pressed of a command and has no outcome yet."""
+    def cancel(self, command: Command, press: PressId | None = None) -> None:
+        """Withdraw what is pressed of a command and has no outcome yet; and `press`, whose pulse may still be on, whatever it came to."""
         gone = tuple(pending for pending in self.record.presses if pending.command.name == command.name)
+        ids = [pending.id for pending in gone]
+        if press is not None and press not in ids and self.record.status(command) is not OutputState.AT_REST:
+            ids.append(press)
+        self.actions += [Cancel(one) for one in ids]
         if gone:
-            self.actions += [Cancel(pending.id) for pending in gone]
             self.change(presses=tuple(pending for pending in self.record.presses if pending not in gone))

@@ -352,7 +352,8 @@ def want_word_again(draft: Draft, name: WordName) -> None:
 
 def release_word(draft: Draft, name: WordName) -> None:
     """Release a word that is on; one that was not pressed yet is not pressed."""
-    draft.cancel(COMMAND_OF[name])
+    call = _word(draft, name).call
+    draft.cancel(COMMAND_OF[name], None if call is None else call.press)
     _set(draft, name, replace(_word(draft, name), is_on=False))
 
 
@@ -391,7 +392,7 @@ def _keep_in_place(draft: Draft) -> None:
     word = draft.record.in_place
     if word.call is None or not word.is_on:
         return
-    if draft.record.status(ROBOT_IN_PLACE).is_given:
+    if draft.record.is_given(ROBOT_IN_PLACE):
         draft.change(in_place=replace(word, renewed_at=draft.now))
     elif word.call.is_answered:
         lost = call_found_off(word.call, "the controller no longer holds robot_in_place", draft.now)

@@ -228,7 +228,7 @@ def judge_commands(draft: Draft) -> None:
 
 def session_on_lift(config: LiftConfig, record: LiftRecord, session: Session, moment: Moment) -> SessionOnLift:
     """Return what the session has on the lift."""
-    call_is_on = record.call_has_arrived and not call_press.no_call_keeps_door(record)
+    call_is_on = call_press.call_is_on_at_floor(record)
     now = moment.now
     return SessionOnLift(
         floor=session.floor,

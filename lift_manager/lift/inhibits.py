@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from drivers.model import Command, CommandKind, FloorName
-from lift_manager.lift.call import PressId, call_command
+from drivers.model import Command, CommandKind, FloorName, PressId
+from lift_manager.lift.call import call_command
 from lift_manager.lift.config import ROBOT_IN_PLACE, LiftConfig
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.observation import (

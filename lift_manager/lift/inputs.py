@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum, unique
 
-from drivers.model import Command, FloorName, LiftReading, Outcome
-from lift_manager.lift.call import PressId
+from drivers.model import Command, FloorName, LiftReading, Outcome, OutputState, PressId
 from lift_manager.lift.commands import CommandRequest
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.occupancy import RobotWord
@@ -21,29 +19,8 @@ LEAVE_WITHIN_S = 10.0
 expects a button to be pressed for somebody who asked long ago."""
 
 
-@unique
-class OutputStatus(StrEnum):
-    """Where one output is, as the driver knows it."""
-
-    AT_REST = "at rest"
-    """Nothing of it is on or wanted, and that is verified."""
-    DUE = "due"
-    """Wanted, and not written yet; or it may be found on after a restart."""
-    ON = "on"
-    """Its bytes have left."""
-    HELD = "held"
-    """It is on and verified, by read-back or, where the map asks for it, by its effect."""
-    RELEASING = "releasing"
-    """Being let go, or lost; that it is at rest is not verified."""
-
-    @property
-    def is_given(self) -> bool:
-        """Whether it is wanted or on, and not let go."""
-        return self in (OutputStatus.DUE, OutputStatus.ON, OutputStatus.HELD)
-
-
-Outputs = Mapping[str, OutputStatus]
-"""The status of every output by command name; one that is absent is at rest."""
+Outputs = Mapping[str, OutputState]
+"""The state of every output by command name; one that is absent is at rest."""
 
 
 # -- from the driver and the store
@@ -268,28 +245,20 @@ Input = Request | OperatorAction | News
 
 
 @dataclass(frozen=True, slots=True)
-class AuditRow:
-    """The row of the journal that a press waits for; the runtime adds the frames (`LiftDriver.frames`)."""
-
-    text: str
-    holder: str
-    data: Mapping[str, str | None]
-
-
-@dataclass(frozen=True, slots=True)
 class Press:
-    """Press a command once, as soon as the record and the row of this step are on the disk."""
+    """Press a command once, as soon as the record of this step and the row of the press (`audit.press_row`) are on the disk."""
 
     id: PressId
     command: Command
     leave_by: float
     """When a press that has not left by then is given up, beyond the pauses of its map."""
-    row: AuditRow
+    holder: Holder | None
+    """Whose session it is pressed for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cancel:
-    """Withdraw a press that has no outcome yet. Where its output stays on, `outputs` no longer declares it."""
+    """Withdraw a press: it does not leave any more, and what it put on is released, unless `outputs` declares it."""
 
     id: PressId
 

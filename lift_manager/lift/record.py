@@ -7,17 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from drivers.model import Command, FloorName
-from lift_manager.lift.call import Call, CallOutput, CallPhase, PressId
+from drivers.model import Command, FloorName, OutputState, PressId
+from lift_manager.lift.call import Call, CallOutput, CallPhase
 from lift_manager.lift.commands import CommandEntry, CommandProgress, PastSession, SavedCommand, SavedPast
 from lift_manager.lift.events import Acknowledged, Restriction, RestrictionKind
-from lift_manager.lift.inputs import Outputs, OutputStatus
+from lift_manager.lift.inputs import Outputs
 from lift_manager.lift.observation import Observation
 from lift_manager.lift.occupancy import Boarding, Occupancy, SavedBoarding
 from lift_manager.lift.queue import Queue
 from lift_manager.lift.session import EndReason, Holder, Session
 from lift_manager.lift.trust import Track, Trust
 from register_maps.words import Side
+
+_GIVEN = frozenset({OutputState.REQUESTED, OutputState.ON, OutputState.HELD})
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,12 @@ class DurableRecord:
     trust: Trust = field(default_factory=Trust)
     """What its readings have proved, and what they contradicted."""
 
+    @property
+    def keeps_robots_out(self) -> bool:
+        """Whether some robot is refused, or not let through the door, because of it."""
+        has_reason = self.fire_since is not None or self.occupied is not None
+        return has_reason or bool(self.restrictions or self.trust.distrust)
+
     def restriction(self, kind: RestrictionKind) -> Restriction | None:
         """Return the restriction of a kind, if a person has begun one."""
         return next((one for one in self.restrictions if one.kind is kind), None)
@@ -126,6 +134,8 @@ class DoorHold:
     floor: FloorName
     may_begin: bool
     """What is found off is put on; otherwise only what is on stays."""
+    renewed_at: float
+    """How long it stays on is counted from the newest reading at which it was wanted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +158,8 @@ class RobotModeHold:
     """Its bytes have left, or it may be found on after a restart."""
     kept_until: float | None = None
     """Its session is over, and the car still moves: until then at the most it is kept."""
+    renewed_at: float = -math.inf
+    """As `DoorHold.renewed_at`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,13 +258,22 @@ class LiftRecord:
     disk_trouble: str = ""
     """Why nothing may be pressed, because it cannot be written down; empty while it can."""
 
-    def status(self, command: Command) -> OutputStatus:
+    def status(self, command: Command) -> OutputState:
         """Return where an output is."""
-        return self.outputs.get(command.name, OutputStatus.AT_REST)
+        return self.outputs.get(command.name, OutputState.AT_REST)
+
+    def is_given(self, command: Command) -> bool:
+        """Whether an output is requested or on, and neither lost nor released."""
+        return self.status(command) in _GIVEN
 
     def restriction(self, kind: RestrictionKind) -> Restriction | None:
         """Return the restriction of a kind, if a person has begun one."""
         return self.durable.restriction(kind)
+
+    @property
+    def holder(self) -> Holder | None:
+        """Whose session holds the lift."""
+        return None if self.session is None else self.session.holder
 
     @property
     def call_has_arrived(self) -> bool:

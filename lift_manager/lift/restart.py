@@ -191,7 +191,7 @@ def restore(draft: Draft) -> None:
     if session.floor is not None:
         _restore_outputs(draft, session, saved, session.floor)
     if draft.config.has(ROBOT_MODE):
-        draft.change(robot_mode=RobotModeHold(is_wanted=True, was_pressed=True))
+        draft.change(robot_mode=RobotModeHold(is_wanted=True, was_pressed=True, renewed_at=draft.now))
     call = "its call is followed" if saved.pressed else "its call was not pressed, and waits for its next request"
     text = f"to {session.floor}, {call}; what is found off stays off until it asks again"
     text = text if session.floor is not None else "and asked for no floor yet"
@@ -285,7 +285,7 @@ def _restore_outputs(draft: Draft, session: Session, saved: SavedSession, floor:
     if saved.pressed and command is not None and command.name in config.capabilities.until:
         take_call_output(draft, CallOutput(command, ends_call(config, command, aboard=aboard), None, now))
     if saved.holding_since is not None and session.hold_door:
-        draft.change(door_hold=DoorHold(floor, may_begin=False), door_hold_found=True)
+        draft.change(door_hold=DoorHold(floor, may_begin=False, renewed_at=now), door_hold_found=True)
 
 
 def _keep_robot_mode(draft: Draft, *, had_session: bool) -> None:
@@ -299,7 +299,8 @@ def _keep_robot_mode(draft: Draft, *, had_session: bool) -> None:
         rest_s = (_utc(until) - _utc(draft.moment.clock)).total_seconds()
     if rest_s > 0:
         kept_until = draft.now + min(rest_s, longest_s)
-        draft.change(robot_mode=RobotModeHold(is_wanted=True, was_pressed=True, kept_until=kept_until))
+        mode = RobotModeHold(is_wanted=True, was_pressed=True, kept_until=kept_until, renewed_at=draft.now)
+        draft.change(robot_mode=mode)
 
 
 def _end_unrestored(draft: Draft, session: Session, reason: EndReason, text: str) -> None:

@@ -15,11 +15,11 @@ def hold_robot_mode(draft: Draft, *, may_begin: bool) -> None:
     """Request robot mode, or keep it; only keep it where it may not begin."""
     if not draft.config.has(ROBOT_MODE):
         return
-    mode, is_given = draft.record.robot_mode, draft.record.status(ROBOT_MODE).is_given
+    mode, is_given = draft.record.robot_mode, draft.record.is_given(ROBOT_MODE)
     if not is_given:
         mode = replace(mode, was_pressed=False)
     if may_begin or is_given:
-        mode = replace(mode, is_wanted=True, may_begin=may_begin)
+        mode = replace(mode, is_wanted=True, may_begin=may_begin, renewed_at=draft.moment.read_at)
     draft.change(robot_mode=mode)
 
 

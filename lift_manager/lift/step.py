@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from drivers.model import LiftReading, Outcome, Result
+from drivers.model import LiftReading, Outcome, OutputState, PressId, Result
 from lift_manager.lift import command_requests, doors, endings, handshake, operator_actions, queue, requests, restart
 from lift_manager.lift.advance import advance
-from lift_manager.lift.call import PressId, call_answered
+from lift_manager.lift.call import call_answered
 from lift_manager.lift.commands import DOOR_WITHIN_S, CommandStatus, SessionInfo
 from lift_manager.lift.config import ROBOT_MODE, LiftConfig
 from lift_manager.lift.draft import Draft
@@ -37,7 +37,6 @@ from lift_manager.lift.inputs import (
     OpenSession,
     OutputChanged,
     Outputs,
-    OutputStatus,
     PressEnded,
     ReadFailed,
     Reading,
@@ -66,6 +65,9 @@ Reply = (
     | ForceReleased
     | Acknowledged
 )
+
+PAST_S = 0.001
+"""So long after its longest age a reading is looked at: the difference of two times is only about what it should be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,20 +101,23 @@ def step(config: LiftConfig, record: LiftRecord, happened: Input, moment: Moment
     return _finish(draft, record, reply)
 
 
-def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, moment: Moment) -> bool:
-    """Whether a reading has to be stepped: most only show that nothing has changed, and cost next to nothing."""
+def is_news(config: LiftConfig, record: LiftRecord, reading: LiftReading, *, read_at: float, now: float) -> bool:
+    """Whether a reading has to be stepped: most only show that nothing has changed, and cost next to nothing.
+
+    `read_at` is that of the reading before.
+    """
     before, max_age_s = record.observation, config.capabilities.max_age_s
     is_same = before is not None and reading.values is before.values and reading.epoch == before.epoch
     is_quiet = not (record.is_busy or record.fault or reading.notices)
-    in_time = reading.at - moment.read_at <= max_age_s and moment.now - reading.at <= max_age_s
+    in_time = reading.at - read_at <= max_age_s and now - reading.at <= max_age_s
     return not (is_same and is_quiet and in_time and before is not None and before.is_settled)
 
 
 def note_outputs(config: LiftConfig, record: LiftRecord, outputs: Outputs, moment: Moment) -> LiftRecord:
     """Return the record with what the driver knows of the outputs; nothing is done because of it."""
     mode = record.robot_mode
-    status = outputs.get(ROBOT_MODE.name, OutputStatus.AT_REST)
-    if mode.is_wanted and not mode.was_pressed and status in (OutputStatus.ON, OutputStatus.HELD):
+    status = outputs.get(ROBOT_MODE.name, OutputState.AT_REST)
+    if mode.is_wanted and not mode.was_pressed and status in (OutputState.ON, OutputState.HELD):
         mode = replace(mode, was_pressed=True)
     return _note_door_held(config, replace(record, outputs=outputs, robot_mode=mode), moment)
 
@@ -282,10 +287,10 @@ def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
     draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
     draft.emit(CommandEnded(draft.config.name, outcome, None if session is None else session.holder))
     name = outcome.command.name
-    if outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels:
-        # it stays on until the driver reports otherwise
-        on = draft.record.status(outcome.command)
-        draft.change(outputs={**draft.record.outputs, name: on if on.is_given else OutputStatus.ON})
+    stays_on = outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels
+    if stays_on and not draft.record.is_given(outcome.command):
+        # until the driver reports otherwise
+        draft.change(outputs={**draft.record.outputs, name: OutputState.ON})
     if record.call is not None and record.call.press == press:
         # one that its holder's end came before has not failed
         kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED
@@ -329,7 +334,7 @@ def _moments_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) 
     observation, capabilities = record.observation, config.capabilities
     if observation is None or not is_fresh(capabilities, moment):
         return
-    yield math.nextafter(moment.read_at + capabilities.max_age_s, math.inf)
+    yield moment.read_at + capabilities.max_age_s + PAST_S
     yield observation.floor_since + capabilities.evidence_for_s
     yield from (since + capabilities.door_closes_within_s for since in observation.not_open_since.values())
     if record.track.opened_at is not None:

@@ -25,7 +25,8 @@ class RecordMemory:
 
     def recall(self, lift: str) -> Remembered:
         """Return what was kept last."""
-        return self._committer.recall(lift)
+        kept = self._committer.recall(lift)
+        return kept if isinstance(kept, Remembered) else Remembered()
 
     def keep(self, lift: str, remembered: Remembered) -> None:
         """Remember this, and commit it soon."""

@@ -17,7 +17,6 @@ from drivers.thread import Worker
 from lift_manager.core.journal import Hears
 from lift_manager.core.memory import Clock, wall_clock
 from lift_manager.domain.journal import Json, Row, RowKind
-from lift_manager.domain.service import Remembered
 from lift_manager.store.errors import CommitFailed
 from lift_manager.store.outage import (
     CALM_COMMITS,
@@ -30,6 +29,7 @@ from lift_manager.store.outage import (
     no_thread,
     silent,
 )
+from lift_manager.store.record import Record
 from lift_manager.store.store import Noted, Store
 
 _log = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ class Committer:
         self,
         store: Store,
         where: str,
-        records: Mapping[str, Remembered],
+        records: Mapping[str, Record],
         *,
         jobs: Callable[[], Jobs] | None = lambda: Worker("lift-manager-store"),
         clock: Clock | None = None,
@@ -142,15 +142,15 @@ class Committer:
         self._log_told = False
 
     @property
-    def unwritten(self) -> Mapping[str, Remembered]:
+    def unwritten(self) -> Mapping[str, Record]:
         """What a restart would forget, by lift."""
         return {lift: self._records[lift] for lift in self._changed}
 
-    def recall(self, lift: str) -> Remembered:
-        """Return the newest record of a lift; the empty one for a lift that nothing was ever kept of."""
-        return self._records.get(lift, Remembered())
+    def recall(self, lift: str) -> Record | None:
+        """Return the newest record of a lift; None for a lift that nothing was ever kept of."""
+        return self._records.get(lift)
 
-    def keep(self, lift: str, record: Remembered) -> None:
+    def keep(self, lift: str, record: Record) -> None:
         """Have this record of a lift from now on, and commit it soon."""
         self._records[lift] = record
         self._number += 1
@@ -411,7 +411,7 @@ class Committer:
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
-    records: Mapping[str, Remembered]
+    records: Mapping[str, Record]
     rows: list[_Waiting]
     upto: int
     """The number of the newest of them."""

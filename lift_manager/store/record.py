@@ -1,4 +1,4 @@
-"""A record as text: written by pydantic from the values of the domain, and read back only if it is whole."""
+"""A record as text: written by pydantic from a frozen dataclass, and read back only if it is whole."""
 
 from __future__ import annotations
 
@@ -12,34 +12,47 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from lift_manager.domain.ride_record import KeptRide
 from lift_manager.domain.service import EndReason, Remembered
+from lift_manager.lift.record import DurableRecord
 
-# a configuration reaches the dataclasses inside a list, and none can be given to a dataclass itself
-_ADAPTER = TypeAdapter(list[Remembered], config=ConfigDict(strict=True, extra="forbid", defer_build=True))
-# the modules of the domain import these two for type checkers only
-_ADAPTER.rebuild(_types_namespace={"KeptRide": KeptRide, "EndReason": EndReason})
+Record = Any
+"""What of one lift outlives the manager: a frozen dataclass with `keeps_robots_out`; the `RecordForm` of a store says which."""
 
 
 class RecordDamaged(ValueError):
     """A record is not as a manager wrote it; the message says what is wrong."""
 
 
-def encode(record: Remembered) -> str:
-    """Return a record as JSON."""
-    return _ADAPTER.dump_json([record]).decode()[1:-1]
+class RecordForm:
+    """How records of one type are written."""
+
+    def __init__(self, kind: type[Any], **names: type) -> None:
+        """`names` are types that the module of `kind` imports for type checkers only."""
+        # a configuration reaches the dataclasses inside a list, and none can be given to a dataclass itself
+        config = ConfigDict(strict=True, extra="forbid", defer_build=True)
+        self._adapter: TypeAdapter[list[Any]] = TypeAdapter(list[kind], config=config)  # type: ignore[valid-type]
+        self._adapter.rebuild(_types_namespace=names)
+
+    def encode(self, record: Record) -> str:
+        """Return a record as JSON."""
+        return self._adapter.dump_json([record]).decode()[1:-1]
+
+    def decode(self, text: str) -> Any:
+        """Read a record. Raises RecordDamaged for anything that `encode` does not write, a field that is missing included."""
+        try:
+            (record,) = self._adapter.validate_json(f"[{text}]")
+            there, expected = json.loads(text), json.loads(self.encode(record))
+        except ValidationError as error:
+            raise RecordDamaged(_first(error)) from error
+        except ValueError as error:
+            raise RecordDamaged(str(error)) from error
+        _require_all("", there, expected)
+        _require_moments("", record)
+        return record
 
 
-def decode(text: str) -> Remembered:
-    """Read a record. Raises RecordDamaged for anything that `encode` does not write, a field that is missing included."""
-    try:
-        (record,) = _ADAPTER.validate_json(f"[{text}]")
-        there, expected = json.loads(text), json.loads(encode(record))
-    except ValidationError as error:
-        raise RecordDamaged(_first(error)) from error
-    except ValueError as error:
-        raise RecordDamaged(str(error)) from error
-    _require_all("", there, expected)
-    _require_moments("", record)
-    return record
+REMEMBERED = RecordForm(Remembered, KeptRide=KeptRide, EndReason=EndReason)
+"""Records of the core of today."""
+DURABLE = RecordForm(DurableRecord)
 
 
 def digest(lift: str, text: str) -> bytes:

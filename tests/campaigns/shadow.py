@@ -25,7 +25,7 @@ from typing import Any
 import pytest
 
 from drivers.modbus.lift import ModbusLift
-from drivers.model import Capabilities, Command, CommandKind, LiftReading, Outcome, OutputState
+from drivers.model import Capabilities, Command, CommandKind, LiftReading, Outcome, OutputState, PressId
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.outputs import LiftOutputs, Permit, always
 from lift_manager.domain import asking, events, journal_rows, service, session_requests
@@ -34,11 +34,10 @@ from lift_manager.lab.world.world import World
 from lift_manager.lift import audit, inputs, step
 from lift_manager.lift import commands as lift_commands
 from lift_manager.lift import events as lift_events
-from lift_manager.lift.call import PressId
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Cause, Restriction, RestrictionKind
 from lift_manager.lift.inhibits import blocked_by
-from lift_manager.lift.inputs import Input, OutputStatus, Press
+from lift_manager.lift.inputs import Input, Press
 from lift_manager.lift.observation import Moment
 from lift_manager.lift.occupancy import Occupancy, RobotWord, SavedBoarding
 from lift_manager.lift.outputs import outputs
@@ -57,15 +56,6 @@ from tests.lift_manager.core.scripted import ScriptedDriver
 
 AT_A_TIME = 10
 INPUTS_SHOWN = 14
-STATUSES = {
-    OutputState.AT_REST: OutputStatus.AT_REST,
-    OutputState.REQUESTED: OutputStatus.DUE,
-    OutputState.ON: OutputStatus.ON,
-    OutputState.HELD: OutputStatus.HELD,
-    OutputState.LOST: OutputStatus.ON,
-    OutputState.RELEASING: OutputStatus.RELEASING,
-}
-"""As the core of today takes them: what is lost is still wanted."""
 Json = Any
 
 
@@ -255,7 +245,7 @@ class Shadow:
         self.trace.append((moment.now, made))
         self.steps += 1
         if isinstance(made, inputs.Reading):
-            if not step.is_news(self.config, self.record, made.reading, moment):
+            if not step.is_news(self.config, self.record, made.reading, read_at=moment.read_at, now=moment.now):
                 self.trace.pop()
                 return
         else:
@@ -312,11 +302,11 @@ class Shadow:
     def moment(self, read_at: float) -> Moment:
         return Moment(asyncio.get_running_loop().time(), self.task._people.clock(), read_at)
 
-    def status(self, command: Command) -> OutputStatus:
+    def status(self, command: Command) -> OutputState:
         known = self.outputs._state(command.name)
         if known in (OutputState.AT_REST, OutputState.RELEASING) and self.outputs.given(command):
-            return OutputStatus.DUE  # it waits to be written down
-        return STATUSES[known]
+            return OutputState.REQUESTED  # it waits to be written down
+        return OutputState.ON if known is OutputState.LOST else known  # what is lost is still wanted
 
     # -- what comes out
 
@@ -359,7 +349,7 @@ class Shadow:
 
     def compare_holds(self, moment: Moment) -> None:
         assert self.record is not None
-        declared = {str(command): hold for command, hold in outputs(self.config, self.record, moment).items()}
+        declared = {str(command): hold for command, hold in outputs(self.config, self.record).items()}
         wanted = {
             str(command): begin
             for command, begin in self.wanted.items()
@@ -428,7 +418,6 @@ def config_of(task: LiftTask, capabilities: Capabilities) -> LiftConfig:
         doors_at=options.doors_at,
         control=options.control,
         capabilities=capabilities,
-        max_hold_s=capabilities.max_hold_s,
         lease_s=options.lease_s,
         max_session_s=options.max_session_s,
         takeover_after_s=options.takeover_after_s,
@@ -644,7 +633,7 @@ def _shown(one: object) -> str:
     values = one.reading.values
     doors = {str(side): str(door) for side, door in values.doors.items()}
     flags = [name for name, on in values.flags.items() if on]
-    on = {name: str(status) for name, status in one.outputs.items() if status is not OutputStatus.AT_REST}
+    on = {name: str(status) for name, status in one.outputs.items() if status is not OutputState.AT_REST}
     calls = f"{values.call_accepted} {sorted(values.calls)} {values.destination}"
     return f"Reading {values.floor} {doors} {values.motion} {values.mode} {flags} calls {calls}; {on}"
 

@@ -13,11 +13,11 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings, LinkState
 from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind, Result
-from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Quality
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Side, Table
 from tests.drivers.caller import Caller
 from tests.drivers.linked import now, virtual

@@ -15,11 +15,11 @@ import pytest
 from drivers.model import Command, LiftReading, LiftValues, PressId
 from lift_manager import app
 from lift_manager.config.load import load_site
-from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.events import Event
+from lift_manager.runtime.bus import Bus
 from lift_manager.systemd import Notifier, notifier, watch
 from tests.lift_manager.core.scripted import PLAIN, ScriptedDriver
 from tests.support.programs import HANGS_S, LIFT_MANAGER, OUT_WITHIN_S, ROOT, free_port, started

@@ -10,7 +10,6 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.modbus.units import Unit
-from lift_manager.core.bus import Bus
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Clock, Memory, ShortMemory
@@ -22,6 +21,7 @@ from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.plant import default_floors, simulated_lift
 from lift_manager.lab.world.device import carry_out
+from lift_manager.runtime.bus import Bus
 from register_maps import frames
 from register_maps.codec import Codec
 from register_maps.frames import Request

@@ -17,7 +17,6 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.modbus.units import Unit
 from drivers.model import Outcome, Result
-from lift_manager.core.bus import Bus, Subscription
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
@@ -25,6 +24,7 @@ from lift_manager.domain.asking import Accepted, Ask, RobotWord
 from lift_manager.domain.events import Alarm, CommandEnded, Event, StateChanged
 from lift_manager.domain.service import Remembered
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.runtime.bus import Bus, Subscription
 from tests.support.proven import proven
 from tests.support.trip_sites import Site
 from tests.support.virtual_time import elapse, run_virtual

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from drivers.model import Outcome
-from lift_manager.core.bus import Bus
 from lift_manager.core.facade import Facade
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, TurnedAway
 from lift_manager.domain.description import LiftDescription, LiftSignals
@@ -27,6 +26,7 @@ from lift_manager.domain.service import (
 )
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.runtime.bus import Bus
 
 Answer = TypeVar("Answer")
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from drivers.model import FloorName
-from lift_manager.core.bus import Bus
 from lift_manager.lab.bench.errors import BenchError, NeverSeen
 from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.thread import LoopThread
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.truth import History, Truth, truth_of
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Side, Table
 from simulator.faults import Fault
 from simulator.registers import Endpoint, RegisterFace

@@ -13,7 +13,6 @@ from typing import Any
 from drivers.model import FloorName, Outcome
 from lift_manager import app
 from lift_manager.config.load import load_site
-from lift_manager.core.bus import Subscription
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import Event, StateChanged
 from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded
@@ -24,6 +23,7 @@ from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.simulator import HOST, WITHIN_S, LiftSimulator, Plant
 from lift_manager.lab.bench.thread import LoopThread
 from lift_manager.lab.bench.wire import ModbusFaults, Wires
+from lift_manager.runtime.bus import Subscription
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
 from register_maps.errors import MapFileError

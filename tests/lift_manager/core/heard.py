@@ -3,8 +3,8 @@
 import asyncio
 from typing import TypeVar
 
-from lift_manager.core.bus import Subscription
 from lift_manager.domain.events import Event
+from lift_manager.runtime.bus import Subscription
 
 Kind = TypeVar("Kind")
 

@@ -6,7 +6,6 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 
 from drivers.model import Capabilities
-from lift_manager.core.bus import Bus
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
@@ -18,6 +17,7 @@ from lift_manager.domain.events import Event, Occurrence, RideChanged
 from lift_manager.domain.hours import RobotHours
 from lift_manager.domain.ride import Ride, RideBegun, RideLimits, RideRequest
 from lift_manager.domain.state import Holder
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Door, Side
 from tests.lift_manager.core.scripted import AT_L2, PLAIN, ScriptedDriver
 from tests.support.proven import proven

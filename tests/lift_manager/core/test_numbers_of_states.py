@@ -5,13 +5,13 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import RobotDoor
+from lift_manager.runtime.bus import Bus
 from tests.lift_manager.core.rmf_words import RMF, says, stands_open
 from tests.lift_manager.core.scripted import AT_L2, FRONT, PLAIN, Bench, ScriptedDriver
 from tests.support.proven import proven

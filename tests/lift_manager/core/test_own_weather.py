@@ -11,14 +11,14 @@ from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.memory import MemoryDevice, hang_up
-from lift_manager.core.bus import Bus
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.options import LiftOptions
-from lift_manager.core.ticker import BEAT_S, Ticker
 from lift_manager.domain.asking import Accepted, Ask
 from lift_manager.domain.events import Event
 from lift_manager.domain.state import Holder, Quality
+from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.ticker import BEAT_S, Ticker
 from register_maps.words import Side, Table
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import elapse, run_virtual

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from itertools import cycle
 
 from drivers.sparing import OF_MANY, TOLD_EVERY_S, TURN_EVERY_S, TURNS
-from lift_manager.core.bus import Bus
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import ShortMemory
@@ -16,6 +15,7 @@ from lift_manager.domain.events import Event
 from lift_manager.domain.journal import Row, RowKind
 from lift_manager.domain.journal_rows import FLOOR_LETTERS
 from lift_manager.domain.state import Holder, Quality
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Mode
 from tests.support.spine import Spine, spine
 from tests.support.virtual_time import elapse, run_virtual

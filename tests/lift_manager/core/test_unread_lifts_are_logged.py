@@ -7,13 +7,13 @@ from itertools import cycle
 import pytest
 
 from drivers.model import LiftValues
-from lift_manager.core.bus import Bus
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.memory import ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.recording import CHANGES, READ_WITHIN_S, LiftLog
 from lift_manager.domain.events import Event
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Door, Mode, Side
 from tests.lift_manager.core.scripted import PLAIN, ScriptedDriver
 from tests.support.virtual_time import elapse, run_virtual

@@ -6,9 +6,9 @@ import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.core.announce import Announcer
-from lift_manager.core.bus import Bus
 from lift_manager.domain.events import Event
 from lift_manager.domain.service import Advice
+from lift_manager.runtime.bus import Bus
 from register_maps.words import Door
 from tests.lift_manager.core.scripted import PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse

@@ -9,7 +9,6 @@ import pytest
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.core.bus import QUEUE_LENGTH
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Event, LockedOut, LockoutOver
 from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
@@ -19,6 +18,7 @@ from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck, Witness
 from lift_manager.lab.world.world import World, WorldError
+from lift_manager.runtime.bus import QUEUE_LENGTH
 from register_maps.load import load
 from register_maps.words import Mode
 from simulator.faults import InMode, PowerLoss, SlotKept, StuckDoor

@@ -5,7 +5,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
-from drivers.model import Capabilities, Command, CommandKind, LiftReading, LiftValues, Outcome, Proof, Result
+from drivers.model import (
+    Capabilities,
+    Command,
+    CommandKind,
+    LiftReading,
+    LiftValues,
+    Outcome,
+    OutputState,
+    Proof,
+    Result,
+)
 from lift_manager.lift.commands import CommandRequest, CommandStatus, CommandType, SessionInfo
 from lift_manager.lift.config import LiftConfig
 from lift_manager.lift.events import Alarm, Event
@@ -16,7 +26,6 @@ from lift_manager.lift.inputs import (
     Input,
     LiftRequest,
     OpenSession,
-    OutputStatus,
     Press,
     PressEnded,
     Reading,
@@ -35,6 +44,7 @@ from lift_manager.lift.trust import Trust
 from register_maps.words import Door, Mode, Motion, Side
 
 FRONT = Side.FRONT
+GIVEN = (OutputState.REQUESTED, OutputState.ON, OutputState.HELD)
 NOON = datetime(2026, 1, 5, 12, tzinfo=UTC)
 """A Monday."""
 ROBOT, OTHER, RMF = Holder("workshop", "workshop"), Holder("fleet", "r2"), Holder("rmf", "fleet/r1")
@@ -92,9 +102,12 @@ class PaperLift:
     events: list[Event] = field(default_factory=list)
     pressed: list[Press] = field(default_factory=list)
     """Without an outcome, the oldest first."""
+    cancelled: list[Cancel] = field(default_factory=list)
     log: list[str] = field(default_factory=list)
     """Every press so far."""
-    status: dict[str, OutputStatus] = field(default_factory=dict)
+    obeys: bool = True
+    """The controller does at once what is declared."""
+    status: dict[str, OutputState] = field(default_factory=dict)
     values: LiftValues = field(
         default_factory=lambda: LiftValues(
             floor="L1",
@@ -145,7 +158,7 @@ class PaperLift:
     @property
     def holds(self) -> dict[str, Hold]:
         """What is declared, by command."""
-        return {command.name: hold for command, hold in outputs(self.config, self.record, self.moment).items()}
+        return {command.name: hold for command, hold in outputs(self.config, self.record).items()}
 
     @property
     def alarms(self) -> list[str]:
@@ -175,7 +188,7 @@ class PaperLift:
     def poll(self) -> None:
         """Read the lift once."""
         reading = LiftReading(self.now, 1, self.values)
-        if is_news(self.config, self.record, reading, self.moment):
+        if is_news(self.config, self.record, reading, read_at=self.read_at, now=self.now):
             self.take(Reading(reading, dict(self.status)))
         self.read_at = self.now
 
@@ -194,7 +207,7 @@ class PaperLift:
         for press in tuple(self.pressed):
             self.pressed.remove(press)
             stays = press.command.name in self.able.levels and result is Result.CONFIRMED
-            self.status[press.command.name] = OutputStatus.HELD if stays else OutputStatus.AT_REST
+            self.status[press.command.name] = OutputState.HELD if stays else OutputState.AT_REST
             proof = Proof.LAMP if result is Result.CONFIRMED else Proof.NONE
             outcome = Outcome(press.command, result, reason, proof, not_granted=not_granted)
             self.take(PressEnded(press.id, outcome))
@@ -265,18 +278,20 @@ class PaperLift:
                     self.pressed.append(action)
                     self.log.append(str(action.command))
                 case Cancel(id=gone):
+                    self.cancelled.append(action)
                     self.pressed = [press for press in self.pressed if press.id != gone]
-        self._obey()
+        if self.obeys:
+            self._obey()
 
     def _obey(self) -> None:
         """Do at once what is declared, as a controller does that obeys."""
-        declared = {command.name: hold for command, hold in outputs(self.config, self.record, self.moment).items()}
+        declared = {command.name: hold for command, hold in outputs(self.config, self.record).items()}
         for name in {*declared, *self.status}:
-            hold, is_given = declared.get(name), self.status.get(name, OutputStatus.AT_REST).is_given
+            hold, is_given = declared.get(name), self.status.get(name, OutputState.AT_REST) in GIVEN
             if hold is None and any(press.command.name == name for press in self.pressed):
                 continue
             on = hold is not None and (hold.begin or is_given)
-            self.status[name] = OutputStatus.HELD if on else OutputStatus.AT_REST
+            self.status[name] = OutputState.HELD if on else OutputState.AT_REST
 
 
 def command(name: str, floor: str | None = None) -> Command:

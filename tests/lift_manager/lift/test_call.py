@@ -6,7 +6,7 @@ import pytest
 
 from drivers.model import Capabilities, Command, CommandKind, LiftValues, Outcome, Result
 from lift_manager.lift import call as calls
-from lift_manager.lift.call import Call, CallPhase, PressId
+from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.observation import Observation
 from register_maps.words import Door, Mode, Motion, Side
 
@@ -50,11 +50,11 @@ def observed(
 
 
 def confirmed() -> Call:
-    return calls.call_answered(calls.press_call(calls.want_call(None, "L2", 0.0), PressId(1), 0.0), CONFIRMED, 1.0)
+    return calls.call_answered(calls.press_call(calls.want_call(None, "L2", 0.0), 1, 0.0), CONFIRMED, 1.0)
 
 
 def test_a_repeat_of_a_pending_or_confirmed_call_changes_nothing() -> None:
-    pending = calls.press_call(calls.want_call(None, "L2", 0.0), PressId(1), 0.0)
+    pending = calls.press_call(calls.want_call(None, "L2", 0.0), 1, 0.0)
     assert calls.want_call(pending, "L2", 5.0) is pending
     call = confirmed()
     assert calls.want_call(call, "L2", 5.0) is call
@@ -185,7 +185,7 @@ def test_an_open_door_does_not_fulfil_a_call_that_has_to_hold_it_before_that_cal
     failed = calls.call_failed(wanted, "lost", 1.0)
     assert calls.follow_call(failed, stands_open(), HOLDS, 9.0, is_hold=True) is failed
     assert (
-        calls.follow_call(calls.press_call(wanted, PressId(1), 0.1), stands_open(), HOLDS, 0.2, is_hold=True).phase
+        calls.follow_call(calls.press_call(wanted, 1, 0.1), stands_open(), HOLDS, 0.2, is_hold=True).phase
         is CallPhase.ARRIVED
     )
     assert calls.follow_call(wanted, stands_open(), HOLDS, 0.1).phase is CallPhase.ARRIVED
@@ -219,7 +219,7 @@ def test_a_call_that_is_dropped_again_and_again_is_pressed_more_and_more_rarely(
         call = calls.call_failed(call, "dropped", at + 1)
         pauses.append(call.not_before - at - 1)
         at = call.not_before
-        call = calls.press_call(calls.want_call(call, "L2", at), PressId(1), at)
+        call = calls.press_call(calls.want_call(call, "L2", at), 1, at)
     assert pauses == [2, 4, 8, 16, 30, 30]
     arrived = calls.follow_call(call, stands_open(), HOLDS, at, is_hold=True)
     assert calls.follow_call(arrived, stands_open(), HOLDS, at + 31, is_hold=True).failures == 0
@@ -239,9 +239,7 @@ def test_a_map_says_how_long_its_door_may_take_to_open() -> None:
 
 def test_a_lift_that_opens_for_a_call_is_called_again_only_after_its_door_shut() -> None:
     opens = replace(ABLE, same_floor_call=True)
-    arrived = calls.follow_call(
-        calls.press_call(calls.want_call(None, "L2", 0.0), PressId(1), 0.0), observed("L2"), opens, 1.0
-    )
+    arrived = calls.follow_call(calls.press_call(calls.want_call(None, "L2", 0.0), 1, 0.0), observed("L2"), opens, 1.0)
     assert arrived.phase is CallPhase.ARRIVED
     still = calls.follow_call(arrived, observed("L2"), opens, 1.0 + opens.door_opens_within_s)
     assert still is arrived

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import pytest
 
-from lift_manager.lift.call import PressId
 from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.inhibits import blocked_by
 from lift_manager.lift.inputs import (
@@ -24,7 +23,7 @@ from tests.lift_manager.lift.paper import HANDSHAKE, OTHER, ROBOT, PaperLift, co
 Does = Callable[[PaperLift], object]
 
 
-def blocked(lift: PaperLift, name: str, press: PressId | None = None) -> str:
+def blocked(lift: PaperLift, name: str, press: int | None = None) -> str:
     return blocked_by(lift.config, lift.record, command(name), press, lift.moment) or ""
 
 

@@ -1,26 +1,27 @@
 """What is declared to be on, until when, when a lift is looked at again, and what a reading without news costs."""
 
-import math
+from dataclasses import replace
 
-from drivers.model import LiftReading
-from lift_manager.lift.inputs import OutputChanged, OutputStatus, Reading, Tick
+from drivers.model import LiftReading, OutputState
+from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.inputs import Cancel, OutputChanged, Reading, Restrict, Tick
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.state import same_but_for_time
-from lift_manager.lift.step import is_news
+from lift_manager.lift.step import PAST_S, is_news
 from register_maps.words import Door, Mode, Motion
-from tests.lift_manager.lift.paper import HANDSHAKE, PaperLift
+from tests.lift_manager.lift.paper import HANDSHAKE, PLAIN, PaperLift
 
 
 def test_holds_fall_by_themselves_when_no_reading_comes() -> None:
-    lift = PaperLift(site={"max_hold_s": {"hold_door.front": 30.0}})
+    lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0}))
     lift.called_to("L2")
     lift.now += 5.0
     assert lift.holds["hold_door.front"].until == lift.read_at + 30.0
 
 
 def test_a_held_call_is_renewed_only_while_its_door_is_held() -> None:
-    lift = PaperLift(HANDSHAKE, site={"max_hold_s": {"call": 300.0}})
+    lift = PaperLift(replace(HANDSHAKE, max_hold_s={"call": 300.0}))
     lift.called_to("L2")
     before = lift.holds["call"].until
     lift.wait(3.0)
@@ -30,7 +31,7 @@ def test_a_held_call_is_renewed_only_while_its_door_is_held() -> None:
 def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> None:
     lift = PaperLift(HANDSHAKE)
     lift.called_to("L2")
-    lift.status["call"] = OutputStatus.AT_REST
+    lift.status["call"] = OutputState.AT_REST
     lift.take(OutputChanged(dict(lift.status)))
     lift.wait(1.0)
     assert lift.log == ["call L2"]
@@ -45,7 +46,7 @@ def test_a_call_that_the_controller_lost_is_not_pressed_again_by_itself() -> Non
 def test_a_door_hold_that_is_lost_withdraws_open() -> None:
     lift = PaperLift()
     lift.called_to("L2")
-    lift.take(OutputChanged({**lift.status, "hold_door.front": OutputStatus.ON}))
+    lift.take(OutputChanged({**lift.status, "hold_door.front": OutputState.ON}))
     assert lift.door is RobotDoor.MOVING
 
 
@@ -61,16 +62,28 @@ def test_a_door_that_has_to_be_seen_shut_is_not_put_on_hold() -> None:
 def test_an_unchanged_reading_of_an_idle_lift_is_no_news() -> None:
     lift = PaperLift()
     lift.read()
-    assert not is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values), lift.moment)
-    assert is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 2, lift.values), lift.moment)
-    assert is_news(lift.config, lift.record, LiftReading(lift.now + 5.0, 1, lift.values), lift.moment)
-    assert is_news(lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)), lift.moment)
+    assert not is_news(
+        lift.config, lift.record, LiftReading(lift.now + 0.2, 1, lift.values), read_at=lift.read_at, now=lift.now
+    )
+    assert is_news(
+        lift.config, lift.record, LiftReading(lift.now + 0.2, 2, lift.values), read_at=lift.read_at, now=lift.now
+    )
+    assert is_news(
+        lift.config, lift.record, LiftReading(lift.now + 5.0, 1, lift.values), read_at=lift.read_at, now=lift.now
+    )
+    assert is_news(
+        lift.config,
+        lift.record,
+        LiftReading(lift.now + 0.2, 1, lift.values, ("a notice",)),
+        read_at=lift.read_at,
+        now=lift.now,
+    )
 
 
 def test_a_lift_that_is_not_read_is_looked_at_when_its_reading_gets_too_old() -> None:
     lift = PaperLift()
     lift.read()
-    assert lift.newest.wake_at == math.nextafter(lift.now + 1.0, math.inf)
+    assert lift.newest.wake_at == lift.now + 1.0 + PAST_S
     lift.now = lift.newest.wake_at
     lift.take(Tick())
     assert lift.state.quality == "offline"
@@ -106,3 +119,67 @@ def test_states_that_differ_only_in_time_are_the_same() -> None:
     assert same_but_for_time(before, lift.state)
     lift.read(None, Door.CLOSED, motion=Motion.UP)
     assert not same_but_for_time(before, lift.state)
+
+
+def test_a_restored_hold_lasts_before_the_first_reading() -> None:
+    lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0, "robot_mode": 20.0}))
+    lift.called_to("L2")
+    after = lift.restarted()
+    assert {name: hold.until - after.now for name, hold in after.holds.items()} == {
+        "hold_door.front": 30.0,
+        "robot_mode": 20.0,
+    }
+
+
+def test_a_hold_is_not_renewed_in_the_time_that_a_fire_gives_a_robot() -> None:
+    lift = PaperLift(replace(PLAIN, max_hold_s={"hold_door.front": 30.0}), site={"fire_release_delay_s": 3.0})
+    lift.called_to("L2")
+    until = lift.holds["hold_door.front"].until
+    lift.read(mode=Mode.FIRE)
+    lift.wait(2.0)
+    assert lift.holds["hold_door.front"].until == until
+
+
+def test_what_the_map_requires_and_the_lift_no_longer_gives_ends_a_hold() -> None:
+    lift = PaperLift(replace(PLAIN, requires={"hold_door.front": frozenset({"robot_mode_on"})}))
+    lift.called_to("L2")
+    assert "hold_door.front" in lift.holds
+    lift.read(robot_mode_on=False)
+    assert "hold_door.front" not in lift.holds
+
+
+def test_a_pulse_that_is_still_on_is_taken_back_with_its_session() -> None:
+    lift = PaperLift()
+    lift.read()
+    lift.accept("L2")
+    (press,) = lift.pressed
+    lift.answer()
+    lift.status["go_to"] = OutputState.ON
+    lift.take(OutputChanged(dict(lift.status)))
+    lift.take(Restrict(RestrictionKind.LOCKOUT, "ann", "new ropes", at_once=True))
+    assert Cancel(press.id) in lift.cancelled
+
+
+def test_a_held_call_is_released_before_the_call_to_another_floor() -> None:
+    lift = PaperLift(HANDSHAKE)
+    lift.read()
+    lift.accept("L2")
+    (press,) = lift.pressed
+    lift.answer()
+    lift.accept("L3")
+    assert lift.cancelled == [Cancel(press.id)]
+    assert lift.log == ["call L2", "call L3"]
+
+
+def test_a_robot_in_the_door_has_its_time_though_the_hold_is_in_doubt() -> None:
+    lift = PaperLift()
+    lift.called_to("L2")
+    lift.obeys = False
+    lift.status["hold_door.front"] = OutputState.ON
+    lift.take(OutputChanged(dict(lift.status)))
+    assert lift.door is RobotDoor.MOVING
+    lift.take(Restrict(RestrictionKind.LOCKOUT, "ann", "new ropes"))
+    lift.wait(9.0)
+    assert "hold_door.front" in lift.holds
+    lift.wait(2.0)
+    assert "hold_door.front" not in lift.holds

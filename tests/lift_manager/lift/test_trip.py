@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivers.model import Result
+from drivers.model import OutputState, Result
 from lift_manager.lift.events import SessionEnded, SessionOpened
-from lift_manager.lift.inputs import EndSession, OutputStatus
+from lift_manager.lift.inputs import EndSession
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason
@@ -178,7 +178,7 @@ def test_a_session_that_ends_on_arrival_invites_nobody_through_the_door_that_its
     lift = PaperLift(HANDSHAKE)
     lift.read()
     lift.accept("L2", hold=False)
-    lift.status["call"] = OutputStatus.ON
+    lift.status["call"] = OutputState.ON
     lift.read(None, Door.CLOSED, motion=Motion.UP)
     lift.read("L2", Door.OPEN, motion=Motion.STOPPED)
     assert lift.holder is None, "the car is there before its press has an outcome"

@@ -10,12 +10,12 @@ from typing import TypeVar
 
 import pytest
 
-from lift_manager.core.bus import Subscription
 from lift_manager.core.journal import Hears, ShortJournal
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.recording import RecordingBus
 from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.journal import Row, RowKind
+from lift_manager.runtime.bus import Subscription
 from lift_manager.store.committer import ANSWER_S, Committer
 from lift_manager.store.outage import CALM_COMMITS
 from lift_manager.store.retention import Limits

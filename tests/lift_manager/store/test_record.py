@@ -11,7 +11,7 @@ import pytest
 from lift_manager.domain.ride import Phase, RideLimits
 from lift_manager.domain.ride_record import Clearing, KeptRide, RideRecord, kept, restored
 from lift_manager.domain.service import Advice, Remembered
-from lift_manager.store.record import RecordDamaged, decode, encode
+from lift_manager.store.record import REMEMBERED, RecordDamaged
 from register_maps.words import Side
 from tests.lift_manager.domain.ride_sights import NOON, WISH, ride
 from tests.lift_manager.store.test_memory_contract import EVERYTHING, VALUES
@@ -31,19 +31,19 @@ FULL = ride(
 @pytest.mark.parametrize("record", [ride(), FULL, ride(Phase.GAVE_UP, ended_at=3.0, maybe_aboard=True)])
 def test_a_ride_is_read_as_it_was_written(record: RideRecord) -> None:
     said = Remembered(rides=(kept(record, at=NOON, now=5.0),))
-    assert decode(encode(said)) == said
+    assert REMEMBERED.decode(REMEMBERED.encode(said)) == said
 
 
 @pytest.mark.parametrize("value", VALUES)
 def test_a_record_is_read_as_it_was_written(value: Remembered) -> None:
-    assert decode(encode(value)) == value
+    assert REMEMBERED.decode(REMEMBERED.encode(value)) == value
 
 
 def spoilt(spoil: Callable[[dict[str, Any]], object]) -> str:
-    content = json.loads(encode(replace(EVERYTHING, rides=(kept(FULL, at=NOON, now=5.0),))))
+    content = json.loads(REMEMBERED.encode(replace(EVERYTHING, rides=(kept(FULL, at=NOON, now=5.0),))))
     spoil(content)
     with pytest.raises(RecordDamaged) as damaged:
-        decode(json.dumps(content))
+        REMEMBERED.decode(json.dumps(content))
     return str(damaged.value)
 
 
@@ -73,7 +73,7 @@ def test_anything_that_no_manager_writes_is_refused_with_its_place(
 @pytest.mark.parametrize("text", ["", "{", "null", "[]", "{}, {}", "\ud800", "[" * 10_000])
 def test_what_is_no_record_is_refused(text: str) -> None:
     with pytest.raises(RecordDamaged):
-        decode(text)
+        REMEMBERED.decode(text)
 
 
 def test_every_field_of_a_ride_that_is_kept_is_taken_up_again() -> None:

@@ -6,8 +6,12 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Generic, TypeVar
+
+from lift_manager.lift.events import Event as LiftEvent
+from lift_manager.lift.state import LiftState
 
 Item = TypeVar("Item")
 
@@ -17,6 +21,28 @@ QUEUE_LENGTH = 256
 _DIGITS = "0123456789abcdefghijklmnopqrstuvwxyz"
 _BOOT_LENGTH = 8
 """Digits of base 36. Enough for milliseconds since 1970 until the year 2059, so that later boots sort behind earlier ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """A lift is in another state than it was published in last, by more than the passing of time."""
+
+    lift: str
+    state: LiftState
+
+
+Event = LiftEvent | StateChanged
+"""What happens to a lift."""
+
+
+@dataclass(frozen=True, slots=True)
+class Occurrence:
+    """An event as it was published."""
+
+    id: str
+    at: float
+    """Monotonic seconds of the event loop."""
+    event: Event
 
 
 class Subscription(Generic[Item]):

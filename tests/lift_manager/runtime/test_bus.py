@@ -3,10 +3,10 @@
 import asyncio
 from datetime import UTC, datetime, timedelta
 
-from lift_manager.core.bus import Bus, boot_of
 from lift_manager.core.manager import LiftManager
 from lift_manager.domain.events import CommandEnded, Event, Occurrence, SessionEnded, SessionOpened, StateChanged
 from lift_manager.domain.state import Quality, RobotDoor
+from lift_manager.runtime.bus import Bus, boot_of
 from tests.support.spine import Spine, on_spine
 from tests.support.virtual_time import run_virtual
 

@@ -1,6 +1,6 @@
 """When a lift counts as still polled, and how long one poll may take."""
 
-from lift_manager.core.progress import Progress, patience_s
+from lift_manager.runtime.progress import Progress, patience_s
 
 
 def test_a_lift_whose_polls_stand_still_for_longer_than_its_patience_is_stuck() -> None:

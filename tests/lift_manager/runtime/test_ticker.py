@@ -2,7 +2,7 @@
 
 import asyncio
 
-from lift_manager.core.ticker import BEAT_S, Ticker
+from lift_manager.runtime.ticker import BEAT_S, Ticker
 from tests.support.virtual_time import elapse, run_virtual
 
 

@@ -1,0 +1,249 @@
+"""Carries out what the rules decide for one lift: steps its record, publishes, declares, presses and writes down."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from drivers.driver import LiftDriver, Report
+from drivers.errors import ControllerException, DriverError
+from drivers.model import (
+    Command,
+    DriverFailed,
+    FloorName,
+    LiftReading,
+    Outcome,
+    OutputChanged,
+    PressId,
+    Written,
+)
+from lift_manager.lift import inputs
+from lift_manager.lift.commands import CommandStatus
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.inhibits import blocked_by
+from lift_manager.lift.inputs import (
+    CommitFailed,
+    Committed,
+    GiveCommand,
+    HandOver,
+    Input,
+    LiftRequest,
+    ReadFailed,
+    Reading,
+    Request,
+)
+from lift_manager.lift.observation import Moment
+from lift_manager.lift.record import DurableRecord, LiftRecord
+from lift_manager.lift.refusals import Refusal, Refused
+from lift_manager.lift.requests import SessionBegun
+from lift_manager.lift.state import LiftState, same_but_for_time, state
+from lift_manager.lift.step import Reply, Step, is_news, note_outputs, start, step
+from lift_manager.runtime.bus import Bus, Event, StateChanged
+from lift_manager.runtime.inbox import Inbox
+from lift_manager.runtime.journal import LiftJournal
+from lift_manager.runtime.outputs import LiftOutputs
+from lift_manager.runtime.recorder import Clock, Recorder, wall_clock
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiftSettings:
+    """What the site says about one lift beside its rules (`LiftConfig`)."""
+
+    poll_s: float = 0.2
+    first_poll_s: float = 0.0
+    """Delay of the first poll, so that the lifts of a site do not poll in one burst."""
+    rmf_name: str = ""
+    """In RMF's building map; empty where it is the same there."""
+    rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
+    """Those that RMF's building map names otherwise."""
+
+
+class LiftActor:
+    """One lift: its driver, its newest record, and the order in which things happen to it. The `Above` of its driver."""
+
+    def __init__(
+        self,
+        driver: LiftDriver,
+        config: LiftConfig,
+        bus: Bus[Event],
+        recorder: Recorder,
+        *,
+        settings: LiftSettings | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        """Attach to the driver; nothing happens before `begin` or the first input. The lifts of a site share bus and recorder."""
+        self.config = config
+        self.settings = settings or LiftSettings()
+        self.driver = driver
+        self.record = LiftRecord(durable=recorder.recall(config.name) or DurableRecord())
+        """The newest one; only inputs change it."""
+        self.journal = LiftJournal(config.name, driver.source, recorder)
+        self.inbox = Inbox(self._take)
+        self.outputs = LiftOutputs(config, driver, recorder, self.journal, self.inbox)
+        self._bus = bus
+        self._recorder = recorder
+        self._clock = clock or wall_clock()
+        self._read_at = -math.inf
+        """Monotonic seconds; nothing that the lift said is older than this."""
+        self._has_begun = self._is_taking = False
+        self._published: LiftState | None = None
+        """The state of its newest event."""
+        driver.attach(self)
+
+    def begin(self) -> None:
+        """Go on with what an earlier process left, before the lift is read; once."""
+        if not self._has_begun:
+            self._has_begun = True
+            moment = self.moment
+            self._carry_out(start(self.config, self.record.durable, moment), moment)
+            self.inbox.take_all()
+
+    # -- what happens
+
+    def handle(self, happened: Input) -> Reply | None:
+        """Take one input and everything that it brings about; return the reply to whoever made it. Not re-entrant."""
+        self.begin()
+        self.inbox.take_all()
+        self._take_trouble()
+        if isinstance(happened, Request):
+            self.freshen()  # what is decided has a later number than every state before it
+        reply = self._take(happened)
+        self.inbox.take_all()
+        return reply
+
+    def take_reading(self, reading: LiftReading) -> None:
+        """Take a poll that was answered; one without news costs next to nothing."""
+        now = _now()
+        if not self.inbox and not is_news(self.config, self.record, reading, read_at=self._read_at, now=now):
+            self._read_at = reading.at
+            return
+        self.handle(Reading(reading, {}))
+        self.journal.link(self.record.fault, now, answers=True)
+        self.journal.mode(reading.values.mode, now)
+
+    def take_failure(self, error: DriverError) -> None:
+        """Take a poll that failed."""
+        self.handle(ReadFailed(str(error)))
+        self.journal.link(str(error), _now(), answers=isinstance(error, ControllerException))
+
+    def report(self, item: Report) -> None:
+        """Take note of what the driver reports; the rules learn of it soon."""
+        match item:
+            case OutputChanged(name, output):
+                self.outputs.changed(name, output)
+            case Outcome():
+                self.outputs.ended(item)
+            case Written(name, what):
+                if what == "press":
+                    self.outputs.written(name)
+                self.journal.wrote(self.record.holder, item)
+            case DriverFailed(reason):
+                _log.error("%s: a bug in its driver, so everything is released: %s", self.config.name, reason)
+
+    def blocked_by(self, command: Command, press: PressId | None) -> str | None:
+        """Return what forbids this command now."""
+        return blocked_by(self.config, self.record, command, press, self.moment)
+
+    # -- what is known
+
+    @property
+    def moment(self) -> Moment:
+        """Now."""
+        return Moment(_now(), self._clock(), self._read_at)
+
+    def state(self) -> LiftState:
+        """Return what this lift publishes right now, from memory."""
+        if not self._is_taking:
+            self.inbox.take_all()
+        return state(self.config, self.record, self.moment)
+
+    def freshen(self) -> None:
+        """Publish a change of the state that was not published yet, whether or not anybody listens."""
+        self._publish_state(self.moment)
+
+    # -- one input after the other
+
+    def _take(self, happened: Input) -> Reply | None:
+        if self._is_taking:
+            raise RuntimeError(f"{self.config.name}: {happened} came from within another input")
+        self._is_taking = True
+        try:
+            return self._step(happened)
+        finally:
+            self._is_taking = False
+
+    def _step(self, happened: Input) -> Reply | None:
+        moment, record, known = self.moment, self.record, self.outputs.shown
+        match happened:
+            case Reading(reading):
+                happened = Reading(reading, known)
+                self._read_at = reading.at
+            case inputs.OutputChanged(then):
+                known = then  # what fell and came back since has fallen all the same
+            case GiveCommand() if not self.journal.admits(happened, moment.now, known=_knows(self.config, happened)):
+                happened = replace(happened, is_recorded=False)
+        if known != record.outputs:
+            record = note_outputs(self.config, record, known, moment)
+        done = step(self.config, record, happened, moment)
+        if isinstance(happened, Request) and _is_recorded(happened, done.reply):
+            refused = done.reply if isinstance(done.reply, Refused) else None
+            self.journal.request(happened, refused, moment.now, known=_knows(self.config, happened))
+        self._carry_out(done, replace(moment, read_at=self._read_at), not_recorded=isinstance(happened, CommitFailed))
+        return done.reply
+
+    def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
+        """Assign the record, publish, and then have declared, pressed and written down what follows from it."""
+        before, self.record = self.record, done.record
+        for event in done.events:
+            self.journal.event(event, self._bus.publish(event))
+        if self._bus.heard:
+            self._publish_state(moment)
+        if done.record.durable is not before.durable:
+            self._recorder.keep(self.config.name, done.record.durable)
+        self.outputs.carry_out(done.record, done.actions, moment, not_recorded=not_recorded)
+        self.inbox.wake(done.wake_at)
+
+    def _take_trouble(self) -> None:
+        """Let the rules know whether anything can be written down."""
+        trouble = self._recorder.trouble
+        if trouble and not self.record.disk_trouble:
+            self._take(CommitFailed(trouble))
+        elif self.record.disk_trouble and not trouble:
+            self._take(Committed(self.record.committed))
+
+    def _publish_state(self, moment: Moment) -> None:
+        """Give a state an event of its own, if it is another one than that of the newest."""
+        now = state(self.config, self.record, moment)
+        if self._published is None or not same_but_for_time(now, self._published):
+            self._published = now
+            self._bus.publish(StateChanged(self.config.name, now))
+
+
+def _knows(config: LiftConfig, request: Request) -> bool:
+    """Whether a request names no floor, or one that the lift has."""
+    match request:
+        case LiftRequest(floor=floor):
+            return floor in config.floors
+        case GiveCommand(inner):
+            return inner.floor is None or inner.floor in config.floors
+        case _:
+            return True
+
+
+def _is_recorded(request: Request, reply: Reply | None) -> bool:
+    """Whether a request has rows in the journal: not what an idempotency key repeats, nor what a face without sessions hands over."""
+    match reply:
+        case SessionBegun(is_new=False) | Refused(code=Refusal.KEY_REUSED):
+            return False
+        case CommandStatus() if isinstance(request, GiveCommand):
+            return reply.id == request.new_id
+    return not isinstance(request, HandOver) or request.session is not None
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,147 @@
+"""What of the declared holds may begin: each beginning is written down first, and has a number of its own.
+
+`lift.outputs` declares which holds should be on; the driver puts one on once for every number that it is given. Between the two,
+a beginning waits for the disk as a press does. Releases and renewals do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from drivers.model import Command, Hold, OutputState
+from lift_manager.lift import outputs
+from lift_manager.lift.inputs import Outputs
+
+_ON = frozenset({OutputState.ON, OutputState.HELD})
+_GIVEN = _ON | {OutputState.REQUESTED}
+
+
+class Beginning(NamedTuple):
+    """A hold that has to be written down before it is put on."""
+
+    command: Command
+    again: bool
+    """It was on, and was found off."""
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A beginning that waits for the disk."""
+
+    commit: int | None = None
+    """None until it was handed to the store."""
+
+
+class Holds:
+    """The holds of one lift, as its driver is to have them."""
+
+    def __init__(self) -> None:
+        self.declared: Mapping[Command, Hold] = {}
+        """As the driver has it."""
+        self.states: dict[str, OutputState] = {}
+        """Of every output, as the driver reported it last."""
+        self._number = 0
+        self._wanted: Mapping[str, outputs.Hold] = {}
+        self._waiting: dict[str, _Waiting] = {}
+        self._unwritten: set[str] = set()
+        """Holds that are on the disk, and were not put on since: they need no other row."""
+        self._committed = 0
+
+    def update(
+        self, wanted: Mapping[Command, outputs.Hold], pressed: Collection[str], *, may_begin: bool
+    ) -> tuple[Beginning, ...]:
+        """Take what should be on; return what has to be written down before it begins.
+
+        `pressed` are the outputs whose press is not with the driver yet: what is on for the same command stays, and what is on
+        for another one is released. Nothing new may begin while nothing can be written down.
+        """
+        self._wanted = {command.name: hold for command, hold in wanted.items()}
+        for name in [name for name in (*self._waiting, *self._unwritten) if not self._begins(name)]:
+            self._waiting.pop(name, None)
+            self._unwritten.discard(name)
+        before = {command.name: (command, hold) for command, hold in self.declared.items()}
+        after = {
+            command: hold for command, hold in self.declared.items() if command.name in pressed and command in wanted
+        }
+        beginnings = []
+        for command, hold in wanted.items():
+            name = command.name
+            if name in pressed:
+                continue
+            known = before[name][1] if name in before else None
+            if not hold.begin or self._needs_no_beginning(name, known):
+                after[command] = Hold(self._kept_number(name, known, hold), hold.until)
+            elif self._is_written_down(name):
+                after[command] = Hold(self._next_number(), hold.until)
+            else:
+                if known is not None:
+                    after[command] = Hold(known.begin, hold.until)
+                if may_begin and name not in self._waiting:
+                    self._waiting[name] = _Waiting()
+                    beginnings.append(Beginning(command, self._state(name) is OutputState.LOST))
+        self.declared = after
+        return tuple(beginnings)
+
+    def handed_over(self, commit: int) -> None:
+        """Note under which number the beginnings that `update` returned are committed."""
+        for waiting in self._waiting.values():
+            if waiting.commit is None:
+                waiting.commit = commit
+
+    def committed(self, commit: int) -> None:
+        """Note that everything up to this commit is on the disk."""
+        self._committed = max(self._committed, commit)
+
+    def not_committed(self, commit: int) -> tuple[str, ...]:
+        """Forget the beginnings of a commit that failed, and return which they are."""
+        gone = [name for name, one in self._waiting.items() if one.commit is not None and one.commit <= commit]
+        for name in gone:
+            del self._waiting[name]
+        return tuple(gone)
+
+    def put_on(self, name: str) -> None:
+        """Note that the driver has written it: another beginning needs another row."""
+        self._unwritten.discard(name)
+
+    def shown(self, pressed: Collection[str]) -> Outputs:
+        """Return the state of every output as the rules know it: what waits for the disk is requested."""
+        waiting = dict.fromkeys((*pressed, *self._waiting), OutputState.REQUESTED)
+        lost = {
+            name: OutputState.REQUESTED
+            for name, state in self.states.items()
+            if state is OutputState.LOST and self._begins(name)
+        }
+        return {**self.states, **lost, **waiting}
+
+    def _begins(self, name: str) -> bool:
+        return name in self._wanted and self._wanted[name].begin
+
+    def _needs_no_beginning(self, name: str, known: Hold | None) -> bool:
+        """Whether a hold is on, or on its way. One that a restart found on is only kept until it is written down for its holder."""
+        state = self._state(name)
+        return known is not None and state in _GIVEN and (known.begin > 0 or state is OutputState.REQUESTED)
+
+    def _kept_number(self, name: str, known: Hold | None, hold: outputs.Hold) -> int:
+        """Return the number of a hold that is on, or is only kept: what was not put on yet is not put on for nobody."""
+        if known is None or (not hold.begin and self._state(name) is OutputState.REQUESTED):
+            return 0
+        return known.begin
+
+    def _is_written_down(self, name: str) -> bool:
+        waiting = self._waiting.get(name)
+        if waiting is None:
+            return name in self._unwritten
+        if waiting.commit is None or waiting.commit > self._committed:
+            return False
+        del self._waiting[name]
+        self._unwritten.add(name)
+        return True
+
+    def _state(self, name: str) -> OutputState:
+        return self.states.get(name, OutputState.AT_REST)
+
+    def _next_number(self) -> int:
+        self._number += 1
+        return self._number

@@ -1,0 +1,70 @@
+"""What driver, store and time have reported to one lift, until it takes it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from asyncio import Future
+from collections import deque
+from collections.abc import Callable
+
+from lift_manager.lift.inputs import Input, Tick
+
+
+class Inbox:
+    """Hands inputs over one by one, in their order and soon. Whoever reports is in the middle of its own work."""
+
+    def __init__(self, take: Callable[[Input], object]) -> None:
+        """`take` steps one input."""
+        self._take = take
+        self._queue: deque[Input] = deque()
+        self._soon: asyncio.Handle | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._wake_at = math.inf
+        self._bug: Future[None] | None = None
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    def put(self, item: Input) -> None:
+        """Have this taken soon."""
+        self._queue.append(item)
+        if self._soon is None:
+            self._soon = asyncio.get_running_loop().call_soon(self._take_soon)
+
+    def take_all(self) -> None:
+        """Take everything that was reported, and what follows from that."""
+        while self._queue:
+            self._take(self._queue.popleft())
+
+    def wake(self, at: float) -> None:
+        """Tick at this time, whatever comes or does not come before."""
+        if at == self._wake_at:
+            return
+        self._wake_at = at
+        if self._timer is not None:
+            self._timer.cancel()
+        if at < math.inf:
+            self._timer = asyncio.get_running_loop().call_at(at, self._tick)
+
+    async def watch(self) -> None:
+        """Raise the first bug that was met in a callback of the loop, where it would only be logged."""
+        self._bug = asyncio.get_running_loop().create_future()
+        await self._bug
+
+    def _take_soon(self) -> None:
+        self._soon = None
+        self._guarded()
+
+    def _tick(self) -> None:
+        self._wake_at = math.inf
+        self._queue.append(Tick())
+        self._guarded()
+
+    def _guarded(self) -> None:
+        try:
+            self.take_all()
+        except Exception as bug:
+            if self._bug is None or self._bug.done():
+                raise
+            self._bug.set_exception(bug)

@@ -1,0 +1,216 @@
+"""What one lift has in the journal and in the log: requests, events, presses, writes, its mode and its link."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+
+from drivers.model import Command, Outcome, Proof, Result, Written
+from drivers.sparing import TOLD_EVERY_S, Changes, Sparing
+from lift_manager.domain.journal import Row, RowKind
+from lift_manager.domain.seconds import without_seconds
+from lift_manager.lift import audit
+from lift_manager.lift.events import (
+    Advised,
+    Alarm,
+    CommandEnded,
+    CommandFollowed,
+    Event,
+    ForceReleased,
+    HandedOver,
+    SessionEnded,
+    SessionOpened,
+    SessionRestored,
+)
+from lift_manager.lift.inputs import GiveCommand, Request
+from lift_manager.lift.refusals import Refused
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.recorder import Recorder
+from register_maps.words import Mode
+
+_log = logging.getLogger(__name__)
+
+CHANGES = 10
+"""Changes of a lift's mode, and of its link, that have rows of their own, a minute. Chosen: people turn a key switch less often."""
+
+READ_WITHIN_S = 3.0
+"""So long after the start a lift may take to be read for the first time before that is news. Chosen: a connection, and what its map wants
+to see change once, take less."""
+
+
+class LiftJournal:
+    """Writes down what happens to one lift, and logs what people look for. Never waits, and never fails."""
+
+    def __init__(self, lift: str, source: str, recorder: Recorder) -> None:
+        """`source` is where the lift is, for messages."""
+        self._lift = lift
+        self._source = source
+        self._recorder = recorder
+        self._requests = audit.RequestRows(lift)
+        self._mode: Mode | None = None
+        self._modes = _Changes(lambda counted, for_s: audit.modes_row(lift, self._mode, counted, for_s))
+        self._link = _Link(lift, source)
+        self._rejected = ""
+        """Why the last command was not pressed; empty if it was."""
+
+    def request(self, request: Request, refused: Refused | None, now: float, *, known: bool) -> None:
+        """Note a request and its reply; `known` tells a floor that the lift has."""
+        self._requests, rows = self._requests.take(audit.words_of(request), refused, now, known=known)
+        self._note(rows)
+
+    def admits(self, request: GiveCommand, now: float, *, known: bool) -> bool:
+        """Whether a request has a row of its own, and so is what becomes of it."""
+        _, rows = self._requests.take(audit.words_of(request), None, now, known=known)
+        return any("times" not in row.data for row in rows)
+
+    def event(self, event: Event, event_id: str) -> None:
+        """Note and log an event."""
+        if (row := audit.row_of(event)) is not None:
+            self._recorder.note(replace(row, event=event_id))
+        level, text = self._line(event)
+        if text:
+            _log.log(level, "%s: %s", self._lift, text, extra={"event": event_id, "lift": self._lift})
+
+    def press(
+        self, holder: Holder | None, command: Command, frames: tuple[str, ...], now: float, *, again: bool = False
+    ) -> Row:
+        """Return the row of a press; what its holder requested and was only counted is noted before it."""
+        if holder is not None:
+            self._requests, rows = self._requests.tell(holder, now)
+            self._note(rows)
+        return audit.press_row(self._lift, holder, command, frames, again=again)
+
+    def wrote(self, holder: Holder | None, written: Written) -> None:
+        """Note what reached the wire, or may have."""
+        self._recorder.note(audit.write_row(self._lift, holder, written))
+
+    def mode(self, mode: Mode, now: float) -> None:
+        """Note the mode if it has changed."""
+        if mode is not self._mode:
+            before, self._mode = self._mode, mode
+            self._note(self._modes.rows(audit.mode_row(self._lift, mode, before), mode, now))
+
+    def link(self, fault: str, now: float, *, answers: bool = False) -> None:
+        """Note and log that the lift is read, or why not, when that has changed.
+
+        With `answers` the controller is there and what it says cannot be used: another such reason is logged, too.
+        """
+        self._note(self._link.seen(fault, now, answers=answers))
+
+    def tell(self, now: float, *, end: bool = False) -> None:
+        """Note what was only counted for long enough, or at the end all of it."""
+        self._requests, rows = self._requests.tell_due(now, end=end)
+        self._note((*rows, *self._modes.due(now, end=end), *self._link.due(now, end=end)))
+
+    def _note(self, rows: tuple[Row, ...]) -> None:
+        for row in rows:
+            self._recorder.note(row)
+            if row.kind is RowKind.LINK:
+                self._link.log(row)
+
+    def _line(self, event: Event) -> tuple[int, str]:  # noqa: PLR0911  one for each kind of event
+        match event:
+            case Alarm(_, text, _):
+                return logging.WARNING, text
+            case Advised(_, holder, advice, text):
+                return logging.WARNING, f"{text}; {holder} is told: {advice}"
+            case CommandEnded(_, outcome, _):
+                return self._outcome_line(outcome)
+            case SessionOpened(_, holder, floor):
+                return logging.INFO, f"{holder} holds the lift" + (f", to {floor}" if floor else "")
+            case SessionRestored(_, holder, _, text):
+                return logging.INFO, f"{holder} holds the lift from before a restart, {text}"
+            case HandedOver(_, holder, to):
+                return logging.INFO, f"{holder} hands the lift over to {to}"
+            case ForceReleased():
+                return logging.WARNING, f"{event.text} (released by {event.by}: {event.reason})"
+            case SessionEnded(_, holder, _, text, _):
+                return logging.INFO, f"session of {holder} over: {text}"
+            case CommandFollowed(_, status, _):
+                what = f"{status.kind} {status.floor}" if status.floor else status.kind
+                why = f": {status.reason}" if status.reason else ""
+                return logging.DEBUG, f"{status.holder}: {what} is {status.state}{why}"
+            case _:
+                return logging.DEBUG, ""
+
+    def _outcome_line(self, outcome: Outcome) -> tuple[int, str]:
+        proof = "" if outcome.proof is Proof.NONE else f", seen by {outcome.proof}"
+        rejected = outcome.reason if outcome.result is Result.REJECTED else ""
+        # a robot goes on asking, and the disk that the log is on may be the reason
+        level = logging.DEBUG if rejected and rejected == self._rejected else logging.INFO
+        self._rejected = rejected
+        why = f": {outcome.reason}" if outcome.reason else ""
+        return level, f"{outcome.command} {outcome.result}{proof}{why}"
+
+
+class _Changes:
+    """The changes of one thing: a few a minute have rows of their own, and the others are counted."""
+
+    def __init__(self, summary: Callable[[Counter[str], float], Row]) -> None:
+        """`summary` makes the row of changes that were counted."""
+        self._changes = Changes(CHANGES)
+        self._summary = summary
+
+    def rows(self, row: Row, word: str, now: float) -> tuple[Row, ...]:
+        """Return the rows of one change; it is counted by its `word` where there were many."""
+        due = self.due(now)
+        return (*due, row) if self._changes.admits(word, now) else due
+
+    def due(self, now: float, *, end: bool = False) -> tuple[Row, ...]:
+        """Return the row of what was counted for long enough, or at the end of all of it."""
+        counted = self._changes.summary(now, end=end)
+        return () if counted is None else (self._summary(*counted),)
+
+
+class _Link:
+    """Whether a lift is read. A start may take a little to read it at all."""
+
+    def __init__(self, lift: str, source: str) -> None:
+        self._lift = lift
+        self._source = source
+        self._fault: str | None = None
+        """Why the lift is not read; empty while it is, None before that is known."""
+        self._unread_since: float | None = None
+        self._logged = ""
+        """Why the lift is not read, as the log has it; empty while it is."""
+        self._logged_again_at = math.inf
+        self._now = 0.0
+        self._changes = _Changes(lambda counted, for_s: audit.links_row(lift, self._fault or "", counted, for_s))
+        self._reasons = Sparing(CHANGES)
+
+    def seen(self, fault: str, now: float, *, answers: bool) -> tuple[Row, ...]:
+        """Return the rows of a poll that was answered, or failed."""
+        self._now = now
+        if self._fault is None and fault:
+            self._unread_since = now if self._unread_since is None else self._unread_since
+            if now - self._unread_since < READ_WITHIN_S:
+                return ()
+        before, self._fault = self._fault, fault
+        if before is None or bool(fault) is not bool(before):
+            row = audit.link_row(self._lift, self._source, fault)
+            return self._changes.rows(row, "not read" if fault else "read", now)
+        is_another = bool(self._logged) and without_seconds(fault) != without_seconds(self._logged)
+        if answers and is_another and self._reasons.admits(object(), now):
+            self._line(fault, is_read=False)
+        return ()
+
+    def due(self, now: float, *, end: bool = False) -> tuple[Row, ...]:
+        """Return the row of changes that were counted, and log once more what lasts."""
+        self._now = now
+        if self._fault and self._logged and now >= self._logged_again_at:
+            self._logged_again_at = math.inf
+            _log.warning("%s: still not read: %s", self._lift, self._fault, extra={"lift": self._lift})
+        return self._changes.due(now, end=end)
+
+    def log(self, row: Row) -> None:
+        """Log a row."""
+        self._line(row.text, is_read=row.data["up"] is True)
+
+    def _line(self, text: str, *, is_read: bool) -> None:
+        self._logged = "" if is_read else self._fault or text
+        self._logged_again_at = math.inf if is_read else self._now + TOLD_EVERY_S
+        level = logging.INFO if is_read else logging.WARNING
+        _log.log(level, "%s: %s", self._lift, text, extra={"lift": self._lift})

@@ -1,0 +1,158 @@
+"""The presses and holds of one lift between the rules and its driver: what leaves was committed, and is still current."""
+
+from __future__ import annotations
+
+import logging
+from asyncio import Future
+from collections.abc import Iterable
+from functools import partial
+
+from drivers.driver import LiftDriver
+from drivers.model import Command, Outcome, OutputState, PressId, Result
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.inputs import (
+    Action,
+    Cancel,
+    CommitFailed,
+    Committed,
+    OutputChanged,
+    Outputs,
+    Press,
+    PressEnded,
+)
+from lift_manager.lift.observation import Moment
+from lift_manager.lift.outputs import outputs
+from lift_manager.lift.record import LiftRecord
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.holds import Holds
+from lift_manager.runtime.inbox import Inbox
+from lift_manager.runtime.journal import LiftJournal
+from lift_manager.runtime.recorder import Recorder
+
+_log = logging.getLogger(__name__)
+
+NOT_SENT = "not sent: something else was wanted instead"
+
+
+class LiftOutputs:
+    """Declares, presses and cancels. Presses and beginnings wait for the disk, and nothing else does."""
+
+    def __init__(
+        self, config: LiftConfig, driver: LiftDriver, recorder: Recorder, journal: LiftJournal, inbox: Inbox
+    ) -> None:
+        """What the store answers, and what becomes of a press, goes to the inbox."""
+        self._config = config
+        self._driver = driver
+        self._recorder = recorder
+        self._journal = journal
+        self._inbox = inbox
+        self._holds = Holds()
+        self._waiting: dict[PressId, Press] = {}
+        """Presses that are not with the driver yet."""
+        self._sent: set[PressId] = set()
+        """Presses that are with the driver, without an outcome."""
+        self._commits = 0
+
+    @property
+    def shown(self) -> Outputs:
+        """The state of every output as the rules know it."""
+        return self._holds.shown(self._waiting_names)
+
+    # -- what a step comes to
+
+    def carry_out(self, record: LiftRecord, actions: Iterable[Action], moment: Moment, *, not_recorded: bool) -> None:
+        """Send what is committed, declare what should be on, and have written down what waits for that.
+
+        After a commit that was `not_recorded` the rules have ended its presses already.
+        """
+        presses = self._take_actions(actions, not_recorded=not_recorded)
+        for pending in record.presses:
+            if pending.sequence <= record.committed and pending.id in self._waiting:
+                press = self._waiting.pop(pending.id)
+                self._sent.add(press.id)
+                self._driver.press(press.id, press.command, press.leave_by)
+        wanted, before = outputs(self._config, record), self._holds.declared
+        beginnings = self._holds.update(wanted, self._waiting_names, may_begin=not record.disk_trouble)
+        if self._holds.declared != before:
+            self._driver.declare(self._holds.declared)
+        rows = [(press.holder, press.command, False) for press in presses]
+        rows += [(record.holder, one.command, one.again) for one in beginnings]
+        if rows:
+            self._write_down(rows, record.sequence, moment.now)
+
+    def cancel_all(self) -> None:
+        """Take back every press that has no outcome."""
+        self._waiting.clear()
+        for press in tuple(self._sent):
+            self._driver.cancel(press)
+
+    # -- what the driver reports
+
+    def changed(self, name: str, state: OutputState) -> None:
+        """Note the state of an output."""
+        self._holds.states[name] = state
+        self._inbox.put(OutputChanged(self.shown))
+
+    def written(self, name: str) -> None:
+        """Note that an output was put on."""
+        self._holds.put_on(name)
+
+    def ended(self, outcome: Outcome) -> None:
+        """Note what became of a press."""
+        if outcome.press in self._sent:
+            self._sent.discard(outcome.press)
+            self._inbox.put(PressEnded(outcome.press, outcome))
+
+    # -- what waits for the disk
+
+    @property
+    def _waiting_names(self) -> frozenset[str]:
+        return frozenset(press.command.name for press in self._waiting.values())
+
+    def _take_actions(self, actions: Iterable[Action], *, not_recorded: bool) -> list[Press]:
+        """Take presses and cancels in their order; return the presses that have to be written down."""
+        presses = []
+        for action in actions:
+            match action:
+                case Press():
+                    self._waiting[action.id] = action
+                    presses.append(action)
+                case Cancel(press) if press not in self._waiting:
+                    self._driver.cancel(press)
+                case Cancel(press):
+                    gone = self._waiting.pop(press)
+                    if not not_recorded:
+                        outcome = Outcome(gone.command, Result.REJECTED, NOT_SENT, press=press)
+                        self._inbox.put(PressEnded(press, outcome))
+        return [press for press in presses if press.id in self._waiting]
+
+    def _write_down(self, rows: Iterable[tuple[Holder | None, Command, bool]], sequence: int, now: float) -> None:
+        self._commits += 1
+        self._holds.handed_over(self._commits)
+        written = [
+            self._journal.press(holder, command, self._driver.frames(command), now, again=again)
+            for holder, command, again in rows
+        ]
+        answer = [self._recorder.before(row) for row in written][-1]  # rows are committed in their order
+        done = partial(self._answered, self._commits, sequence)
+        if answer.done():
+            done(answer)
+        else:
+            answer.add_done_callback(done)
+
+    def _answered(self, commit: int, sequence: int, answer: Future[str | None]) -> None:
+        """Take the answer of the store as an input."""
+        if answer.cancelled():
+            reason: str | None = "the journal has ended"
+        elif (bug := answer.exception()) is not None:
+            _log.error("%s: a bug in the journal", self._config.name, exc_info=bug)
+            reason = str(bug)
+        else:
+            reason = answer.result()
+        if reason is None:
+            self._holds.committed(commit)
+            self._inbox.put(Committed(sequence))
+            return
+        for name in self._holds.not_committed(commit):
+            _log.warning("%s: %s is not asserted: %s", self._config.name, name, reason)
+        self._inbox.put(CommitFailed(reason))

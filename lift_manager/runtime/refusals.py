@@ -1,0 +1,84 @@
+"""Counts every refusal of a site, and writes down those that no lift has: a few a minute one by one, and the rest counted."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter, OrderedDict
+from dataclasses import dataclass
+
+from drivers.sparing import Sparing, newest
+from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.lift.audit import short
+from lift_manager.lift.refusals import Refused
+from lift_manager.runtime.recorder import Recorder
+
+REFUSALS = 10
+"""Refusals of one caller that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedAway:
+    """A request that a face refused by itself: for its key, its role, or the lift that it named."""
+
+    code: str
+    text: str
+    """Why, in words of ours: nothing that a caller sent, and no secret."""
+    lift: str = ""
+    """As the caller named it, if it did."""
+    caller: str = ""
+    """`<face>:<name>` of a key that is valid here; empty without one."""
+    address: str = ""
+
+
+class RefusalLog:
+    """The refusals of a site."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._sparing: OrderedDict[tuple[RowKind, str], Sparing] = OrderedDict()
+        """By caller. Those without a key are one, and so are people: they sign with any name."""
+        self.counts: Counter[tuple[str, str]] = Counter()
+        """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
+
+    def turned_away(self, who: TurnedAway) -> None:
+        """Note a request that reached no lift."""
+        text = f"refused: {who.text}" + (f", from {who.address}" if who.address else "")
+        data: dict[str, Json] = {"refused": who.code, "address": who.address}
+        self._note(
+            (RowKind.REQUEST, who.caller), who.code, Row(RowKind.REQUEST, text, short(who.lift), who.caller, data)
+        )
+
+    def person_refused(self, lift: str, by: str, action: str, refused: Refused) -> None:
+        """Note a person's decision that was not taken; `action` is which."""
+        data: dict[str, Json] = {"said": action, "refused": refused.code}
+        row = Row(RowKind.PERSON, f"{action} refused: {refused.message}", short(lift), by, data)
+        self._note((RowKind.PERSON, ""), refused.code, row)
+
+    def tell(self, *, end: bool = False) -> None:
+        """Write down what was counted for a minute, or at the end all of it."""
+        now = asyncio.get_running_loop().time()
+        for whose, sparing in self._sparing.items():
+            if end or sparing.due(now):
+                self._tell(whose, sparing, now)
+
+    def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
+        now = asyncio.get_running_loop().time()
+        sparing, gone = newest(self._sparing, whose, lambda: Sparing(REFUSALS))
+        if gone is not None:
+            self._tell(*gone, now)
+        if sparing.admits((row.lift, row.caller, row.text), now):
+            self._tell(whose, sparing, now)
+            self._recorder.note(row)
+            return
+        sparing.count(code, now)
+        if sparing.due(now):
+            self._tell(whose, sparing, now)
+
+    def _tell(self, whose: tuple[RowKind, str], sparing: Sparing, now: float) -> None:
+        if not sparing.counts:
+            return
+        answers, for_s = sparing.told(now)
+        kind, caller = whose
+        times, shown = answers.total(), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
+        text = f"refused {times} times more within {for_s:.0f} s: {shown}"
+        self._recorder.note(Row(kind, text, "", caller, {"times": times, "answers": dict(answers)}))

@@ -1,0 +1,334 @@
+"""All lifts of one site behind one facade: every face uses this and nothing below it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
+
+from lift_manager.domain.description import LiftSignals
+from lift_manager.domain.rmf import RmfRules
+from lift_manager.lift import history
+from lift_manager.lift.commands import CommandRequest, CommandState, CommandStatus, SessionInfo
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.events import (
+    Acknowledged,
+    Alarm,
+    CommandFollowed,
+    ForceReleased,
+    Restriction,
+    RestrictionEnded,
+    RestrictionKind,
+)
+from lift_manager.lift.inhibits import age_s
+from lift_manager.lift.inputs import (
+    Acknowledge,
+    CloseSession,
+    EndSession,
+    ForceRelease,
+    GiveCommand,
+    HandOver,
+    Input,
+    JoinQueue,
+    LeaveQueue,
+    LiftRequest,
+    OpenSession,
+    RenewSession,
+    Restrict,
+    Unrestrict,
+)
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.record import DurableRecord
+from lift_manager.lift.refusals import Accepted, Refused
+from lift_manager.lift.requests import SessionBegun
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.actor import LiftActor, LiftSettings
+from lift_manager.runtime.bus import Bus, Event, Occurrence, StateChanged, Subscription
+from lift_manager.runtime.errors import UNKNOWN_LIFT, NotFound, raised
+from lift_manager.runtime.recorder import Recorder
+from lift_manager.runtime.refusals import RefusalLog, TurnedAway
+
+RECORDED_WITHIN_S = 0.5
+"""So long an answer that changed something waits for the disk. Chosen: a client waits a second."""
+
+_ID_BYTES = 16
+"""Of session and command ids, which nobody may guess."""
+
+Kind = TypeVar("Kind")
+
+
+@dataclass(frozen=True, slots=True)
+class LiftDescription:
+    """What a lift can say and be told, and what the site allows."""
+
+    config: LiftConfig
+    settings: LiftSettings
+
+
+class Site:
+    """Many lifts. Replies come from memory: nothing waits for a controller, and nothing but `recorded` for the disk.
+
+    Every refusal is raised as a `RequestRefused`.
+    """
+
+    def __init__(
+        self, actors: Iterable[LiftActor], bus: Bus[Event], recorder: Recorder, *, rmf: RmfRules | None = None
+    ) -> None:
+        """Put lifts together that share bus and recorder."""
+        self._lifts = {actor.config.name: actor for actor in actors}
+        self._bus = bus
+        self._recorder = recorder
+        self.refusals = RefusalLog(recorder)
+        self.stopping = False
+        """It has begun to end: nobody holds a lift any more, and sessions are kept for the next start."""
+        self.rmf = rmf or RmfRules()
+        """What the site says about Open-RMF."""
+
+    # -- what is known
+
+    def lift_names(self) -> tuple[str, ...]:
+        """Return every lift in the order of the site file, whether or not it can be reached."""
+        return tuple(self._lifts)
+
+    def state(self, lift: str) -> LiftState:
+        """Return what a lift publishes right now."""
+        return self._lift(lift).state()
+
+    def describe(self, lift: str) -> LiftDescription:
+        """Return what a lift can say and be told, and what the site allows."""
+        actor = self._lift(lift)
+        return LiftDescription(actor.config, actor.settings)
+
+    def signals(self, lift: str) -> LiftSignals:
+        """Return every signal as it was read last."""
+        actor = self._lift(lift)
+        age = age_s(actor.record, actor.moment)
+        signals = actor.driver.signals(asyncio.get_running_loop().time())
+        return LiftSignals(lift, age, actor.config.capabilities.max_age_s, signals)
+
+    def durable(self, lift: str) -> DurableRecord:
+        """Return what of a lift outlives the manager: what people decided, and what they have to see to."""
+        return self._lift(lift).record.durable
+
+    async def recorded(self, lift: str, within_s: float = RECORDED_WITHIN_S) -> bool:
+        """Wait until the newest record of a lift is on the disk; False where that took longer."""
+        written = self._recorder.written(lift)
+        if written is None:
+            return True
+        done, _ = await asyncio.wait([written], timeout=within_s)
+        return bool(done)
+
+    @property
+    def unwritten(self) -> frozenset[str]:
+        """What cannot be written down; then nothing is pressed on any lift."""
+        return frozenset({"journal", "state"}) if self._recorder.trouble else frozenset()
+
+    # -- callers that know no sessions
+
+    def request(
+        self,
+        lift: str,
+        holder: Holder,
+        floor: str,
+        *,
+        hold_door: bool,
+        robot: RobotWord | None = None,
+        stays: bool = False,
+    ) -> Accepted:
+        """Take a request that names a floor. All rules live behind this, the release for a closed door included."""
+        if lift not in self._lifts:
+            self.turned_away(TurnedAway(UNKNOWN_LIFT, "there is no such lift", lift, str(holder)))
+        return self._take(lift, LiftRequest(holder, floor, hold_door, robot, stays, _new_id()), Accepted)
+
+    def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted:
+        """End the session of this holder, the car where it is; within the grace a request of the same holder goes on with it."""
+        return self._take(lift, EndSession(holder, grace_s), Accepted)
+
+    def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted:
+        """Give the session of this holder to another caller; the car and its door stay as they are."""
+        return self._take(lift, HandOver(holder, to, _new_id()), Accepted)
+
+    def join_queue(self, lift: str, holder: Holder) -> None:
+        """Wait for a lift, until this leaves the queue or gets the lift."""
+        self._lift(lift).handle(JoinQueue(holder))
+
+    def leave_queue(self, lift: str, holder: Holder) -> None:
+        """Wait for a lift no longer."""
+        self._lift(lift).handle(LeaveQueue(holder))
+
+    # -- sessions that their holders open and close
+
+    def open_session(self, lift: str, holder: Holder, *, key: str = "", ttl_s: float | None = None) -> SessionBegun:
+        """Take the lift for a caller; nothing is called by it."""
+        return self._take(lift, OpenSession(holder, key, ttl_s, _new_id()), SessionBegun)
+
+    def session(self, lift: str, session: str, holder: Holder | None) -> SessionInfo:
+        """Return a session by its id, or one that was over not long ago; `holder` None reads everybody's."""
+        actor = self._lift(lift)
+        actor.begin()
+        return self._raised(
+            lift, history.read_session(actor.config, actor.record, session, holder, actor.moment), SessionInfo
+        )
+
+    def renew_session(self, lift: str, session: str, holder: Holder, ttl_s: float | None) -> SessionInfo:
+        """Begin its lease again; a session from before a restart goes on."""
+        return self._take(lift, RenewSession(session, holder, ttl_s), SessionInfo)
+
+    def close_session(self, lift: str, session: str, holder: Holder, robot: RobotWord | None) -> SessionInfo:
+        """End it, the car where it is; one that is over already is returned as it is."""
+        return self._take(lift, CloseSession(session, holder, robot), SessionInfo)
+
+    def hand_session_over(self, lift: str, session: str, holder: Holder, to: Holder) -> SessionInfo:
+        """Give it to another caller. It gets a new id: the old one ends."""
+        return self._take(lift, HandOver(holder, to, _new_id(), session), SessionInfo)
+
+    def command(self, lift: str, request: CommandRequest) -> CommandStatus:
+        """Take a command of a session's holder; what becomes of it is to be had from `command_status`."""
+        return self._take(lift, GiveCommand(request, _new_id()), CommandStatus)
+
+    def command_status(self, lift: str, session: str, holder: Holder | None, command: str) -> CommandStatus:
+        """Return a command within a session by its id, as it is now."""
+        actor = self._lift(lift)
+        found = history.read_command(actor.config, actor.record, session, holder, command, actor.moment)
+        return self._raised(lift, found, CommandStatus)
+
+    async def until_ended(
+        self, lift: str, session: str, holder: Holder | None, command: str, within_s: float
+    ) -> CommandStatus:
+        """Return the same, once it is no longer pending or `within_s` has passed."""
+        ended = asyncio.Event()
+
+        def hear(_: str, event: Event) -> None:
+            if isinstance(event, CommandFollowed) and event.status.id == command:
+                ended.set()
+
+        with self._bus.overhear(hear):
+            status = self.command_status(lift, session, holder, command)
+            if status.state is CommandState.PENDING:
+                try:
+                    async with asyncio.timeout(within_s):
+                        await ended.wait()
+                except TimeoutError:
+                    pass
+                status = self.command_status(lift, session, holder, command)
+        return status
+
+    # -- people
+
+    def acknowledge(self, lift: str, by: str) -> Acknowledged:
+        """Take it that a person has checked the lift after a fire, or found no robot in its car."""
+        return self._decide(lift, by, "acknowledge", Acknowledge(by), Acknowledged)
+
+    def lock_out(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> Restriction:
+        """Keep robots off a lift until a person ends that.
+
+        OPEN is withdrawn at once. The door is released `clear_s` later while a robot may be in it, unless `at_once`; everything
+        else is released now.
+        """
+        action = Restrict(RestrictionKind.LOCKOUT, by, reason, at_once)
+        return self._decide(lift, by, "lockout", action, Restriction)
+
+    def end_lockout(self, lift: str, by: str) -> RestrictionEnded:
+        """Let robots on a lift again."""
+        return self._decide(lift, by, "lockout_end", Unrestrict(RestrictionKind.LOCKOUT, by), RestrictionEnded)
+
+    def begin_drain(self, lift: str, by: str, reason: str) -> Restriction:
+        """Let no new session begin on a lift; the present one goes on to its end."""
+        return self._decide(lift, by, "drain", Restrict(RestrictionKind.DRAIN, by, reason), Restriction)
+
+    def end_drain(self, lift: str, by: str) -> RestrictionEnded:
+        """Let sessions begin again."""
+        return self._decide(lift, by, "drain_end", Unrestrict(RestrictionKind.DRAIN, by), RestrictionEnded)
+
+    def force_release(self, lift: str, by: str, reason: str, *, at_once: bool = False) -> ForceReleased:
+        """Take a lift from its holder; everything is released as at the end of any session, when `lock_out` does."""
+        return self._decide(lift, by, "release", ForceRelease(by, reason, at_once), ForceReleased)
+
+    def turned_away(self, who: TurnedAway) -> None:
+        """Write down a request that a face refused by itself."""
+        self.refusals.counts[who.lift if who.lift in self._lifts else "", who.code] += 1
+        self.refusals.turned_away(who)
+
+    # -- what happens
+
+    @property
+    def boot(self) -> str:
+        """What the ids of this process's events begin with."""
+        return self._bus.boot
+
+    @property
+    def newest(self) -> int:
+        """The number of the newest event; 0 before the first. Right after a request it is that of the newest event of its own."""
+        return self._bus.newest
+
+    def freshen(self, lift: str | None = None) -> None:
+        """Publish what of a state has changed and is not published yet: after it that of this lift, or every one, is as its newest event tells."""
+        for name in self._lifts if lift is None else (lift,):
+            self._lift(name).freshen()
+
+    @contextmanager
+    def tap(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+        """Call `hear` with every event for as long as the context lasts, at once and in order.
+
+        It must not raise, wait, or request anything: it is called in the middle of a step.
+        """
+        loop = asyncio.get_running_loop()
+        with self._bus.tap(lambda event_id, event: hear(Occurrence(event_id, loop.time(), event))):
+            yield
+
+    @contextmanager
+    def overhear(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+        """As `tap`, of what is published anyhow: no state is worked out for it."""
+        loop = asyncio.get_running_loop()
+        with self._bus.overhear(lambda event_id, event: hear(Occurrence(event_id, loop.time(), event))):
+            yield
+
+    @contextmanager
+    def listen(self) -> Iterator[Subscription[Event]]:
+        """Listen to events; the state of every lift comes first."""
+        with self._bus.listen() as subscription:
+            for name, actor in self._lifts.items():
+                subscription.put(StateChanged(name, actor.state()))
+            yield subscription
+
+    def report_disk(self, trouble: str) -> None:
+        """Tell people that nothing can be written down, or that it can again; the store has a row of its own of it."""
+        for lift in self._lifts:
+            self._bus.publish(Alarm(lift, trouble or "journal: rows are written again; robots are taken as before"))
+
+    # -- inside
+
+    def _lift(self, lift: str) -> LiftActor:
+        if (actor := self._lifts.get(lift)) is None:
+            self.refusals.counts["", UNKNOWN_LIFT] += 1
+            shown = json.dumps(lift, ensure_ascii=not lift.isprintable())
+            raise NotFound(UNKNOWN_LIFT, f"no lift {shown}; the lifts are {', '.join(self._lifts)}")
+        return actor
+
+    def _take(self, lift: str, happened: Input, kind: type[Kind]) -> Kind:
+        return self._raised(lift, self._lift(lift).handle(happened), kind)
+
+    def _decide(self, lift: str, by: str, action: str, happened: Input, kind: type[Kind]) -> Kind:
+        """Take a person's decision; one that is refused is written down here, for no lift has a row of it."""
+        reply = self._lift(lift).handle(happened)
+        if isinstance(reply, Refused):
+            self.refusals.person_refused(lift, by, action, reply)
+        return self._raised(lift, reply, kind)
+
+    def _raised(self, lift: str, reply: object, kind: type[Kind]) -> Kind:
+        """Return a reply; raise a refusal, and count it."""
+        if isinstance(reply, Refused):
+            self.refusals.counts[lift, str(reply.code)] += 1
+            raise raised(reply)
+        if not isinstance(reply, kind):
+            raise TypeError(f"{lift} replied {reply!r}")
+        return reply
+
+
+def _new_id() -> str:
+    return secrets.token_urlsafe(_ID_BYTES)
