@@ -2,7 +2,7 @@
 
 The models check each field by itself. What only makes sense across fields (overlaps, ranges a device does
 not serve, a confirmation that names no signal) is checked by `register_maps.check`. The grammar is explained, with the
-interface features it was designed against, in README.md of this folder.
+interface features it was designed against, in GRAMMAR.md and INTERFACES.md of this folder.
 """
 
 from __future__ import annotations

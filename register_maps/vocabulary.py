@@ -1,4 +1,4 @@
-"""The closed lists of what a map may name: signals with their kinds, and commands. Explained in README.md of this folder."""
+"""The closed lists of what a map may name: signals with their kinds, and commands. Explained in GRAMMAR.md of this folder."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ FLAG_MODES: tuple[tuple[Mode, tuple[str, ...]], ...] = (
     (Mode.ATTENDANT, ("attendant",)),
     (Mode.ROBOT, ("robot_mode_on",)),
 )
-"""The modes that flags tell, highest first: the table in README.md."""
+"""The modes that flags tell, highest first: the table in GRAMMAR.md."""
 
 SAFETY_FLAGS = frozenset(flag for mode, flags in FLAG_MODES if mode is not Mode.ROBOT for flag in flags)
 """Flags that put the lift in a mode without robots; one that cannot be read counts against robots."""

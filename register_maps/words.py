@@ -37,7 +37,7 @@ class Motion(StrEnum):
 
 @unique
 class Mode(StrEnum):
-    """Which service the lift is in; exactly one at a time, see the precedence table in README.md."""
+    """Which service the lift is in; exactly one at a time, see the precedence table in GRAMMAR.md."""
 
     NORMAL = "normal"
     """In service for people."""

@@ -203,13 +203,13 @@ def test_a_link_without_tls_into_a_port_with_it_ends_at_once(
     on(asyncio.new_event_loop, main())
 
 
-# -- certificates as the README makes them
+# -- certificates as the how-to makes them
 
 
 @pytest.fixture
 def recipe(tmp_path: Path) -> Path:
-    """The files that the commands of drivers/README.md make, for a controller at 127.0.0.1."""
-    text = (ROOT / "drivers" / "README.md").read_text("utf-8")
+    """The files that the commands of docs/how-to/keys-and-tls.md make, for a controller at 127.0.0.1."""
+    text = (ROOT / "docs" / "how-to" / "keys-and-tls.md").read_text("utf-8")
     (commands,) = re.findall(r"```sh\n(openssl .*?)```", text, re.DOTALL)
     assert commands.count("192.0.2.20") == 1
     commands = commands.replace("192.0.2.20", "127.0.0.1")

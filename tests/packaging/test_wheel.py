@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("lift_manager", "drivers", "register_maps", "simulator")
-FOLDERS = (*PACKAGES, ".ci", "benchmarks", "constraints", "deploy", "examples", "scripts", "tests")
+FOLDERS = (*PACKAGES, ".ci", "benchmarks", "constraints", "deploy", "docs", "examples", "scripts", "tests")
 FILES = (".gitignore", "CHANGELOG.md", "LICENSE", "MANIFEST.in", "README.md", "SECURITY.md", "pyproject.toml")
 CACHES = (
     "__pycache__",

@@ -39,7 +39,7 @@ def good() -> Any:
 
 
 def test_the_file_is_what_the_model_says() -> None:
-    assert FILE.read_text() == json_schema(), "write it anew with the command in register_maps/README.md"
+    assert FILE.read_text() == json_schema(), "write it anew with the command in register_maps/GRAMMAR.md"
 
 
 def test_it_is_made_the_same_every_time() -> None:

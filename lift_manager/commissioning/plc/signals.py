@@ -35,7 +35,7 @@ _MODES = (
     (Mode.ROBOT, "RobotModeOn"),
     (Mode.NORMAL, "TRUE"),
 )
-"""Highest first, by the precedence table in register_maps/README.md."""
+"""Highest first, by the precedence table in register_maps/GRAMMAR.md."""
 
 _MOTIONS = (
     (Motion.UP, "MovesUp AND NOT MovesDown"),

@@ -33,7 +33,7 @@ class _Part(BaseModel):
 
 
 class Options(_Part):
-    """What a site file would say about the lift; see lift_manager/config/README.md."""
+    """What a site file would say about the lift; see docs/reference/site-file.md."""
 
     lease_s: Seconds | None = None
     max_session_hold_s: Seconds | None = None

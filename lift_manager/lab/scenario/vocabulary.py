@@ -1,4 +1,4 @@
-"""Every kind of entry that a trace has, with its fields: what a match in a scenario file may name, and what the README lists."""
+"""Every kind of entry that a trace has, with its fields: what a match in a scenario file may name, and what docs/reference/scenarios.md lists."""
 
 from __future__ import annotations
 

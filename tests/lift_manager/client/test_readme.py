@@ -1,4 +1,4 @@
-"""The ride of the README, run as it stands there."""
+"""The ride of the reference page, run as it stands there."""
 
 import re
 import subprocess
@@ -10,13 +10,14 @@ import pytest
 import lift_manager.client
 from lift_manager.client import errors
 from lift_manager.lab.bench import LiftSite
+from tests.support.programs import ROOT
 
-README = (Path(lift_manager.client.__file__).parent / "README.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "reference" / "python-client.md").read_text("utf-8")
 
 
 @pytest.mark.lift("main", speed=5)
-def test_the_ride_of_the_readme_gets_there(lift_site: LiftSite, tmp_path: Path) -> None:
-    (program,) = (block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "asyncio.run" in block)
+def test_the_ride_of_the_page_gets_there(lift_site: LiftSite, tmp_path: Path) -> None:
+    (program,) = (block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "asyncio.run" in block)
     assert len([line for line in program.splitlines() if line.strip()]) <= 15
     ride = tmp_path / "ride.py"
     ride.write_text(program.replace("http://127.0.0.1:5003", lift_site.address), "utf-8")
@@ -26,10 +27,10 @@ def test_the_ride_of_the_readme_gets_there(lift_site: LiftSite, tmp_path: Path) 
     assert order == ["enter", "stay", "leave", "done"]
 
 
-def test_every_error_stands_in_the_readme() -> None:
+def test_every_error_is_on_the_page() -> None:
     tree = [name for name, found in vars(errors).items() if isinstance(found, type) and issubclass(found, Exception)]
     for name in tree:
-        assert f"`{name}`" in README
+        assert f"`{name}`" in PAGE
         assert name in (errors.__doc__ or "")
 
 

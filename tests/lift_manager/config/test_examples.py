@@ -1,4 +1,4 @@
-"""The site files that are shown to people: the examples, and the one in the README of this part."""
+"""The site files that are shown to people: the examples, and the one in the reference."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from lift_manager.config.load import check_file, load_site
 from lift_manager.config.site import Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, LiftRmf, Rmf, Site
 from tests.lift_manager.config.site_files import ROOT
 
-README = (ROOT / "lift_manager" / "config" / "README.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "reference" / "site-file.md").read_text("utf-8")
 
 
 EXAMPLES = ROOT / "examples"
@@ -38,8 +38,8 @@ def test_the_example_with_two_endpoints_presses_on_one_device_and_looks_at_the_o
     assert (read, written) == ({"sensor"}, {""})
 
 
-def test_the_example_of_the_readme_is_free_of_mistakes(tmp_path: Path) -> None:
-    (example,) = re.findall(r"^```yaml\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+def test_the_example_of_the_reference_is_free_of_mistakes(tmp_path: Path) -> None:
+    (example,) = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     path = tmp_path / "site.yaml"
     path.write_text(example, "utf-8")
     assert check_file(path)[-1] == f"{path}: no mistakes"
@@ -49,10 +49,10 @@ def test_the_example_of_the_readme_is_free_of_mistakes(tmp_path: Path) -> None:
     assert lift.endpoints
 
 
-def test_the_readme_has_every_key_of_a_site_file_and_no_other() -> None:
+def test_the_reference_has_every_key_of_a_site_file_and_no_other() -> None:
     models = (Api, ApiTls, Controller, ControllerTls, Endpoint, Floor, Lift, LiftRmf, Rmf, Site)
     keys = {field.alias or name for model in models for name, field in model.model_fields.items()}
-    rows = [line.split("|") for line in README.splitlines() if line.startswith("| `")]
+    rows = [line.split("|") for line in PAGE.splitlines() if line.startswith("| `")]
     listed = {key for row in rows for key in re.findall(r"`([a-z_]+)`", row[1])}
     explained = {key for row in rows for key in re.findall(r"`([a-z_]+)`", row[2])}
     assert keys <= listed | explained

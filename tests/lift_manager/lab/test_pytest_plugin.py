@@ -23,6 +23,7 @@ from lift_manager.lab.scenario.faults import DEVICE_FAULTS, READY, WIRE
 from register_maps.words import Door, Mode, Side
 from simulator.faults import InMode, Overload, StuckDoor, WrongFloor
 from simulator.wire_faults import Access, DropRequest, LateAnswer, Target
+from tests.support.pages import blocks
 
 pytest_plugins = "pytester"
 pytestmark = pytest.mark.timeout(
@@ -449,11 +450,11 @@ def test_after_it(lift_site):
     assert "the manager or the simulator has a bug" in said
 
 
-README = (ROOT / "lift_manager" / "lab" / "README.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "reference" / "pytest-fixtures.md").read_text("utf-8")
 
 
-def test_the_readme_names_faults_and_methods_that_exist() -> None:
-    rows = [line for line in README.splitlines() if line.startswith("| ")]
+def test_the_page_names_faults_and_methods_that_exist() -> None:
+    rows = [line for line in PAGE.splitlines() if line.startswith("| ")]
     named = {name for row in rows for name in re.findall(r'"([a-z_.]+)"', row.partition("|")[2].rpartition("|")[0])}
     known = {*READY, *DEVICE_FAULTS, *WIRE}
     assert named - {"tower"} <= known
@@ -465,8 +466,8 @@ def test_the_readme_names_faults_and_methods_that_exist() -> None:
         assert methods <= set(dir(kind))
 
 
-def test_the_examples_of_the_readme_are_tests_that_pass(pytester: pytest.Pytester) -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+def test_the_examples_of_the_how_to_are_tests_that_pass(pytester: pytest.Pytester) -> None:
+    examples = blocks(ROOT / "docs" / "how-to" / "fault-testing.md", "python")
     pytester.makeconftest(
         f"""
 import sys
@@ -483,11 +484,11 @@ def my_robot():
     return Robot(Wheels(), patience_s=1.0, step_s=0.0)
 """
     )
-    ended, said = outcome_of(pytester, "\n".join(blocks))
+    ended, said = outcome_of(pytester, "\n".join(examples))
     assert ended == {
-        "passed": sum(len(re.findall(r"^(?:async )?def test_", block, re.MULTILINE)) for block in blocks)
+        "passed": sum(len(re.findall(r"^(?:async )?def test_", block, re.MULTILINE)) for block in examples)
     }, said
-    assert len(blocks) >= 3
+    assert len(examples) >= 3
 
 
 # -- how pytest meets the plugin

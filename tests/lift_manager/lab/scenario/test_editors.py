@@ -22,7 +22,7 @@ def errors_of(text: str) -> list[str]:
 
 
 def test_the_file_is_what_the_code_says() -> None:
-    assert FILE.read_text() == json_schema(), "write it anew with the command in lift_manager/lab/scenario/README.md"
+    assert FILE.read_text() == json_schema(), "write it anew with the command in docs/reference/scenarios.md"
 
 
 def test_it_is_a_draft_7_schema() -> None:

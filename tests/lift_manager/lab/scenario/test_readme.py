@@ -1,4 +1,4 @@
-"""The README of scenarios says what the code does, and every block in it can be used as it stands."""
+"""The pages about scenarios say what the code does, and every block in them can be used as it stands."""
 
 import re
 import shlex
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.lab.scenario import load
 from lift_manager.lab.scenario.editors import json_schema
 from lift_manager.lab.scenario.faults import BESIDE, DEVICE_FAULTS, READY, WIRE, model_of
 from lift_manager.lab.scenario.matching import COMPARISONS
@@ -17,15 +16,17 @@ from lift_manager.lab.scenario.schema import Expectation, Inputs, Options, Reque
 from lift_manager.lab.scenario.verdict import verdict_of
 from lift_manager.lab.scenario.vocabulary import KINDS, Field
 from tests.lift_manager.lab.scenario.scenario_files import HEAD, ROOT, loaded, text_of
+from tests.support.pages import blocks
 from tests.support.rows import each_row
 
-README = (Path(load.__file__).parent / "README.md").read_text()
-BLOCKS = re.findall(r"^```yaml\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+PAGE = (ROOT / "docs" / "reference" / "scenarios.md").read_text()
+FIRST, *_ = blocks(ROOT / "docs" / "how-to" / "fault-testing.md", "yaml")
+BLOCKS = blocks(ROOT / "docs" / "reference" / "scenarios.md", "yaml")
 
 
 def keys_of(section: str) -> list[str]:
     """Return the keys of the first table of a section, several in one row included."""
-    body = README.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    body = PAGE.split(f"\n## {section}\n")[1].split("\n## ")[0]
     table = body.split("|---|---|\n")[1].split("\n\n")[0]
     return [key for row in table.splitlines() for key in re.findall(r"`(\w+)`", row.split("|")[1])]
 
@@ -35,16 +36,16 @@ def names_of(model: type[Scenario | Step | Expectation]) -> list[str]:
 
 
 def test_the_first_scenario_is_one() -> None:
-    assert len(BLOCKS[0].splitlines()) == 12
+    assert len(FIRST.splitlines()) == 12
 
 
 def test_the_first_scenario_is_as_it_says(tmp_path: Path) -> None:
-    assert verdict_of(play(loaded(tmp_path, BLOCKS[0]))).ok
+    assert verdict_of(play(loaded(tmp_path, FIRST))).ok
 
 
 def test_every_block_can_be_used_as_it_stands(tmp_path: Path) -> None:
-    assert [block.splitlines()[0] for block in BLOCKS[1:]] == ["do:", "expect:"]
-    for block in BLOCKS[1:]:
+    assert [block.splitlines()[0] for block in BLOCKS] == ["do:", "expect:"]
+    for block in BLOCKS:
         name, body = block.split(":\n", 1)
         text = text_of(do=body, head=HEAD) if name == "do" else text_of(expect=body, head=HEAD)
         assert loaded(tmp_path, text).expected
@@ -57,7 +58,7 @@ def test_every_key_is_listed_and_no_other(section: str, model: type[Scenario | S
 
 @each_row("model", [Options, Simulated, Request, Robot, Inputs])
 def test_every_part_of_a_key_is_named(model: type[Options | Simulated | Request | Robot | Inputs]) -> None:
-    missing = [name for name, field in model.model_fields.items() if f"`{field.alias or name}`" not in README]
+    missing = [name for name, field in model.model_fields.items() if f"`{field.alias or name}`" not in PAGE]
     assert missing == []
 
 
@@ -66,7 +67,7 @@ def said(field: Field) -> str:
 
 
 def rows(first: str) -> list[str]:
-    table = README.split(f"{first}\n")[1].split("\n", 1)[1].split("\n\n")[0]
+    table = PAGE.split(f"{first}\n")[1].split("\n", 1)[1].split("\n\n")[0]
     return table.splitlines()
 
 
@@ -93,19 +94,19 @@ def test_every_fault_is_listed_with_its_values() -> None:
             told.append(f"`{name}` ({values})" if values else f"`{name}`")
         return " · ".join(told)
 
-    assert f"`fault:` {listed(dict(DEVICE_FAULTS))}\n" in README
-    assert f"`wire:` {listed(dict(WIRE))}\n" in README
+    assert f"`fault:` {listed(dict(DEVICE_FAULTS))}\n" in PAGE
+    assert f"`wire:` {listed(dict(WIRE))}\n" in PAGE
     ready = " · ".join(f"`{name}`" for name in READY if name not in DEVICE_FAULTS)
-    assert f"By name alone, too: {ready}\n" in README
-    assert all(f"`{name}`" in README for name in BESIDE)
+    assert f"By name alone, too: {ready}\n" in PAGE
+    assert all(f"`{name}`" in PAGE for name in BESIDE)
 
 
 def test_every_comparison_is_shown() -> None:
-    assert all(f"{{{comparison}: " in README for comparison in COMPARISONS)
+    assert all(f"{{{comparison}: " in PAGE for comparison in COMPARISONS)
 
 
 def test_the_command_that_writes_the_json_schema_works_as_printed() -> None:
-    (line,) = re.findall(r"^    (python -c .*)$", README, re.MULTILINE)
+    (line,) = re.findall(r"^    (python -c .*)$", PAGE, re.MULTILINE)
     words = shlex.split(line)
     assert words[3:] == [">", "lift_manager/lab/scenario/scenario.schema.json"]
     command = [sys.executable, *words[1:3]]

@@ -1,0 +1,106 @@
+"""What the pages name is there: files, headings, commands and their options."""
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from lift_manager.cli.main import COMMANDS, app
+from tests.support.pages import anchors, commands, inline_code, links, pages
+from tests.support.programs import ROOT
+
+DOCS = [page for page in pages() if page.is_relative_to(ROOT / "docs")]
+FOR_USERS = [*DOCS, ROOT / "README.md", *(ROOT / "register_maps").glob("*.md"), ROOT / "deploy" / "README.md"]
+
+
+def named(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def broken(page: Path) -> list[str]:
+    """Return the links that lead to no file, or to no heading of a page."""
+    found = []
+    for link in links(page):
+        file, _, anchor = link.partition("#")
+        target = (page.parent / file).resolve() if file else page
+        is_page = target.suffix == ".md" and target.is_file()
+        if not target.is_file() or (anchor and is_page and anchor not in anchors(target)):
+            found.append(link)
+    return found
+
+
+def test_every_relative_link_and_anchor_leads_somewhere() -> None:
+    assert len(pages()) > 30
+    assert {named(page): wrong for page in pages() if (wrong := broken(page))} == {}
+
+
+def test_a_link_to_a_missing_file_or_heading_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    text = "# A `b`: c, d\n## E\n## E\n[1](#a-b-c-d) [2](#e-1) [3](#e-2) [4](none.md) [5](page.md#f) `[6](x)` [7](https://a.b)\n"
+    page.write_text(f"{text}```\n[8](y)\n# F\n```\n")
+    assert broken(page) == ["#e-2", "none.md", "page.md#f"]
+
+
+def test_every_page_of_the_documentation_is_in_its_index() -> None:
+    index = ROOT / "docs" / "README.md"
+    listed = {(index.parent / link.partition("#")[0]).resolve() for link in links(index)}
+    assert [named(page) for page in DOCS if page not in {*listed, index}] == []
+
+
+def test_pages_link_only_inside_the_repository() -> None:
+    outside = {named(page): link for page in pages() for link in links(page) if link.startswith("/")}
+    assert outside == {}
+
+
+def parsed(words: list[str]) -> Any:
+    """Return the context of a command line that click accepts; nothing runs."""
+    command: Any = get_command(app)
+    context = command.make_context("lift-manager", words[:1], resilient_parsing=True)
+    command = command.get_command(context, words[0])
+    rest = words[1:]
+    while hasattr(command, "commands") and rest and not rest[0].startswith("-"):
+        context = command.make_context(command.name, [], parent=context, resilient_parsing=True)
+        name, rest = rest[0], rest[1:]
+        inner = command.get_command(context, name)
+        assert inner is not None, f"no command {name!r}"
+        command = inner
+    return command.make_context(command.name, list(rest), parent=context)
+
+
+def command_lines(page: Path) -> list[str]:
+    """Return the lines of shell blocks that call the program, without comment, redirection and pipe."""
+    lines = [
+        line.removeprefix("sudo ").replace("/opt/lift-manager/bin/python -I -m lift_manager", "lift-manager")
+        for line in commands(page)
+    ]
+    ours = [line.removeprefix(".venv/bin/") for line in lines]
+    return [re.split(r" +#| [|>]", line)[0] for line in ours if line.startswith("lift-manager ")]
+
+
+@pytest.mark.parametrize("page", [page for page in FOR_USERS if command_lines(page)], ids=named)
+def test_every_command_line_of_a_page_is_accepted_by_the_program(page: Path) -> None:
+    for line in command_lines(page):
+        assert parsed(shlex.split(line)[1:]), line
+
+
+def known_options(name: str) -> set[str]:
+    """Return the options of a command and of what is below it."""
+    command: Any = get_command(app).get_command(None, name)  # type: ignore[attr-defined, arg-type]
+    below = [*getattr(command, "commands", {}).values()]
+    below = [*below, *(inner for found in below for inner in getattr(found, "commands", {}).values())]
+    return {option for found in (command, *below) for parameter in found.params for option in parameter.opts}
+
+
+def test_every_command_and_option_that_a_page_names_in_passing_exists() -> None:
+    wrong = []
+    for page in FOR_USERS:
+        for code in inline_code(page):
+            if not (match := re.match(r"(?:\.venv/bin/)?lift-manager +([a-z]+)", code)):
+                continue
+            options = set(re.findall(r"(?<!\S)\[?(--[a-z-]+)", code)) - {"--help"}
+            if match[1] not in COMMANDS or not options <= known_options(match[1]):
+                wrong.append(f"{named(page)}: {code}")
+    assert wrong == []

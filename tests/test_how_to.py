@@ -1,0 +1,93 @@
+"""The commands of the how-to pages and of the journal's page, run in the order in which a reader types them."""
+
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lift_manager.lab.bench import LiftSite
+from tests.support.pages import blocks, commands
+from tests.support.programs import ROOT, Started, call, free_port
+
+HOW_TO = ROOT / "docs" / "how-to"
+TUTORIAL = ROOT / "register_maps" / "TUTORIAL.md"
+
+
+def words(line: str) -> list[str]:
+    """Return what a command of the program has after its name, without comment and redirection."""
+    program, *rest = shlex.split(re.split(r" +#| > ", line)[0])
+    assert program == "lift-manager"
+    return rest
+
+
+def done(line: str, *more: str) -> str:
+    ended: subprocess.CompletedProcess[str] = call(*words(line), *more)
+    assert ended.returncode == 0, line + ended.stdout + ended.stderr
+    return ended.stdout + ended.stderr
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a reader types: `site.yaml` with the lift `east`, and a map of one's own."""
+    site = yaml.safe_load((ROOT / "examples" / "first-site.yaml").read_text("utf-8"))
+    site |= {"state": "kept", "lifts": {"east": site["lifts"]["main"]}}
+    site["controllers"]["plc"]["port"] = free_port()
+    site["api"] = {"port": free_port()}
+    (tmp_path / "site.yaml").write_text(yaml.safe_dump(site), "utf-8")
+    (map_of_tutorial,) = blocks(TUTORIAL, "yaml")
+    (tmp_path / "my-lift.yaml").write_text(map_of_tutorial.replace("name: acme-lc3", "name: my-lift"), "utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("folder")
+def test_keys_are_made_listed_and_revoked() -> None:
+    *make, list_keys, revoke = commands(HOW_TO / "keys-and-tls.md", "lift-manager keys ")
+    assert [re.findall("--role (.*?) ", f"{line} ")[0] for line in make] == ["operator", "robot", "rmf", "viewer"]
+    assert all("lm_" in done(line) for line in make)
+    assert all(name in done(list_keys) for name in ("desk", "amr-1", "adapter", "hall"))
+    done(revoke)
+    assert "amr-1" not in done(list_keys) or "revoked" in done(list_keys)
+
+
+@pytest.mark.lift("main")
+def test_an_operator_locks_out_drains_releases_and_acknowledges(lift_site: LiftSite) -> None:
+    here = ("--manager", lift_site.address)
+    lock, unlock, drain, undrain, release, acknowledge = commands(HOW_TO / "people-first.md")
+    done(lock, *here)
+    assert lift_site.state().restrictions.lockout
+    done(unlock, *here)
+    assert not lift_site.state().restrictions.lockout
+    done(drain, *here)
+    assert lift_site.state().restrictions.drain
+    done(undrain, *here)
+    lift_site.ask("L2", by="robot 2")
+    lift_site.wait_for(lambda state: state.robot_door == "open", within_s=60)
+    done(release, *here)
+    lift_site.wait_for(lambda state: state.holder is None, within_s=60)
+    done(acknowledge, *here)
+    lift_site.wait_for(lambda state: state.restrictions.maybe_aboard is None, within_s=60)
+
+
+def test_a_site_and_a_map_are_checked_shown_and_handed_to_the_lift_company(folder: Path) -> None:
+    for line in commands(HOW_TO / "commissioning.md"):
+        assert done(line) or "-o" in line, line
+    assert {"io.xlsx", "block.st", "block-wiring.md"} <= {path.name for path in folder.iterdir()}
+
+
+def test_the_journal_is_read_exported_and_verified(folder: Path) -> None:
+    with Started() as start:
+        start("serve", "site.yaml", cwd=folder).says("/docs")
+    (store,) = (folder / "kept").glob("*.db")
+    for file in (folder / "kept").glob("*.db*"):
+        (folder / file.name.replace(store.stem, "copy")).write_bytes(file.read_bytes())
+    lines = commands(ROOT / "docs" / "reference" / "journal.md")
+    follow = [line for line in lines if "--follow" in line]
+    assert len(follow) == 1  # test_audit.py follows: it ends with Ctrl-C only
+    for line in lines:
+        if line not in follow:
+            done(line)
+    assert "manager" in (folder / "rows.csv").read_text("utf-8")
