@@ -88,7 +88,7 @@ def test_every_command_line_of_a_page_is_accepted_by_the_program(page: Path) -> 
 
 def known_options(name: str) -> set[str]:
     """Return the options of a command and of what is below it."""
-    command: Any = get_command(app).get_command(None, name)  # type: ignore[attr-defined, arg-type]
+    command: Any = get_command(app).get_command(None, name)  # type: ignore[attr-defined]
     below = [*getattr(command, "commands", {}).values()]
     below = [*below, *(inner for found in below for inner in getattr(found, "commands", {}).values())]
     return {option for found in (command, *below) for parameter in found.params for option in parameter.opts}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lift_manager.domain.journal import Json, Row, RowKind
 from lift_manager.lift import inputs as lift_inputs
-from lift_manager.lift.audit import Json, Row, RowKind
 from lift_manager.lift.commands import CommandStatus, SessionInfo
 from lift_manager.lift.events import Advised, Alarm, CommandFollowed
 from lift_manager.lift.inputs import CloseSession, EndSession, GiveCommand, LiftRequest, OpenSession, RenewSession
