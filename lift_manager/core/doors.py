@@ -28,6 +28,11 @@ class DoorHolds:
             self._outputs.hold(hold, permit, begin=begin)
         return bool(wanted)
 
+    def keep(self) -> None:
+        """Press none again that is lost; what is on is renewed by `hold`."""
+        for side in self._able.doors:
+            self._driver.keep(_hold(side))
+
     def adopt(self, floor: FloorName, permit: Permit) -> None:
         """Keep the holds of a floor's doors that are found on after a restart."""
         for side in self._options.doors_at[floor]:

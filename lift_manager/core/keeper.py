@@ -307,6 +307,8 @@ class SessionKeeper:
             closing = self.session.closing is not None
             permit = self.admission.why_no_robot_mode if closing else self.admission.why_no_press
             self._robot_mode.hold(permit, begin=may_begin)
+            if closing:
+                self._robot_mode.stay()
             self.handshake.act(self._permit, now, begin=may_begin)
             served = self.serving.advance(self.session, sight, self._permit, now)
             if isinstance(served, Session):

@@ -43,6 +43,10 @@ class RobotMode:
         if begin or given:
             self._outputs.hold(_ROBOT_MODE, self._noted(permit), begin=begin)
 
+    def stay(self) -> None:
+        """Do not press it again should the lift lose it; what is on is renewed by `hold`."""
+        self._driver.keep(_ROBOT_MODE)
+
     def _noted(self, permit: Permit) -> Permit:
         """Return a permit that notes when the bytes may leave, which is asked once nothing else is waited for."""
 

@@ -302,6 +302,9 @@ class Serving:
         self._used(session)
         self._button.keep_on(permit)
         self.doors.hold(floor, permit, begin=begin and session.may_begin and not sight.must_close)
+        if session.closing is not None:
+            # one that the controller loses now stays off: a lockout forbids to press it again
+            self.doors.keep()
         return session
 
     def _spent(self, session: Session, now: float) -> Session:

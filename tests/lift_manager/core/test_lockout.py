@@ -1,5 +1,6 @@
 """A technician's word keeps robots off: at once, with name and reason, and over restarts."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -13,6 +14,7 @@ from lift_manager.domain.events import LockedOut, LockoutOver, SessionEnded
 from lift_manager.domain.service import Advice, EndReason, ForceReleased, Lockout, LockoutEnded
 from lift_manager.domain.state import Quality, RobotDoor
 from register_maps.words import Door, Mode, Motion
+from simulator.faults import PowerLoss
 from simulator.state import Inputs
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.phases import PHASES, door_held, outputs, travelling
@@ -335,6 +337,30 @@ def test_a_robot_in_the_door_has_clear_s_from_a_persons_word_also_over_a_crash(
     at_l1 = LiftValues(floor="L1", mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
     at = AT + timedelta(seconds=4)
     on_bench(after, PLAIN, memory=memory, clock=lambda: at, found=at_l1, left_on=frozenset({"hold_door.front"}))
+
+
+@pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
+def test_a_hold_that_the_controller_loses_after_a_persons_word_is_not_pressed_again(
+    withdraw: Callable[[Spine], EndReason],
+) -> None:
+    async def check(made: Spine) -> None:
+        await door_held(made)
+        withdraw(made)
+        await elapse(1)
+        assert "hold_door.front" in made.face.asked
+        lost = PowerLoss()
+        made.face.begin(lost, asyncio.get_running_loop().time())
+        made.device.silent = True
+        await elapse(1)
+        made.face.end(lost, asyncio.get_running_loop().time())
+        made.device.silent = False
+        await made.until(lambda state: state.quality is Quality.LIVE)
+        for _ in range(30):
+            assert not {"hold_door.front", "robot_mode"} & set(made.face.asked)
+            await elapse(0.1)
+        assert made.state.quality is Quality.LIVE
+
+    on_spine(check)
 
 
 @pytest.mark.parametrize("withdraw", [withdraw_by_lockout, withdraw_by_release])
