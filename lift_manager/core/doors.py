@@ -31,7 +31,7 @@ class DoorHolds:
     def keep(self) -> None:
         """Press none again that is lost; what is on is renewed by `hold`."""
         for side in self._able.doors:
-            self._driver.keep(_hold(side))
+            self._outputs.keep(_hold(side))
 
     def adopt(self, floor: FloorName, permit: Permit) -> None:
         """Keep the holds of a floor's doors that are found on after a restart."""

@@ -45,7 +45,7 @@ class RobotMode:
 
     def stay(self) -> None:
         """Do not press it again should the lift lose it; what is on is renewed by `hold`."""
-        self._driver.keep(_ROBOT_MODE)
+        self._outputs.keep(_ROBOT_MODE)
 
     def _noted(self, permit: Permit) -> Permit:
         """Return a permit that notes when the bytes may leave, which is asked once nothing else is waited for."""

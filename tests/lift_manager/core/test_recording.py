@@ -309,22 +309,6 @@ def test_the_callers_that_are_remembered_are_bounded() -> None:
     run_virtual(main)
 
 
-def test_a_press_waits_for_its_row_and_for_its_session() -> None:
-    async def main() -> None:
-        journal = SlowJournal()
-        d = desk(journal)
-        d.memory.awaited = asyncio.get_running_loop().create_future()
-        answer = d.log.before(GO, ("0106",))
-        journal.awaited[0].set_result(None)
-        await elapse(1.0)
-        assert not answer.done()
-        d.memory.awaited.set_result(None)
-        await elapse(0.0)
-        assert answer.result() is None
-
-    run_virtual(main)
-
-
 @pytest.mark.parametrize("session_first", [True, False])
 def test_a_row_that_is_refused_refuses_the_press_whatever_becomes_of_the_session(*, session_first: bool) -> None:
     async def main() -> None:
