@@ -243,7 +243,6 @@ class World:
 
     async def restart(self) -> None:
         """Kill the manager as `kill -9` does, letting go of nothing, and start it again with what it had written down."""
-        self._journal.drop()
         program, self._program = self._program, []
         for task in program:
             task.cancel()
@@ -254,6 +253,7 @@ class World:
         self._struck(Struck("manager", RESTART, began=True), ())
         if forgotten := tuple(self._journal.unwritten):
             self._struck(Struck("disk", Forgot(forgotten), began=True), ())
+        self._journal.drop()
         self._build()
         self._start()
 
