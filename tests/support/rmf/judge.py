@@ -231,12 +231,12 @@ class Judge:
             self._opened = None  # from its own word on it needs the door no more
         if is_end:
             session.ended_at = at
-            session.fleet_ended_at = math.inf  # it was passed on
             session.asks = 0
             self._ends.append(at)
             return
         if not session.lives:
-            session.began_at = at
+            # the supervisor may be quicker than the fleet's own word
+            session.began_at, session.fleet_ended_at = at, math.inf
         session.asked_at, session.floor = at, request.destination_floor
         session.asks += 1
 
@@ -244,8 +244,7 @@ class Judge:
         """Note what reaches the adapter on `adapter_lift_requests`."""
         session = self.sessions[request.session_id]
         if request.request_type == END_SESSION:
-            if not session.is_over:  # otherwise it was passed on before it came this way
-                session.fleet_ended_at = min(session.fleet_ended_at, at)
+            session.fleet_ended_at = min(session.fleet_ended_at, at)
         else:
             session.fleet_asks, session.fleet_ended_at = True, math.inf
 
