@@ -172,7 +172,7 @@ def test_a_state_that_cannot_be_relied_on_is_found_by_check_as_well(tmp_path: Pa
     kept.mkdir(mode=0o700)
     command("keys", "make", file, "--name", "desk", "--role", "viewer")
     (keys,) = kept.glob("*.keys.json")
-    keys.with_name(keys.name.replace(".keys", "")).write_text("{}")
+    keys.with_name(keys.name.replace(".keys.json", ".db")).write_text("{}")
     said = command("serve", file, "--port", "0", code=1)
     assert said in command("check", file, code=2)
 
