@@ -30,7 +30,7 @@ from lift_manager.config.tls import path_of, tls_cautions
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
 from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.recording import LiftLog, RecordingBus
 from lift_manager.domain.events import Event
@@ -45,6 +45,7 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 from lift_manager.runtime.bus import Bus
 from lift_manager.runtime.progress import patience_s
+from lift_manager.runtime.recorder import Clock, wall_clock
 from lift_manager.runtime.ticker import Ticker
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile

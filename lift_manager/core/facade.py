@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Protocol
 
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.description import LiftDescription, LiftSignals, WireFrame
 from lift_manager.domain.events import Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
@@ -22,6 +22,7 @@ from lift_manager.domain.service import (
 )
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.runtime.refusals import TurnedAway
 
 
 class LiftFacade(Protocol):

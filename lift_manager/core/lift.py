@@ -16,7 +16,7 @@ from lift_manager.core.held import ReadWhileHeld
 from lift_manager.core.journal import ShortJournal
 from lift_manager.core.keeper import SessionKeeper
 from lift_manager.core.lift_sessions import LiftSessions
-from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.outputs import LiftOutputs
 from lift_manager.core.people import PeopleFirst
@@ -43,6 +43,7 @@ from lift_manager.domain.service import (
 from lift_manager.domain.sight import Sight, see
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.recorder import Clock, wall_clock
 from lift_manager.runtime.ticker import Ticker
 
 CLEAR_AT_STOP_S = 3.0

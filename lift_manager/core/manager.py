@@ -9,13 +9,12 @@ from typing import TypeVar
 
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Clock, Memory, ShortMemory, wall_clock
-from lift_manager.core.refusals import RefusalLog
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.rides.engine import RideEngine
 from lift_manager.core.rides.site_rides import SiteRides
 from lift_manager.core.site_sessions import SiteSessions
 from lift_manager.core.waiting import WaitingLine
-from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Alarm, Event, Occurrence, StateChanged
 from lift_manager.domain.journal import Row
@@ -32,6 +31,8 @@ from lift_manager.domain.service import (
 )
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.runtime.bus import Bus, Subscription
+from lift_manager.runtime.recorder import Clock, wall_clock
+from lift_manager.runtime.refusals import RefusalLog, TurnedAway
 
 Answer = TypeVar("Answer")
 
@@ -281,7 +282,7 @@ class LiftManager(SiteSessions, SiteRides):
 
     def _heard(self, lift: str, by: str, said: str, answer: Answer | Refused) -> Answer | Refused:
         if isinstance(answer, Refused):
-            self._refusals.person_refused(lift, by, said, answer)
+            self._refusals.person_refused(lift, by, said, code=answer.code, message=answer.message)
         return self._told(lift, answer)
 
     def _told(self, lift: str, answer: Answer | Refused) -> Answer | Refused:

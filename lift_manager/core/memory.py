@@ -1,21 +1,11 @@
-"""What the manager needs from outside to remember sessions and people's words over a restart, and to know the time of day."""
+"""What the manager needs from outside to remember sessions and people's words over a restart."""
 
 from __future__ import annotations
 
 from asyncio import Future
-from collections.abc import Callable
-from datetime import UTC, datetime, tzinfo
 from typing import Protocol
 
 from lift_manager.domain.service import Remembered
-
-Clock = Callable[[], datetime]
-"""The time of day in the building, with its zone. Ages, leases and holds use it only across a restart."""
-
-
-def wall_clock(zone: tzinfo | None = None) -> Clock:
-    """Return the clock of this machine in a zone; None is the machine's own."""
-    return lambda: datetime.now(UTC).astimezone(zone)
 
 
 class Memory(Protocol):

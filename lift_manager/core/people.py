@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 from datetime import datetime
 
-from lift_manager.core.memory import Clock, Memory
+from lift_manager.core.memory import Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.contradictions import TRIPS, Trust
@@ -31,6 +31,7 @@ from lift_manager.domain.service import (
 from lift_manager.domain.session import KeptSession
 from lift_manager.domain.state import Holder, Restrictions
 from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.recorder import Clock
 
 _log = logging.getLogger(__name__)
 

@@ -10,13 +10,13 @@ from datetime import datetime
 
 from drivers.model import FloorName, Proof
 from lift_manager.core.announce import Announcer
-from lift_manager.core.memory import Clock
 from lift_manager.domain.asking import Refusal, Refused
 from lift_manager.domain.following import TAKEN, Pending, Verdict, View, broken_off, judge, takes_place_of
 from lift_manager.domain.service import EndReason
 from lift_manager.domain.session import Session, new_id
 from lift_manager.domain.session_requests import Do, Followed, OpenSession, SessionInfo, SessionRequest, Status
 from lift_manager.domain.state import Holder
+from lift_manager.runtime.recorder import Clock
 
 SESSIONS, SESSIONS_FOR_S = 32, 3600.0
 """How many sessions are remembered once they are over, and for how long. Chosen: a caller that lost its answer asks again within

@@ -106,19 +106,5 @@ class Refused:
 
 
 @dataclass(frozen=True, slots=True)
-class TurnedAway:
-    """A request that reached no lift: its key, its role, or the lift that it named."""
-
-    code: str
-    text: str
-    """Why, in words of ours: nothing that a caller sent, and no secret."""
-    lift: str = ""
-    """As the caller named it, if it did."""
-    caller: str = ""
-    """`<face>:<name>` of a key that counts here; empty without one."""
-    address: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Accepted:
     """The answer yes: the wish is noted. Acceptance is not arrival."""

@@ -8,6 +8,9 @@ from enum import StrEnum, unique
 
 Json = str | int | float | bool | None | Sequence["Json"] | Mapping[str, "Json"]
 
+FLOOR_LETTERS = 64
+"""As many of the name of a floor as a site file may give it; callers make up longer ones."""
+
 
 @unique
 class RowKind(StrEnum):
@@ -58,3 +61,8 @@ class Row:
     def told(self) -> Mapping[str, Json]:
         """`data` as it is written, with the id of the event under the key `event`."""
         return {**self.data, "event": self.event} if self.event else self.data
+
+
+def short(text: str) -> str:
+    """Return a caller's text without what is beyond any name of a floor or lift."""
+    return text if len(text) <= FLOOR_LETTERS else f"{text[:FLOOR_LETTERS]}..."

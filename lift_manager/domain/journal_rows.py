@@ -7,7 +7,7 @@ from dataclasses import replace
 from datetime import datetime
 
 from drivers.model import Command, Outcome, Proof, Written
-from lift_manager.domain.asking import Accepted, Ask, Refused, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import (
     Advised,
     Alarm,
@@ -27,14 +27,11 @@ from lift_manager.domain.events import (
     SessionRestored,
     StateChanged,
 )
-from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.domain.journal import Json, Row, RowKind, short
 from lift_manager.domain.session_requests import Followed, Status
 from lift_manager.domain.state import Holder
 from lift_manager.domain.wish import Wish
 from register_maps.words import Mode
-
-FLOOR_LETTERS = 64
-"""As many of the name of a floor as a site file may give it; callers make up longer ones."""
 
 
 def row_of(event: Event) -> Row | None:
@@ -121,31 +118,6 @@ def asked_more(lift: str, caller: str, answers: Mapping[str, int], for_s: float)
     times = sum(answers.values())
     text = f"asks {times} times more within {for_s:.0f} s: {_numbers(answers)}"
     return Row(RowKind.REQUEST, text, lift, caller, {"times": times, "answers": dict(answers)})
-
-
-def turned_away(who: TurnedAway) -> Row:
-    """Return the row of a request that reached no lift."""
-    text = f"refused: {who.text}" + (f", from {who.address}" if who.address else "")
-    data: dict[str, Json] = {"refused": who.code, "address": who.address}
-    return Row(RowKind.REQUEST, text, short(who.lift), who.caller, data)
-
-
-def refused_more(kind: RowKind, caller: str, answers: Mapping[str, int], for_s: float) -> Row:
-    """Return the row of refusals beyond those that have rows of their own; `answers` are their numbers by code."""
-    times = sum(answers.values())
-    text = f"refused {times} times more within {for_s:.0f} s: {_numbers(answers)}"
-    return Row(kind, text, "", caller, {"times": times, "answers": dict(answers)})
-
-
-def person_refused(lift: str, by: str, said: str, refused: Refused) -> Row:
-    """Return the row of a person's word that was not taken; `said` is which."""
-    data: dict[str, Json] = {"said": said, "refused": refused.code}
-    return Row(RowKind.PERSON, f"{said} refused: {refused.message}", short(lift), by, data)
-
-
-def short(text: str) -> str:
-    """Return a caller's text without what is beyond any name of a floor or lift."""
-    return text if len(text) <= FLOOR_LETTERS else f"{text[:FLOOR_LETTERS]}..."
 
 
 def pressing(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from drivers.model import Command, FloorName, Outcome, Proof, Written
-from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.domain.journal import Json, Row, RowKind, short
 from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
 from lift_manager.lift.events import (
     Acknowledged,
@@ -43,8 +43,6 @@ from lift_manager.lift.refusals import Refused
 from lift_manager.lift.session import Holder
 from register_maps.words import Mode
 
-FLOOR_LETTERS = 64
-"""As many of the name of a floor as a site file may give it; callers make up longer ones."""
 REQUEST_ROWS = 30
 """Requests of one caller for one lift that have rows of their own, a minute. Chosen: more than a ride and its second thoughts need."""
 COUNTED_FOR_S = 60.0
@@ -241,11 +239,6 @@ def words_of(request: Request) -> RequestWords:
             if command.kind is CommandType.GO_TO:
                 more = "and hold the door there" if command.hold_door else "and hold no door"
             return RequestWords(command.holder, command.kind, command.floor, more)
-
-
-def short(text: str) -> str:
-    """Return a caller's text without what is beyond any name of a floor or lift."""
-    return text if len(text) <= FLOOR_LETTERS else f"{text[:FLOOR_LETTERS]}..."
 
 
 def request_row(lift: str, words: RequestWords) -> Row:

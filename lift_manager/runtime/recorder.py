@@ -12,7 +12,7 @@ from lift_manager.domain.journal import Row
 from lift_manager.lift.record import DurableRecord
 
 Clock = Callable[[], datetime]
-"""The time of day in the building, with its zone."""
+"""The time of day in the building, with its zone. Ages, leases and holds use it only across a restart."""
 
 
 def wall_clock(zone: tzinfo | None = None) -> Clock:

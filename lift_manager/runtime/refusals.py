@@ -5,12 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections import Counter, OrderedDict
 from dataclasses import dataclass
+from typing import Protocol
 
 from drivers.sparing import Sparing, newest
-from lift_manager.domain.journal import Json, Row, RowKind
-from lift_manager.lift.audit import short
-from lift_manager.lift.refusals import Refused
-from lift_manager.runtime.recorder import Recorder
+from lift_manager.domain.journal import Json, Row, RowKind, short
 
 REFUSALS = 10
 """Refusals of one caller that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
@@ -30,15 +28,27 @@ class TurnedAway:
     address: str = ""
 
 
+class Rows(Protocol):
+    """What rows are written to."""
+
+    def note(self, row: Row) -> None:
+        """Write this down soon."""
+        ...
+
+
 class RefusalLog:
     """The refusals of a site."""
 
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
         self._sparing: OrderedDict[tuple[RowKind, str], Sparing] = OrderedDict()
         """By caller. Those without a key are one, and so are people: they sign with any name."""
         self.counts: Counter[tuple[str, str]] = Counter()
         """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
+
+    def count(self, lift: str, code: str) -> None:
+        """Count a refusal, whoever writes it down."""
+        self.counts[lift, str(code)] += 1
 
     def turned_away(self, who: TurnedAway) -> None:
         """Note a request that reached no lift."""
@@ -48,11 +58,11 @@ class RefusalLog:
             (RowKind.REQUEST, who.caller), who.code, Row(RowKind.REQUEST, text, short(who.lift), who.caller, data)
         )
 
-    def person_refused(self, lift: str, by: str, action: str, refused: Refused) -> None:
+    def person_refused(self, lift: str, by: str, action: str, *, code: str, message: str) -> None:
         """Note a person's decision that was not taken; `action` is which."""
-        data: dict[str, Json] = {"said": action, "refused": refused.code}
-        row = Row(RowKind.PERSON, f"{action} refused: {refused.message}", short(lift), by, data)
-        self._note((RowKind.PERSON, ""), refused.code, row)
+        data: dict[str, Json] = {"said": action, "refused": code}
+        row = Row(RowKind.PERSON, f"{action} refused: {message}", short(lift), by, data)
+        self._note((RowKind.PERSON, ""), code, row)
 
     def tell(self, *, end: bool = False) -> None:
         """Write down what was counted for a minute, or at the end all of it."""
@@ -68,7 +78,7 @@ class RefusalLog:
             self._tell(*gone, now)
         if sparing.admits((row.lift, row.caller, row.text), now):
             self._tell(whose, sparing, now)
-            self._recorder.note(row)
+            self._rows.note(row)
             return
         sparing.count(code, now)
         if sparing.due(now):
@@ -81,4 +91,4 @@ class RefusalLog:
         kind, caller = whose
         times, shown = answers.total(), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
         text = f"refused {times} times more within {for_s:.0f} s: {shown}"
-        self._recorder.note(Row(kind, text, "", caller, {"times": times, "answers": dict(answers)}))
+        self._rows.note(Row(kind, text, "", caller, {"times": times, "answers": dict(answers)}))

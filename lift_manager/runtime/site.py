@@ -251,7 +251,7 @@ class Site:
 
     def turned_away(self, who: TurnedAway) -> None:
         """Write down a request that a face refused by itself."""
-        self.refusals.counts[who.lift if who.lift in self._lifts else "", who.code] += 1
+        self.refusals.count(who.lift if who.lift in self._lifts else "", who.code)
         self.refusals.turned_away(who)
 
     # -- what happens
@@ -305,7 +305,7 @@ class Site:
 
     def _lift(self, lift: str) -> LiftActor:
         if (actor := self._lifts.get(lift)) is None:
-            self.refusals.counts["", UNKNOWN_LIFT] += 1
+            self.refusals.count("", UNKNOWN_LIFT)
             shown = json.dumps(lift, ensure_ascii=not lift.isprintable())
             raise NotFound(UNKNOWN_LIFT, f"no lift {shown}; the lifts are {', '.join(self._lifts)}")
         return actor
@@ -317,13 +317,13 @@ class Site:
         """Take a person's decision; one that is refused is written down here, for no lift has a row of it."""
         reply = self._lift(lift).handle(happened)
         if isinstance(reply, Refused):
-            self.refusals.person_refused(lift, by, action, reply)
+            self.refusals.person_refused(lift, by, action, code=reply.code, message=reply.message)
         return self._raised(lift, reply, kind)
 
     def _raised(self, lift: str, reply: object, kind: type[Kind]) -> Kind:
         """Return a reply; raise a refusal, and count it."""
         if isinstance(reply, Refused):
-            self.refusals.counts[lift, str(reply.code)] += 1
+            self.refusals.count(lift, reply.code)
             raise raised(reply)
         if not isinstance(reply, kind):
             raise TypeError(f"{lift} replied {reply!r}")

@@ -15,8 +15,8 @@ from typing import Protocol, TypeVar
 
 from drivers.thread import Worker
 from lift_manager.core.journal import Hears
-from lift_manager.core.memory import Clock, wall_clock
 from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.runtime.recorder import Clock, wall_clock
 from lift_manager.store.errors import CommitFailed
 from lift_manager.store.outage import (
     CALM_COMMITS,

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from drivers.own_files import make_own
 from lift_manager.store.chain import Stored, follows, seed
 from lift_manager.store.errors import StoreDamaged, StoreForeign
+from lift_manager.store.place import put_in_place
 
 APPLICATION_ID = 0x4C494654
 """LIFT, in the header of the file."""
@@ -93,12 +94,7 @@ def create_database(path: Path, site: str, connect: Connect = connect) -> None:
             connection.execute("INSERT INTO head VALUES (1, 0, ?, 0)", (seed(site),))
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {VERSION}")
-    beside.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    put_in_place(beside, path)
 
 
 def open_database(

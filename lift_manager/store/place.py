@@ -79,6 +79,11 @@ def replace_file(path: Path, data: bytes) -> None:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
+    put_in_place(beside, path)
+
+
+def put_in_place(beside: Path, path: Path) -> None:
+    """Give a file that was written beside its place that name, and have the name on the disk. Raises OSError."""
     beside.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:

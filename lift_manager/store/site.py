@@ -10,7 +10,7 @@ from pathlib import Path
 from weakref import finalize
 
 from drivers.own_files import is_shared
-from lift_manager.core.memory import Clock, wall_clock
+from lift_manager.runtime.recorder import Clock, wall_clock
 from lift_manager.store.committer import ANSWER_S, KEPT_ROWS, Committer
 from lift_manager.store.database import Connect, connect
 from lift_manager.store.errors import StoreUnusable

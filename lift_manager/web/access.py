@@ -15,8 +15,8 @@ from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from lift_manager.domain.access import LiftIn, Need, Route, refusal
-from lift_manager.domain.asking import TurnedAway
 from lift_manager.domain.keys import Key, Keys, Secret, holds_key
+from lift_manager.runtime.refusals import TurnedAway
 from lift_manager.web.answers import answer, is_workshop, not_found, wrong_method
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.errors import RequestError

@@ -12,7 +12,7 @@ from drivers.modbus.memory import MemoryWire, Reply
 from drivers.modbus.units import Unit
 from lift_manager.core.journal import Journal, ShortJournal
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Clock, Memory, ShortMemory
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.core.recording import LiftLog, RecordingBus
 from lift_manager.domain.asking import Accepted, Ask, Refused
@@ -22,6 +22,7 @@ from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.plant import default_floors, simulated_lift
 from lift_manager.lab.world.device import carry_out
 from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.recorder import Clock
 from register_maps import frames
 from register_maps.codec import Codec
 from register_maps.frames import Request

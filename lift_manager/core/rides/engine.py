@@ -13,7 +13,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 
-from lift_manager.core.memory import Clock
 from lift_manager.core.rides.acting import Acting
 from lift_manager.core.rides.book import RideBook, is_kept, reused, to_keep, to_tell
 from lift_manager.core.rides.choosing import Choosing, may_move
@@ -43,6 +42,7 @@ from lift_manager.domain.ride_sight import why_not_taken
 from lift_manager.domain.service import Cause
 from lift_manager.domain.session_requests import Do, Status
 from lift_manager.domain.state import Holder
+from lift_manager.runtime.recorder import Clock
 
 _log = logging.getLogger(__name__)
 

@@ -10,7 +10,6 @@ from datetime import timedelta
 from typing import Protocol
 
 from lift_manager.core.facade import LiftFacade, SessionFacade
-from lift_manager.core.memory import Clock
 from lift_manager.core.rides.book import RideBook
 from lift_manager.core.waiting import WaitingLine
 from lift_manager.domain.asking import Refused
@@ -20,6 +19,7 @@ from lift_manager.domain.ride_record import Doubt, RideRecord, RideSight
 from lift_manager.domain.ride_sight import is_live
 from lift_manager.domain.session_requests import SessionInfo
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.runtime.recorder import Clock
 
 TURNED_AWAY_S = 30.0
 """So long a lift that refused a ride counts as taking no robots, where a ride has others to choose."""

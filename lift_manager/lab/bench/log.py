@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from drivers.model import Outcome
 from lift_manager.core.facade import Facade
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.description import LiftDescription, LiftSignals
 from lift_manager.domain.events import Alarm, CommandEnded, Event, Occurrence
 from lift_manager.domain.ride import Ride, RideBegun, RidePlan, RideRequest, RideWord
@@ -27,6 +27,7 @@ from lift_manager.domain.service import (
 from lift_manager.domain.session_requests import Followed, OpenSession, SessionBegun, SessionInfo, SessionRequest
 from lift_manager.domain.state import Holder, LiftState
 from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.refusals import TurnedAway
 
 Answer = TypeVar("Answer")
 

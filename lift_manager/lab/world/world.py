@@ -21,7 +21,6 @@ from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
 from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Clock
 from lift_manager.domain.asking import Accepted, Ask, Refused
 from lift_manager.domain.events import Occurrence, StateChanged
 from lift_manager.domain.state import LiftState
@@ -32,6 +31,7 @@ from lift_manager.lab.world.disk import DiskFault, DiskJournal, SimulatedDisk
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
 from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck, Witness
+from lift_manager.runtime.recorder import Clock
 from register_maps.codec import Codec, compile_map
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept

@@ -22,12 +22,13 @@ from drivers.model import (
     Written,
 )
 from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Clock, Memory
+from lift_manager.core.memory import Memory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
 from lift_manager.domain.events import Alarm, Event
 from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.runtime.bus import Bus, Subscription
+from lift_manager.runtime.recorder import Clock
 from register_maps.words import Door, Mode, Side
 from tests.lift_manager.domain.test_call import ABLE
 from tests.support.proven import proven

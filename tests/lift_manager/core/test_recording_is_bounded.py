@@ -9,13 +9,12 @@ from lift_manager.core.journal import ShortJournal
 from lift_manager.core.manager import LiftManager
 from lift_manager.core.memory import ShortMemory
 from lift_manager.core.recording import CHANGES, READ_WITHIN_S, REQUESTS, LiftLog
-from lift_manager.core.refusals import REFUSALS
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.events import Event
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.journal_rows import FLOOR_LETTERS
+from lift_manager.domain.journal import FLOOR_LETTERS, Row, RowKind
 from lift_manager.domain.state import Holder, Quality
 from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.refusals import REFUSALS, TurnedAway
 from register_maps.words import Mode
 from tests.support.spine import Spine, spine
 from tests.support.virtual_time import elapse, run_virtual

@@ -8,11 +8,12 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from drivers.model import Capabilities, LiftValues
-from lift_manager.core.memory import Clock, ShortMemory
+from lift_manager.core.memory import ShortMemory
 from lift_manager.domain.asking import Accepted, Ask, Refusal, RobotWord
 from lift_manager.domain.events import Alarm, SessionEnded, SessionOpened, SessionRestored
 from lift_manager.domain.service import Advice, EndReason, ForceReleased, Remembered
 from lift_manager.domain.state import Holder, RobotDoor
+from lift_manager.runtime.recorder import Clock
 from register_maps.words import Door, Mode, Motion
 from tests.lift_manager.core.heard import heard, only
 from tests.lift_manager.core.scripted import FRONT, OTHER, PERMITTING, PLAIN, ROBOT, TWO_STOP, Bench, boarded, on_bench

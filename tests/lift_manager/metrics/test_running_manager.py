@@ -11,10 +11,11 @@ from drivers.modbus.memory import MemoryDevice
 from lift_manager.app import Building, build
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.domain.asking import Ask, Refusal, Refused, TurnedAway
+from lift_manager.domain.asking import Ask, Refusal, Refused
 from lift_manager.domain.description import WireFrame
 from lift_manager.domain.events import StateChanged
 from lift_manager.domain.state import Holder
+from lift_manager.runtime.refusals import TurnedAway
 from register_maps.load import load
 from register_maps.words import Table
 from tests.lift_manager.metrics.measured import Labels, samples

@@ -22,7 +22,7 @@ import pytest
 
 from drivers.driver import LiftDriver
 from lift_manager.core.journal import ShortJournal
-from lift_manager.core.memory import Clock, Memory, ShortMemory
+from lift_manager.core.memory import Memory, ShortMemory
 from lift_manager.core.options import LiftOptions
 from lift_manager.domain import asking, boarding, contradictions, events, service, session, session_requests
 from lift_manager.domain import state as states
@@ -50,6 +50,7 @@ from lift_manager.runtime.actor import LiftActor, LiftSettings
 from lift_manager.runtime.bus import Bus, StateChanged
 from lift_manager.runtime.life import is_clearing, release
 from lift_manager.runtime.poll import LiftPoll
+from lift_manager.runtime.recorder import Clock
 from lift_manager.runtime.ticker import Ticker
 
 SAME: dict[type, type] = {

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp
 
 from lift_manager.core.facade import Facade
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, TurnedAway
+from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
 from lift_manager.domain.events import Event, Occurrence
 from lift_manager.domain.keys import Keys
 from lift_manager.domain.rmf import RmfRules
@@ -28,6 +28,7 @@ from lift_manager.domain.service import (
     Remembered,
 )
 from lift_manager.domain.state import Holder, LiftState
+from lift_manager.runtime.refusals import TurnedAway
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.limits import HANDSHAKE_WITHIN_S
