@@ -29,10 +29,10 @@ from drivers.modbus.wire import PymodbusWire
 from lift_manager.app import Building, build
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.core.lift import LiftTask
-from lift_manager.core.options import LiftOptions
-from lift_manager.domain.events import Event
+from lift_manager.lift.config import LiftConfig
+from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.recorder import MemoryRecorder
 from register_maps.codec import compile_map
 from register_maps.load import load
 
@@ -81,11 +81,17 @@ def make_driver(link: Link) -> ModbusLift:
     return ModbusLift(compile_map(load(MAP).map), link, LiftSettings(name="lift", floors=FLOORS, control=False))
 
 
-def make_task(driver: ModbusLift) -> LiftTask:
-    """Return the manager's task of that lift."""
-    bus: Bus[Event] = Bus()
-    doors = dict.fromkeys(FLOORS, driver.capabilities.doors)
-    return LiftTask(driver, LiftOptions(name="lift", floors=tuple(FLOORS), doors_at=doors, control=False), bus)
+def make_actor(driver: ModbusLift) -> LiftActor:
+    """Return the manager's actor of that lift."""
+    config = LiftConfig(
+        name="lift",
+        source=driver.source,
+        floors=tuple(FLOORS),
+        doors_at=dict.fromkeys(FLOORS, driver.capabilities.doors),
+        control=False,
+        capabilities=driver.capabilities,
+    )
+    return LiftActor(driver, config, Bus(), MemoryRecorder())
 
 
 def two_cores() -> tuple[int | None, int | None]:

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare 
 
 from benchmarks import common
 from lift_manager.app import Building
-from lift_manager.domain.events import StateChanged
+from lift_manager.runtime.bus import StateChanged
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
 from lift_manager.web.server import listen, serve
@@ -44,8 +44,8 @@ LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
     "asyncio": asyncio.new_event_loop,
 }
 MARK = b"published at "
-ASK = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: lifts\r\n\r\n"
-LISTEN = b"GET /api/v1/events HTTP/1.1\r\nHost: lifts\r\n\r\n"
+ASK = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: localhost\r\n\r\n"
+LISTEN = b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,10 +167,8 @@ def _clients(port: int, lifts: list[str], plan: Plan, tell: Connection) -> None:
 
 async def _publish(building: Building, rate: float, until: float) -> int:
     """Let a lift change so many times a second; when that was is in the event."""
-    loop, manager = asyncio.get_running_loop(), building.manager
-    state = manager.state(manager.lift_names()[0])
-    if state is None:
-        raise SystemExit("the manager has no lift")
+    loop, site = asyncio.get_running_loop(), building.site
+    state = site.state(site.lift_names()[0])
     due, count = loop.time(), 0
     while loop.time() < until:
         due += 1 / rate
@@ -187,18 +185,18 @@ async def measure(ports: list[int], plan: Plan, clients: Connection, port_of: Co
     sock = listen("127.0.0.1", 0)
     async with asyncio.TaskGroup() as group:
         works = [link.run() for link in building.links]
-        app = make_app(building.manager, streams=plan.streams)
-        works += [building.manager.run(), serve(app, sock, limits=ConnectionLimits.of(plan.streams + 2 * CLIENTS))]
+        app = make_app(building.site, streams=plan.streams, host_names=("lifts",))
+        works += [building.life.run(), serve(app, sock, limits=ConnectionLimits.of(plan.streams + 2 * CLIENTS))]
         tasks = [group.create_task(work) for work in works]
-        port_of.send((sock.getsockname()[1], building.manager.lift_names()))
+        port_of.send((sock.getsockname()[1], building.site.lift_names()))
         while not clients.poll():  # noqa: ASYNC110  a pipe from another process
             await asyncio.sleep(0.05)
         clients.recv()
         await _publish(building, plan.rate, loop.time() + SETTLE_S)
-        began, cpu, polls = time.monotonic(), time.process_time(), sum(building.manager.polls().values())
+        began, cpu, polls = time.monotonic(), time.process_time(), sum(building.life.polls().values())
         events = await _publish(building, plan.rate, loop.time() + plan.seconds)
         took, cpu = time.monotonic() - began, time.process_time() - cpu
-        polls = sum(building.manager.polls().values()) - polls
+        polls = sum(building.life.polls().values()) - polls
         for task in tasks:
             task.cancel()
     return Cost(cpu / took, polls / took, events)

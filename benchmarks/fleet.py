@@ -79,13 +79,12 @@ Contestant = Callable[[list[int]], contextlib.AbstractAsyncContextManager[Fleet]
 async def manager(ports: list[int]) -> AsyncIterator[Fleet]:
     """The whole path of a poll: wire, link, codec, rules, state."""
     building = common.building(ports, POLL_S)
-    lifts, names = building.manager, building.manager.lift_names()
+    site, names = building.site, building.site.lift_names()
 
     def age_s(index: int) -> float | None:
-        state = lifts.state(names[index])
-        return None if state is None else state.age_s
+        return site.state(names[index]).age_s
 
-    async with _running([link.run() for link in building.links]), _running([lifts.run()]):
+    async with _running([link.run() for link in building.links]), _running([building.life.run()]):
         yield Fleet(lambda: sum(link.stats.transactions - link.stats.timeouts for link in building.links), age_s)
 
 

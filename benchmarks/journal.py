@@ -23,8 +23,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare checkout
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.service import Remembered
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.chain import canonical
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
@@ -83,7 +83,7 @@ async def store(folder: Path) -> AsyncIterator[Press]:
     running = asyncio.ensure_future(kept.run(print))
 
     async def press() -> None:
-        kept.keep("east", Remembered())
+        kept.keep("east", SavedLift())
         if (why := await kept.before(ROW)) is not None:
             raise SystemExit(why)
 

@@ -86,10 +86,10 @@ async def lift_poll(port: int) -> AsyncIterator[Poll]:
     """The same, with what the manager makes of the reading."""
     async with _link_up(port) as link:
         driver = common.make_driver(link)
-        task = common.make_task(driver)
+        actor = common.make_actor(driver)
 
         async def poll() -> None:
-            task._got(await driver.read())  # noqa: SLF001 - what its own loop does, without the pause
+            actor.take_reading(await driver.read())
 
         yield poll
 

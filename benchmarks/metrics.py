@@ -86,7 +86,7 @@ async def _alone(building: Building, name: str, accept: str) -> None:
 async def _running(building: Building) -> AsyncIterator[None]:
     async with asyncio.TaskGroup() as group:
         tasks = [group.create_task(link.run()) for link in building.links]
-        tasks.append(group.create_task(building.manager.run()))
+        tasks.append(group.create_task(building.life.run()))
         yield
         for task in tasks:
             task.cancel()

@@ -43,10 +43,13 @@ class Command:
     side: Side | None = None
     """With door commands, and with `go_to` where the door is part of the call."""
 
-    @property
-    def name(self) -> str:
-        """The name the map uses: `go_to`, `go_to.rear`, `hold_door.front`."""
-        return self.kind if self.side is None else f"{self.kind}.{self.side}"
+    name: str = field(init=False, repr=False, compare=False)
+    """The name the map uses: `go_to`, `go_to.rear`, `hold_door.front`."""
+
+    def __post_init__(self) -> None:
+        """Work the name out once: it is looked at dozens of times for every press."""
+        name = str(self.kind) if self.side is None else f"{self.kind}.{self.side}"
+        object.__setattr__(self, "name", name)
 
     def __str__(self) -> str:
         return self.name if self.floor is None else f"{self.name} {self.floor}"

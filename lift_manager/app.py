@@ -12,6 +12,7 @@ from pathlib import Path
 from socket import socket
 from zoneinfo import ZoneInfo
 
+from drivers.driver import LiftDriver
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
@@ -27,26 +28,23 @@ from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Api, Controller
 from lift_manager.config.tls import path_of, tls_cautions
-from lift_manager.core.journal import Journal, ShortJournal
-from lift_manager.core.lift import LiftTask
-from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Memory, ShortMemory
-from lift_manager.core.options import LiftOptions
-from lift_manager.core.recording import LiftLog, RecordingBus
-from lift_manager.domain.events import Event
-from lift_manager.domain.hours import RobotHours
-from lift_manager.domain.journal import Row
-from lift_manager.domain.journal_rows import manager_ended, manager_started
-from lift_manager.domain.state import Quality
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.hours import RobotHours
+from lift_manager.lift.journal import Row
+from lift_manager.lift.state import Quality
 from lift_manager.metrics.metrics import Metrics
+from lift_manager.plain.counted import counted
 from lift_manager.plain.version import running_version
 from lift_manager.rmf.join import joined
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
-from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.actor import LiftActor
+from lift_manager.runtime.bus import Bus, Event
+from lift_manager.runtime.journal import manager_ended, manager_started
+from lift_manager.runtime.life import SiteLife
 from lift_manager.runtime.progress import patience_s
-from lift_manager.runtime.recorder import Clock, wall_clock
-from lift_manager.runtime.ticker import Ticker
+from lift_manager.runtime.recorder import Clock, MemoryRecorder, Recorder, wall_clock
+from lift_manager.runtime.site import Site
 from lift_manager.site_links import SiteLinks
 from lift_manager.store.keys import KeyFile
 from lift_manager.systemd import notifier, watch
@@ -57,7 +55,6 @@ from lift_manager.web.server import serve
 from lift_manager.web.tls import ServerCertificates, ServerTls
 from register_maps.codec import compile_map
 from register_maps.schema import LinkDefaults
-from register_maps.words import Side
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +67,7 @@ RELEASE_WITHIN_S = 3.0
 computer of two cores the interpreter needs more than a second to clear up."""
 
 RELEASE_AFTER_CLEARING_S = 0.8
-"""The same after the wait for a robot that may be in a doorway (`core.lift.CLEAR_AT_STOP_S`)."""
+"""The same after the wait for a robot that may be in a doorway (`lift.session.CLEAR_AT_STOP_S`)."""
 
 REMIND_EVERY_S = 86400.0
 """Chosen: whoever reads the log finds it, and does not find much else."""
@@ -97,15 +94,19 @@ class Faces:
 
 @dataclass(frozen=True, slots=True)
 class Building:
-    """A manager and the links it lives on."""
+    """The parts of a running manager."""
 
-    manager: LiftManager
+    site: Site
+    life: SiteLife
+    actors: tuple[LiftActor, ...]
+    """The lifts in the order of the site file."""
+    recorder: Recorder
     links: tuple[Link, ...]
     sources: SiteLinks
     """What faces know of the links."""
     metrics: Metrics
     bus: Bus[Event]
-    """What the parts tell each other."""
+    """What happens is published here; faces listen through the site."""
 
 
 def over_network(folder: Path) -> Callable[[Controller], Wire]:
@@ -125,44 +126,40 @@ def build(
     loaded: LoadedSite,
     make_wire: Callable[[Controller], Wire] | None = None,
     *,
-    memory: Memory | None = None,
-    journal: Journal | None = None,
+    recorder: Recorder | None = None,
     clock: Clock | None = None,
 ) -> Building:
     """Make one link per controller, over the network unless told otherwise, and hand it to the lifts on it.
 
-    Without a memory a restart forgets sessions and what people said; without a journal, what was done.
+    Without a recorder a restart forgets sessions, what people decided, and what was done.
     """
-    memory, journal = memory or ShortMemory(), journal or ShortJournal()
+    recorder = recorder or MemoryRecorder()
     clock = clock or wall_clock(None if loaded.site.timezone is None else ZoneInfo(loaded.site.timezone))
     make_wire = make_wire or over_network(loaded.path.parent)
-    bus = RecordingBus(journal)
-    ticker = Ticker()
+    bus: Bus[Event] = Bus()
     links = {name: _link(name, spec, loaded.links[name], make_wire) for name, spec in loaded.controllers.items()}
-    lifts, commands = [], {}
-    for index, name in enumerate(loaded.site.lifts):
-        log = LiftLog(name, journal, memory)
-        driver = _driver(name, loaded, links)
-        first_poll_s = loaded.poll_s(name) * index / len(loaded.site.lifts)
-        options = lift_options(name, loaded, driver.capabilities.doors, first_poll_s)
-        commands[name] = driver.capabilities.commands
-        lifts.append(LiftTask(driver, options, bus, ticker, memory=memory, log=log, clock=clock))
-    manager = LiftManager(lifts, bus, memory, journal, clock, rmf=loaded.site.rmf.rules)
+    actors = tuple(
+        LiftActor(driver, lift_config(name, loaded, driver), bus, recorder, clock=clock)
+        for name, driver in ((name, _driver(name, loaded, links)) for name in loaded.site.lifts)
+    )
+    site = Site(actors, bus, recorder, rmf=loaded.site.rmf.rules, clock=clock)
+    life = SiteLife(site, actors)
     sources = SiteLinks(links)
-    metrics = Metrics(manager, sources, commands, version=running_version())
-    return Building(manager, tuple(links.values()), sources, metrics, bus)
+    metrics = Metrics(site, life, sources, version=running_version())
+    return Building(site, life, actors, recorder, tuple(links.values()), sources, metrics, bus)
 
 
-def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_poll_s: float) -> LiftOptions:
-    """Return what the site says about one lift; `doors` are those that its map has."""
-    spec = loaded.site.lifts[name]
-    return LiftOptions(
+def lift_config(name: str, loaded: LoadedSite, driver: LiftDriver) -> LiftConfig:
+    """Return what site file and map say about a lift."""
+    spec, doors = loaded.site.lifts[name], driver.capabilities.doors
+    return LiftConfig(
         name=name,
+        source=driver.source,
         floors=tuple(spec.floors),
         doors_at={floor: doors if entry.doors is None else entry.doors for floor, entry in spec.floors.items()},
         control=spec.access == "control",
-        poll_s=loaded.poll_s(name),
-        first_poll_s=first_poll_s,
+        capabilities=driver.capabilities,
+        display_name=spec.display_name or "",
         lease_s=spec.lease_s,
         max_session_hold_s=spec.max_session_hold_s,
         max_session_s=spec.max_session_s,
@@ -174,6 +171,7 @@ def lift_options(name: str, loaded: LoadedSite, doors: tuple[Side, ...], first_p
         robot_hours=None if spec.robot_hours is None else RobotHours(spec.robot_hours),
         between_sessions_s=spec.between_sessions_s,
         fire_release_delay_s=spec.fire_release_delay_s,
+        poll_s=loaded.poll_s(name),
         rmf_name=spec.rmf.name or "",
         rmf_floors=spec.rmf.floors,
     )
@@ -185,8 +183,7 @@ async def run(
     *,
     stop: asyncio.Event,
     ready: Callable[[], None],
-    memory: Memory | None = None,
-    journal: Journal | None = None,
+    recorder: Recorder | None = None,
     faces: Faces | None = None,
 ) -> bool:
     """Serve a site on a listening socket until `stop` is set; returns whether every output was seen to be let go.
@@ -198,8 +195,8 @@ async def run(
     with ExitStack() as ends:
         for controller in loaded.controllers.values():
             ends.enter_context(controller_lock(canonical_host(controller.host), controller.port))
-        building = build(loaded, memory=memory, journal=journal)
-        systemd, manager = notifier(), building.manager
+        building = build(loaded, recorder=recorder)
+        systemd, site, life = notifier(), building.site, building.life
         adapter = _adapter(building, faces.rmf, ends)
         crashes: list[Exception] = []
 
@@ -212,16 +209,16 @@ async def run(
                 stop.set()
 
         async with asyncio.TaskGroup() as tasks:
-            manager.note(_started(loaded))
-            polling = tasks.create_task(guarded(manager.run()))
+            building.recorder.note(_started(loaded))
+            polling = tasks.create_task(guarded(life.run()))
             parts = _parts(building, loaded, faces.keys, tls, adapter)
             running = [tasks.create_task(guarded(part)) for part in parts]
             with suppress(TimeoutError):
                 async with asyncio.timeout(FIRST_LOOK_S):
-                    await building.manager.first_look()
+                    await life.first_look()
             serving = tasks.create_task(guarded(_serve(building, loaded.site.api, faces.keys, sock, tls)))
             patience_s_of = patience(loaded, building.links) if systemd.is_heard else {}
-            alive = guarded(watch(systemd, patience_s_of, manager.polls, lambda: _status(manager)))
+            alive = guarded(watch(systemd, patience_s_of, life.polls, lambda: _status(building)))
             running.append(tasks.create_task(alive))
             ready()
             await stop.wait()
@@ -229,10 +226,10 @@ async def run(
             if adapter is not None:
                 # before a door is let go: no robot may begin to drive in
                 adapter.hush()
-            released = await _let_go(building.manager)
-            manager.note(manager_ended(released=released, commands=bool(_commanded(manager))))
+            released = await _let_go(building)
+            building.recorder.note(manager_ended(released=released, commands=bool(_commanded(site))))
             serving.cancel()
-            await _write_down(building.manager, polling)
+            await _write_down(building.recorder, polling)
             for task in running:
                 task.cancel()
     if crashes:
@@ -248,12 +245,12 @@ def _parts(
     adapter: Running | None,
 ) -> Iterator[Coroutine[None, None, None]]:
     """Yield what runs all the time, except for the polls and the web server."""
-    manager = building.manager
+    recorder = building.recorder
     yield from (link.run() for link in building.links)
-    yield from manager.drives()
-    yield from (manager.record(), building.metrics.run(), remind(loaded))
+    yield from building.life.drives()
+    yield from (recorder.run(building.site.report_disk), building.metrics.run(), remind(loaded))
     if keys is not None:
-        yield keys.run(manager.note)
+        yield keys.run(recorder.note)
     if tls is not None:
         yield renew(tls)
     if adapter is not None:
@@ -264,7 +261,7 @@ def _adapter(building: Building, settings: RosSettings | None, ends: ExitStack) 
     """Join Open-RMF where that is wanted. Raises DdsError."""
     if settings is None:
         return None
-    adapter = joined(building.manager, settings)
+    adapter = joined(building.site, settings)
     ends.callback(adapter.close)
     building.metrics.count_rmf(adapter.counts)
     return adapter
@@ -334,33 +331,34 @@ def _https(loaded: LoadedSite) -> ServerCertificates | None:
     return ServerCertificates(ServerTls(path_of(folder, said.certificate), path_of(folder, said.key), client_ca))
 
 
-def _status(manager: LiftManager) -> str:
-    states = [manager.state(name) for name in manager.lift_names()]
-    live = sum(state is not None and state.quality is Quality.LIVE for state in states)
-    return f"{len(states)} lift(s), {live} live, {sum(manager.polls().values())} polls"
+def _status(building: Building) -> str:
+    states = [building.site.state(name) for name in building.site.lift_names()]
+    live = sum(state.quality is Quality.LIVE for state in states)
+    return f"{counted(len(states), 'lift')}, {live} live, {sum(building.life.polls().values())} polls"
 
 
 async def _serve(
     building: Building, api: Api, keys: KeyFile | None, sock: socket, tls: ServerCertificates | None
 ) -> None:
     names = (api.host, *api.host_names)
-    web = make_app(building.manager, keys, frames=building.sources, metrics=building.metrics.scrape, host_names=names)
+    web = make_app(building.site, keys, frames=building.sources, metrics=building.metrics.scrape, host_names=names)
     await serve(web, sock, tls=tls, limits=ConnectionLimits.of(connections_limit(), api.trusted_proxies))
 
 
-async def _let_go(manager: LiftManager) -> bool:
-    commanded = _commanded(manager)
-    waited = await manager.clear_doors()
+async def _let_go(building: Building) -> bool:
+    site, life = building.site, building.life
+    commanded = _commanded(site)
+    waited = await life.clear_doors()
     _log.info("stopping: %s", "releasing everything" if commanded else "nothing is held, every lift is only watched")
     within_s = RELEASE_AFTER_CLEARING_S if waited else RELEASE_WITHIN_S
-    states = [manager.state(name) for name in commanded]
+    states = [site.state(name) for name in commanded]
     try:
         async with asyncio.timeout(within_s):
-            await manager.stop()
+            await life.stop()
     except TimeoutError:
         _log.error("not every output could be verified as let go within %g s; look at the lift", within_s)
         return False
-    unseen = [state.lift for state in states if state is not None and state.quality is Quality.OFFLINE]
+    unseen = [state.lift for state in states if state.quality is Quality.OFFLINE]
     for lift in unseen:
         _log.warning("%s: is offline, so nobody could look at what its controller holds", lift)
     if len(unseen) < len(states):
@@ -368,19 +366,18 @@ async def _let_go(manager: LiftManager) -> bool:
     return True
 
 
-def _commanded(manager: LiftManager) -> list[str]:
+def _commanded(site: Site) -> list[str]:
     """Name the lifts that may be commanded: of the others nothing is ever held."""
-    described = (manager.describe(name) for name in manager.lift_names())
-    return [about.lift for about in described if about is not None and about.control]
+    return [name for name in site.lift_names() if site.config(name).control]
 
 
-async def _write_down(manager: LiftManager, polling: asyncio.Task[None]) -> None:
+async def _write_down(recorder: Recorder, polling: asyncio.Task[None]) -> None:
     """End the polls and wait for the disk: to a poll in flight, the end of its link would be news that nobody writes down any more."""
     polling.cancel()
     await asyncio.wait([polling])
     try:
         async with asyncio.timeout(REMEMBER_WITHIN_S):
-            await manager.settled()
+            await recorder.settled()
     except TimeoutError:
         _log.error(
             "sessions, people's words or rows of the journal are not on the disk after %g s more", REMEMBER_WITHIN_S

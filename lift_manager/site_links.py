@@ -8,8 +8,7 @@ from contextlib import contextmanager
 
 from drivers.modbus.histogram import BOUNDS_S, Histogram
 from drivers.modbus.link import Link, LinkState
-from lift_manager.core.figures import Durations, LinkFigures
-from lift_manager.domain.description import WireFrame
+from lift_manager.runtime.links import Durations, LinkFigures, WireFrame
 
 
 class SiteLinks:

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from robot import STEPS, Robot
 
-from lift_manager.domain.asking import Refused
 from lift_manager.lab.bench import LiftSimulator, LiftSite, ModbusFaults
+from lift_manager.lift.refusals import Refused
 
 
 class ModelWheels:

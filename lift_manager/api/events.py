@@ -14,8 +14,8 @@ from pydantic import AwareDatetime, Field
 from lift_manager.api.fields import Answer, Seconds
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
-from lift_manager.domain.service import Advice, EndReason
-from lift_manager.domain.session_requests import Do, Status
+from lift_manager.lift.commands import CommandState, CommandType
+from lift_manager.lift.session import Advice, EndReason
 
 
 class Snapshot(Answer):
@@ -79,9 +79,9 @@ class RequestEvent(Answer):
     event: Literal["request"] = "request"
     lift: str
     holder: str
-    do: Do
+    do: CommandType
     floor: str | None
-    status: Status
+    status: CommandState
     reason: str
 
 
@@ -108,12 +108,15 @@ class AlarmEvent(Answer):
     holder: str | None
 
 
+PersonWord = Literal["acknowledged", "locked_out", "lockout_over", "drain_begun", "drain_over", "released"]
+
+
 class PersonEvent(Answer):
     """A person's word about a lift."""
 
     event: Literal["person"] = "person"
     lift: str
-    what: Literal["acknowledged", "locked_out", "lockout_over", "drain_begun", "drain_over", "released"]
+    what: PersonWord
     by: str
     text: str
     at: AwareDatetime

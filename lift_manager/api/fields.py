@@ -16,19 +16,16 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from lift_manager.domain.state import Holder
+from lift_manager.lift.session import Holder
+from lift_manager.plain.text import is_printable
 from register_maps.words import Side
-
-_JOINERS = "\u200c\u200d"
-"""Unseen, but Persian and Indian scripts cannot be written without them."""
 
 
 def printable(text: str) -> str:
     """Return text as it may be shown and written down; raises PydanticCustomError for what is not one line of it."""
-    text = text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
-    if not text.translate(dict.fromkeys(map(ord, _JOINERS))).isprintable():
+    if not is_printable(text):
         raise PydanticCustomError("printable", "must be text on one line, without control characters")
-    return text
+    return text.replace("\u00a0", " ")  # what a word processor puts between the parts of a name
 
 
 @dataclass(frozen=True, slots=True)

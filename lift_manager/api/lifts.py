@@ -9,8 +9,10 @@ from typing import Annotated
 from pydantic import Field
 
 from lift_manager.api.fields import Answer, Seconds
-from lift_manager.domain.description import LiftDescription, LiftSignals
-from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.signals import LiftSignals
+from lift_manager.lift.state import LiftState, Quality
 from register_maps.words import Door, Mode, Motion, Side
 
 Age = Annotated[Seconds | None, Field(description="Seconds; null when there never was a reading.", examples=[0.12])]
@@ -28,8 +30,7 @@ class Held(Answer):
     for_s: Seconds = Field(description="Since when, in seconds.")
     ending: bool = Field(
         default=False,
-        description="The session is over in a moment, until which door and robot mode stay: its holder ended it and may still go on,"
-        " or a person ended it, or the manager stops.",
+        description="The holder has ended its session and may still go on; door and robot mode stay until it is over.",
     )
 
 
@@ -158,6 +159,7 @@ class LiftCapabilities(Answer):
     """What a lift can say and be told, and how long the site lets robots have it."""
 
     name: str
+    display_name: str = Field(default="", description="What people call it; empty where its name will do.")
     floors: tuple[str, ...]
     doors_at: Mapping[str, tuple[Side, ...]] = Field(description="Which doors serve each floor.")
     access: str = Field(description="`control`, or `monitor`: then nothing is ever written.", examples=["control"])
@@ -187,11 +189,12 @@ class LiftCapabilities(Answer):
     trust: str = Field(description="What the map was made from.", examples=["vendor-manual"])
 
     @classmethod
-    def of(cls, lift: LiftDescription) -> LiftCapabilities:
+    def of(cls, lift: LiftConfig) -> LiftCapabilities:
         """Return it as described."""
-        able = lift.able
+        able = lift.capabilities
         return cls(
-            name=lift.lift,
+            name=lift.name,
+            display_name=lift.display_name,
             floors=lift.floors,
             doors_at=lift.doors_at,
             access="control" if lift.control else "monitor",
@@ -209,7 +212,7 @@ class LiftCapabilities(Answer):
             max_session_hold_s=lift.max_session_hold_s,
             clear_s=lift.clear_s,
             arrive_within_s=able.arrive_within_s,
-            robot_hours=lift.robot_hours,
+            robot_hours="" if lift.robot_hours is None else str(lift.robot_hours),
             robot_words=able.needs_occupancy or bool({"robot_in_place", "robot_left"} & able.commands),
             not_visible=able.not_visible,
             map=able.map_name,

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AwareDatetime, Field
 
 from lift_manager.api.fields import Answer, Recorded, RequestModel, ShortName, Words
-from lift_manager.domain.service import Acknowledged, Cause, Drain, DrainEnded, ForceReleased, Lockout, LockoutEnded
+from lift_manager.lift.events import Acknowledged, Cause, ForceReleased, Restriction, RestrictionEnded
 
 Name = Annotated[ShortName, Field(description="The person who says so.", examples=["M. Weber"])]
 Reason = Annotated[Words, Field(description="Why robots stay off.", examples=["door operator is being replaced"])]
@@ -78,9 +78,9 @@ class AcknowledgedAnswer(Answer):
     recorded: Recorded = True
 
     @classmethod
-    def of(cls, lift: str, said: Acknowledged) -> AcknowledgedAnswer:
+    def of(cls, event: Acknowledged) -> AcknowledgedAnswer:
         """Return the answer about a lift."""
-        return cls(lift=lift, by=said.by, at=said.at, acknowledged=said.what)
+        return cls(lift=event.lift, by=event.by, at=event.at, acknowledged=event.causes)
 
 
 class LockoutAnswer(Answer):
@@ -93,7 +93,7 @@ class LockoutAnswer(Answer):
     recorded: Recorded = True
 
     @classmethod
-    def of(cls, lift: str, lockout: Lockout) -> LockoutAnswer:
+    def of(cls, lift: str, lockout: Restriction) -> LockoutAnswer:
         """Return the answer about a lift."""
         return cls(lift=lift, by=lockout.by, reason=lockout.reason, since=lockout.since)
 
@@ -108,9 +108,10 @@ class LockoutEndedAnswer(Answer):
     recorded: Recorded = True
 
     @classmethod
-    def of(cls, lift: str, ended: LockoutEnded) -> LockoutEndedAnswer:
+    def of(cls, ended: RestrictionEnded) -> LockoutEndedAnswer:
         """Return the answer about a lift."""
-        return cls(lift=lift, by=ended.by, at=ended.at, lockout=LockoutAnswer.of(lift, ended.lockout))
+        lockout = LockoutAnswer.of(ended.lift, ended.restriction)
+        return cls(lift=ended.lift, by=ended.by, at=ended.at, lockout=lockout)
 
 
 class DrainAnswer(Answer):
@@ -123,7 +124,7 @@ class DrainAnswer(Answer):
     recorded: Recorded = True
 
     @classmethod
-    def of(cls, lift: str, drain: Drain) -> DrainAnswer:
+    def of(cls, lift: str, drain: Restriction) -> DrainAnswer:
         """Return the answer about a lift."""
         return cls(lift=lift, by=drain.by, reason=drain.reason, since=drain.since)
 
@@ -138,9 +139,10 @@ class DrainEndedAnswer(Answer):
     recorded: Recorded = True
 
     @classmethod
-    def of(cls, lift: str, ended: DrainEnded) -> DrainEndedAnswer:
+    def of(cls, ended: RestrictionEnded) -> DrainEndedAnswer:
         """Return the answer about a lift."""
-        return cls(lift=lift, by=ended.by, at=ended.at, drain=DrainAnswer.of(lift, ended.drain))
+        drain = DrainAnswer.of(ended.lift, ended.restriction)
+        return cls(lift=ended.lift, by=ended.by, at=ended.at, drain=drain)
 
 
 class ForceReleasedAnswer(Answer):
@@ -161,15 +163,15 @@ class ForceReleasedAnswer(Answer):
     recorded: Recorded = True
 
     @classmethod
-    def of(cls, lift: str, released: ForceReleased) -> ForceReleasedAnswer:
+    def of(cls, released: ForceReleased) -> ForceReleasedAnswer:
         """Return the answer about a lift."""
         return cls(
-            lift=lift,
+            lift=released.lift,
             by=released.by,
             reason=released.reason,
             at=released.at,
             holder=str(released.holder),
             maybe_aboard=released.maybe_aboard,
             clear_s=released.clear_s,
-            text=released.text(lift),
+            text=released.text,
         )

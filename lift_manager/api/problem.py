@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, ValidatorFunctionWrapHandler, WrapValidator
 
 from lift_manager.api.fields import to_ms
-from lift_manager.domain.asking import Blocking
+from lift_manager.lift.refusals import Blocking
 from register_maps.words import Mode
 
 MEDIA_TYPE = "application/problem+json"

@@ -9,9 +9,9 @@ from pydantic_core import PydanticCustomError
 
 from lift_manager.api.fields import Answer, Door, Recorded, RequestModel, Seconds, Words
 from lift_manager.api.sessions import IdempotencyKey, RobotName
-from lift_manager.domain import ride as rides
-from lift_manager.domain.ride import Guidance, Phase
-from lift_manager.domain.service import Advice
+from lift_manager.lift.session import Advice
+from lift_manager.rides import ride as rides
+from lift_manager.rides.ride import Guidance, Phase
 from register_maps.words import Side
 
 _Floor = Annotated[str, Field(max_length=200, examples=["L1"])]

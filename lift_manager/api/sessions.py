@@ -9,10 +9,9 @@ from pydantic.config import JsonDict
 from pydantic_core import PydanticCustomError
 
 from lift_manager.api.fields import Answer, Door, HolderName, Recorded, RequestModel, Seconds, ShortName, Token
-from lift_manager.domain.asking import RobotWord
-from lift_manager.domain.boarding import Who
-from lift_manager.domain.service import Advice, EndReason
-from lift_manager.domain.session_requests import Do, Status
+from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
+from lift_manager.lift.occupancy import Occupancy, RobotWord
+from lift_manager.lift.session import Advice, EndReason
 
 Ttl = Annotated[
     float | None,
@@ -97,14 +96,14 @@ class HandOverRequest(RequestModel):
 class _With(NamedTuple):
     """What a key of a command goes with."""
 
-    do: Do
+    do: CommandType
     needed: bool
 
 
 _WITH = {
-    "floor": _With(Do.GO_TO, needed=True),
-    "clear": _With(Do.CLOSE_DOOR, needed=True),
-    "door": _With(Do.CLOSE_DOOR, needed=False),
+    "floor": _With(CommandType.GO_TO, needed=True),
+    "clear": _With(CommandType.CLOSE_DOOR, needed=True),
+    "door": _With(CommandType.CLOSE_DOOR, needed=False),
 }
 
 
@@ -126,7 +125,7 @@ class CommandRequest(RequestModel):
 
     model_config = ConfigDict(json_schema_extra=_conditions())
 
-    do: Do = Field(strict=False)
+    do: CommandType = Field(strict=False)
     floor: str | None = Field(default=None, max_length=200, description="With `go_to`.", examples=["L2"])
     hold_door: bool = Field(default=True, description="With `go_to`: hold the door once the car is there.")
     door: Door | None = Field(
@@ -180,7 +179,7 @@ class Session(Answer):
     )
     arrived: bool
     door_held: bool
-    robot: Who
+    robot: Occupancy
     waiting_for: str
     restored: bool = Field(description="From before a restart: nothing is pressed before its holder is heard.")
     over: Over | None = Field(description="null while it goes on.")
@@ -192,9 +191,9 @@ class Command(Answer):
 
     id: str
     lift: str
-    do: Do
+    do: CommandType
     floor: str | None
-    status: Status
+    status: CommandState
     reason: str = Field(description="Why it is not confirmed; while pending, what it waits for.")
     proof: str = Field(
         description="What confirmed it: `readback`, `lamp` or `effect`; `none` where the lift need not be told.",
@@ -203,3 +202,18 @@ class Command(Answer):
     asked_at: AwareDatetime
     ended_at: AwareDatetime | None
     recorded: Recorded = True
+
+    @classmethod
+    def of(cls, status: CommandStatus) -> Command:
+        """Return it as it is now."""
+        return cls(
+            id=status.id,
+            lift=status.lift,
+            do=status.kind,
+            floor=status.floor,
+            status=status.state,
+            reason=status.reason,
+            proof=status.proof,
+            asked_at=status.requested_at,
+            ended_at=status.ended_at,
+        )

@@ -18,7 +18,7 @@ import typer
 from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
 from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, store_path_of
 from lift_manager.config.site import Site
-from lift_manager.domain.journal import RowKind
+from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import Stored
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import (

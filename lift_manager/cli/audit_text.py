@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lift_manager.domain.journal import Json, RowKind
+from lift_manager.lift.journal import Json, RowKind
 from lift_manager.store.chain import Stored, canonical
 from lift_manager.store.read import event_of, time_of
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from lift_manager.api.keys import Secret, is_token
 from lift_manager.cli.common import fail
-from lift_manager.domain.keys import Secret, is_token
 
 KEY_VARIABLE = "LIFT_MANAGER_KEY"
 

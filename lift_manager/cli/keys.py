@@ -12,10 +12,10 @@ from typing import Annotated, TextIO
 
 import typer
 
+from lift_manager.api.access import OF_SOME_LIFTS, Role
+from lift_manager.api.keys import Key, holds_key
 from lift_manager.cli.common import SiteFile, fail, loaded_site, out, say, say_aside, store_path_of
 from lift_manager.config.load import LoadedSite
-from lift_manager.domain.access import OF_SOME_LIFTS, Role
-from lift_manager.domain.keys import Key, holds_key
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyEntry, keys_path, make_key, read_keys, revoke_key
 

@@ -16,7 +16,7 @@ from lift_manager.cli.secured import Ca, Certificate, CertificateKey
 from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.states import States
-from lift_manager.domain.state import Quality
+from lift_manager.lift.state import Quality
 
 FIRST_WITHIN_S = 5.0
 """Chosen: a manager that says nothing for so long is asked once more in the plain way, which says why."""
@@ -39,11 +39,18 @@ def lifts(
             to.ask(lambda client: _follow(client, as_json=as_json))
         except KeyboardInterrupt:
             return
-    found = to.ask(lambda client: client.lifts())
     if as_json:
+        found = to.ask(lambda client: client.lifts())
         say([json.dumps([lift.model_dump(mode="json") for lift in found], indent=2, ensure_ascii=False)])
     else:
-        out.print(_table(found), highlight=False)
+        out.print(_table(*to.ask(_read)), highlight=False)
+
+
+async def _read(client: LiftManagerClient) -> tuple[Sequence[Lift], Sequence[str]]:
+    """Return every lift, and what people call each."""
+    found = await client.lifts()
+    able = await asyncio.gather(*(client.capabilities(lift.name) for lift in found))
+    return found, [lift.display_name for lift in able]
 
 
 async def _follow(client: LiftManagerClient, *, as_json: bool) -> None:
@@ -63,17 +70,19 @@ async def _print(states: States, *, as_json: bool) -> None:
         await asyncio.sleep(0)
 
 
-def _table(found: Sequence[Lift]) -> Table:
+def _table(found: Sequence[Lift], display_names: Sequence[str]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="")
-    for name in ("lift", "floor", "door", "motion", "mode", "held by", "age", "note"):
+    called = ("called",) if any(display_names) else ()
+    for name in ("lift", *called, "floor", "door", "motion", "mode", "held by", "age", "note"):
         table.add_column(name, overflow="fold", no_wrap=name == "lift")
-    for lift in found:
-        table.add_row(*(_plain(cell) for cell in _cells(lift)))
+    for lift, display_name in zip(found, display_names, strict=True):
+        name, *cells = _cells(lift)
+        table.add_row(*map(_plain, (name, *((display_name or "-",) if called else ()), *cells)))
     return table
 
 
 def _plain(text: str) -> str:
-    # a name may look like markup
+    # what a person wrote may look like markup
     return text.replace("[", r"\[")
 
 

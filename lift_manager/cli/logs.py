@@ -11,7 +11,7 @@ from typing import Annotated, TextIO
 
 import typer
 
-from lift_manager.domain.keys import redacted
+from lift_manager.api.keys import redacted
 
 VARIABLE = "LIFT_MANAGER_LOG_FORMAT"
 

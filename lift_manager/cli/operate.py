@@ -10,7 +10,7 @@ import typer
 from lift_manager.cli.common import say
 from lift_manager.cli.secured import Ca, Certificate, CertificateKey
 from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
-from lift_manager.domain.service import Cause
+from lift_manager.lift.events import Cause
 
 LiftName = Annotated[str, typer.Argument(metavar="LIFT", help="The lift, by its name in the site file.")]
 By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is kept with what you say.")]

@@ -22,8 +22,8 @@ from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused, Unreachable
 from lift_manager.client.ride import RideInHand
 from lift_manager.client.ride_step import Step
-from lift_manager.domain.ride import Guidance, Phase
 from lift_manager.plain.paths import API, ride_path
+from lift_manager.rides.ride import Guidance, Phase
 
 PROMPTS = {
     Guidance.ENTER: "press ENTER once the robot is inside",

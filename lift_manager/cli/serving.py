@@ -20,10 +20,10 @@ from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
 from lift_manager.cli.servable import lets_in_without_keys, obstacles
 from lift_manager.config.load import LoadedSite
+from lift_manager.plain.counted import counted
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
 from lift_manager.rmf.dds import DdsError
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.store.adapter import RecordMemory
 from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
@@ -97,7 +97,7 @@ def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
         keys = KeyFile(path, site.name, open_without=lets_in_without_keys(site.api, host))
     except StoreError as error:
         raise fail(str(error)) from error
-    live = f"every request needs one of {len(keys.names)} key(s)" if keys.names else "no request needs a key"
+    live = f"every request needs one of {counted(len(keys.names), 'key')}" if keys.names else "no request needs a key"
     _log.info("keys: %s; they are kept in %s", live, path)
     return keys
 
@@ -115,9 +115,9 @@ async def _serve(
 
     def ready() -> None:
         where = f"{scheme}://{host}:{port}/docs"
-        out.print(f"{loaded.site.name}: {len(loaded.site.lifts)} lift(s) on {where}", highlight=False)
+        out.print(f"{loaded.site.name}: {counted(len(loaded.site.lifts), 'lift')} on {where}", highlight=False)
         if rmf is not None:
             say([f"Open-RMF lift adapter: {where_in_rmf(rmf)}"])
 
-    memory, journal, faces = RecordMemory(stores.committer), stores.committer, running.Faces(stores.keys, rmf)
-    return await running.run(loaded, sock, stop=stop, ready=ready, memory=memory, journal=journal, faces=faces)
+    faces = running.Faces(stores.keys, rmf)
+    return await running.run(loaded, sock, stop=stop, ready=ready, recorder=stores.committer, faces=faces)

@@ -13,9 +13,9 @@ from typing import Any, Literal, TypeVar
 import httpx
 from pydantic import BaseModel, ValidationError
 
+from lift_manager.api.keys import Secret
 from lift_manager.api.problem import Problem
 from lift_manager.client.errors import ClientError, NotAManager, Unreachable, refusal
-from lift_manager.domain.keys import Secret
 
 Form = TypeVar("Form", bound=BaseModel)
 

@@ -18,6 +18,7 @@ import httpx
 
 from lift_manager.api.events import Links
 from lift_manager.api.fields import Answer
+from lift_manager.api.keys import Secret
 from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
 from lift_manager.api.people import (
     AcknowledgedAnswer,
@@ -35,11 +36,10 @@ from lift_manager.client.ride import RideInHand
 from lift_manager.client.session import SessionInHand
 from lift_manager.client.states import KnownLift, States
 from lift_manager.client.stream import EventStream
-from lift_manager.domain.asking import RobotWord
-from lift_manager.domain.keys import Secret
-from lift_manager.domain.ride import OVER, RideWord
+from lift_manager.lift.occupancy import RobotWord
 from lift_manager.plain.backoff import Backoff
 from lift_manager.plain.paths import API, frames_path, lift_path, part, ride_path, session_path
+from lift_manager.rides.ride import OVER, RideWord
 from register_maps.words import Side
 
 _log = logging.getLogger(__name__)

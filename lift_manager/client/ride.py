@@ -14,8 +14,8 @@ from lift_manager.api.rides import Ride
 from lift_manager.client.errors import ClientError, NotFound, Refused, Unreachable
 from lift_manager.client.ride_step import INVITATIONS, Known, Step, good_for_s, is_owed, step_at
 from lift_manager.client.stream import Connected, Disconnected, EventStream
-from lift_manager.domain.ride import OVER, RideWord
 from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
+from lift_manager.rides.ride import OVER, RideWord
 
 _log = logging.getLogger(__name__)
 

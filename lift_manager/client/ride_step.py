@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lift_manager.api.rides import Ride
-from lift_manager.domain.ride import OVER, Guidance, Phase, RideWord
-from lift_manager.domain.service import Advice
+from lift_manager.lift.session import Advice
 from lift_manager.plain.aging import SILENT_S, is_too_old
+from lift_manager.rides.ride import OVER, Guidance, Phase, RideWord
 
 INVITATIONS = frozenset({Guidance.ENTER, Guidance.LEAVE})
 """A robot drives through a door on these; all other guidance keeps it where it is."""

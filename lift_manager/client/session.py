@@ -13,8 +13,9 @@ from lift_manager.client.errors import ClientError, Refused, SessionLost, Unreac
 from lift_manager.client.states import Condition, States
 from lift_manager.client.states import Manager as StatesManager
 from lift_manager.client.stream import Connected
-from lift_manager.domain.asking import Refusal, RobotWord
-from lift_manager.domain.session_requests import Do, Status
+from lift_manager.lift.commands import CommandState, CommandType
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.refusals import Refusal
 from register_maps.words import Side
 
 _log = logging.getLogger(__name__)
@@ -89,28 +90,28 @@ class SessionInHand:
 
     async def go_to(self, floor: str, *, hold_door: bool = True, wait: float = 0.0) -> Command:
         """Bring the car to a floor. With `wait`, in seconds, return once it is no longer pending: taken by the lift, which is not arrival."""
-        return await self._do(Do.GO_TO, wait, floor=floor, hold_door=hold_door)
+        return await self._do(CommandType.GO_TO, wait, floor=floor, hold_door=hold_door)
 
     async def hold_door(self, *, wait: float = 0.0) -> Command:
         """Hold the door open, as long as the site allows."""
-        return await self._do(Do.HOLD_DOOR, wait)
+        return await self._do(CommandType.HOLD_DOOR, wait)
 
     async def let_go_door(self, *, wait: float = 0.0) -> Command:
         """Hold the door no more."""
-        return await self._do(Do.LET_GO_DOOR, wait)
+        return await self._do(CommandType.LET_GO_DOOR, wait)
 
     async def close_door(self, door: Side | None = None, *, wait: float = 0.0) -> Command:
         """Press the close button. Only for a caller that sees that nothing stands in the doorway: this says so."""
-        return await self._do(Do.CLOSE_DOOR, wait, door=door, clear=True)
+        return await self._do(CommandType.CLOSE_DOOR, wait, door=door, clear=True)
 
     async def robot_in_place(self, *, wait: float = 0.0) -> Command:
         """Say that the robot is in the car and may be taken along."""
-        return await self._do(Do.ROBOT_IN_PLACE, wait)
+        return await self._do(CommandType.ROBOT_IN_PLACE, wait)
 
     async def robot_left(self, *, wait: float = 0.0) -> Command:
         """Say that the robot is out of the car and clear of the door. The end of the session says it once more."""
         self._last_word = RobotWord.LEFT
-        return await self._do(Do.ROBOT_LEFT, wait)
+        return await self._do(CommandType.ROBOT_LEFT, wait)
 
     async def hand_over(self, to: str, *, robot: str | None = None) -> Session:
         """Give the session to another caller; this one is over with it. The answer has the new id."""
@@ -235,13 +236,13 @@ class SessionInHand:
         if self._closed:
             raise SessionLost(f"the session on {self.name} was closed", self._session.over)
 
-    async def _do(self, do: Do, wait: float, **what: Any) -> Command:
+    async def _do(self, do: CommandType, wait: float, **what: Any) -> Command:
         self._check()
         wish = CommandRequest.model_validate({"do": do, **what})
         ends_at = asyncio.get_running_loop().time() + wait
         try:
             command = await self._manager.command(self.name, self._session.id, wish)
-            while command.status is Status.PENDING:
+            while command.status is CommandState.PENDING:
                 left_s = ends_at - asyncio.get_running_loop().time()
                 if left_s <= 0:
                     break

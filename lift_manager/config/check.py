@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 
 from lift_manager.config.check_devices import check_devices
@@ -12,7 +13,7 @@ from lift_manager.config.check_use import check_use, unsaid
 from lift_manager.config.devices import POLL_S, devices, least_poll_s, links
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift, Site
-from lift_manager.domain.session import CLEARS_IN_A_LIMIT
+from lift_manager.lift.config import CLEARS_IN_A_LIMIT, LIFT_NAME
 from register_maps.codec import compile_map
 from register_maps.load import LoadedMap
 from register_maps.schema import LinkDefaults, RegisterMap
@@ -31,7 +32,7 @@ def check_site(
     `unchanged` has the maps of lifts whose changes have mistakes, as they are without; `spare` the maps of controllers
     that no lift is on. Lifts on a controller that is not there are left out: `references` finds these in the raw file.
     """
-    problems = [*_controllers(site), *check_rmf(site)]
+    problems = [*_controllers(site), *_names(site), *check_rmf(site)]
     plain = {name: loaded.map for name, loaded in maps.items()}
     needs = links(site, plain, {name: loaded.map for name, loaded in spare.items()})
     known = {name: lift for name, lift in site.lifts.items() if lift.controller in site.controllers}
@@ -66,6 +67,16 @@ def _controllers(site: Site) -> Iterator[Problem]:
             )
             yield Problem(("controllers", name, "port"), message)
         at.setdefault(address, name)
+
+
+def _names(site: Site) -> Iterator[Problem]:
+    for name in site.lifts:
+        if not re.fullmatch(LIFT_NAME, name):
+            message = (
+                "the name of a lift has 1 to 64 characters: letters from A to Z and a to z, digits, `-`, `_` and `.`, and begins with a"
+                " letter, a digit or `_`; give it such a name, and write what people call it as its `display_name`"
+            )
+            yield Problem(("lifts", name), message)
 
 
 def _clearing(key: Key, site: Site, lift: Lift, *, for_rmf: bool) -> Iterator[Problem]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from lift_manager.config.problem import Key, Problem
 from lift_manager.config.site import Lift
-from lift_manager.domain.hours import superfluous
+from lift_manager.lift.hours import superfluous
 from register_maps.expand import added_signals
 from register_maps.load import LoadedMap
 from register_maps.schema import CALLS, Parameter, RegisterMap

@@ -9,8 +9,9 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag
 from pydantic_core import PydanticCustomError
 
-from lift_manager.domain.hours import Hours, read_hours
-from lift_manager.domain.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S, RmfRules
+from lift_manager.lift.hours import Hours, read_hours
+from lift_manager.lift.rmf import ADAPTER_ID, ADAPTER_ID_LIMIT, LONGEST_GRACE_S, RmfRules
+from lift_manager.plain.text import is_printable
 from register_maps.expand import ParameterValue
 from register_maps.words import Side, Table
 
@@ -19,6 +20,15 @@ Text = Annotated[
     StringConstraints(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\x7f]+$"),
     Field(description="text on one line, without control characters"),
 ]
+
+
+def _printable(text: str) -> str:
+    if not is_printable(text) or text.isspace():
+        raise PydanticCustomError("printable", "must be printable text on one line")
+    return text
+
+
+DisplayName = Annotated[Text, AfterValidator(_printable)]
 Seconds = Annotated[float, Field(gt=0, le=86400)]
 Clear = Annotated[float, Field(gt=0, le=600)]
 """What a robot needs to be out of a doorway."""
@@ -293,6 +303,8 @@ class Lift(_Part):
     """One lift on a controller, and on further devices where its map has endpoints."""
 
     controller: Text
+    display_name: DisplayName | None = None
+    """What people call it; its name when not said."""
     parameters: dict[Text, Given] = Field(default_factory=dict)
     """Values for the parameters of its map."""
     override: dict[Text, Any] = Field(default_factory=dict)
@@ -356,4 +368,5 @@ class Site(_Part):
     api: Api = Api()
     rmf: Rmf = Rmf()
     controllers: dict[Text, Controller] = Field(min_length=1)
-    lifts: dict[Text, Lift] = Field(min_length=1)
+    lifts: dict[str, Lift] = Field(min_length=1)
+    """By name. `check_site` looks at the names: a wrong one hides no other mistake."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 from drivers.model import Command, FloorName, Outcome, Proof, Written
-from lift_manager.domain.journal import Json, Row, RowKind, short
 from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
 from lift_manager.lift.events import (
     Acknowledged,
@@ -39,6 +38,7 @@ from lift_manager.lift.inputs import (
     RenewSession,
     Request,
 )
+from lift_manager.lift.journal import Json, Row, RowKind, short
 from lift_manager.lift.refusals import Refused
 from lift_manager.lift.session import Holder
 from register_maps.words import Mode

@@ -6,7 +6,7 @@ A command is judged again whenever there is news, until it has its end; it never
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from enum import StrEnum, unique
 
@@ -72,7 +72,7 @@ class CommandState(StrEnum):
 class CommandRequest:
     """One thing commanded within a session."""
 
-    session: str
+    session: str = field(repr=False)
     """Its id."""
     holder: Holder
     kind: CommandType
@@ -82,7 +82,7 @@ class CommandRequest:
     """With `go_to`: hold the door once the car is there."""
     side: Side | None = None
     """With `close_door`: one door; all doors of the floor where it is None."""
-    key: str = ""
+    key: str = field(default="", repr=False)
     """Idempotency key: the same one of the same session gives the same command; empty for none."""
 
 
@@ -120,8 +120,8 @@ class SessionOver:
 class SessionInfo:
     """A session as its holder sees it."""
 
-    id: str
-    """Not to be guessed, and told to nobody but the holder."""
+    id: str = field(repr=False)
+    """Not to be guessed, and told to nobody but the holder: in no event, no log line and no row of the journal."""
     lift: str
     holder: Holder
     floor: FloorName | None
@@ -249,7 +249,7 @@ class PastSession:
     """A session that is over."""
 
     info: SessionInfo
-    key: str
+    key: str = field(repr=False)
     key_ttl_s: float | None
     over_at: float
     commands: tuple[CommandEntry, ...]
@@ -270,7 +270,7 @@ class SavedPast:
     """A session that is over and was opened with an idempotency key, as it outlives the manager."""
 
     info: SessionInfo
-    key: str
+    key: str = field(repr=False)
     key_ttl_s: float | None
     commands: tuple[SavedCommand, ...]
 

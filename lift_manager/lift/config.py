@@ -1,30 +1,20 @@
-"""What the site file and the register map say about one lift, as far as its rules need it."""
+"""What the site file and the register map say about one lift."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import datetime
-from typing import Protocol
+from dataclasses import dataclass, field
+from functools import cache
 
 from drivers.model import Capabilities, Command, CommandKind, FloorName
+from lift_manager.lift.hours import RobotHours
 from register_maps.words import Side
 
+LIFT_NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$"
+"""What a lift may be named: it stands in addresses, file names and commands as it is."""
 CLEARS_IN_A_LIMIT = 3
 """A lease is at least this many times `clear_s`. Chosen: two thirds of it are left for crossing."""
-
-
-class RobotHours(Protocol):
-    """When robots may begin, by the clock of the building. `str` gives the hours in words."""
-
-    def now_open(self, local: datetime) -> bool:
-        """Whether a robot may begin at this time."""
-        ...
-
-    def next_begin(self, local: datetime) -> str:
-        """Return day and time of the next beginning, such as `Mon 20:00`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +22,7 @@ class LiftConfig:
     """One lift of the site. Nothing in it changes while the manager runs."""
 
     name: str
+    """Of the form `LIFT_NAME`."""
     source: str
     """Controller name and address, for messages."""
     floors: tuple[FloorName, ...]
@@ -42,6 +33,8 @@ class LiftConfig:
     """The site lets robots command this lift; otherwise it is only watched."""
     capabilities: Capabilities
     """What the map lets this lift say and be told."""
+    display_name: str = ""
+    """What people call it; empty where its name will do."""
     lease_s: float = 300.0
     """For callers that can renew it. Chosen: it outlives RMF's 300 s localise step."""
     max_session_s: float = 3600.0
@@ -68,6 +61,11 @@ class LiftConfig:
     """How long people have the lift for themselves between two robots: from the end of a session to the next press."""
     fire_release_delay_s: float = 0.0
     """From telling robots of a fire to releasing everything."""
+    poll_s: float = 0.2
+    rmf_name: str = ""
+    """In RMF's building map; empty where it is the same there."""
+    rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
+    """Those that RMF's building map names otherwise."""
 
     def lease_for(self, ttl_s: float | None) -> float | None:
         """Return the lease of a session that was requested with `ttl_s`; one shorter than three times `clear_s` is raised to that."""
@@ -86,6 +84,7 @@ class LiftConfig:
         return tuple(door_hold(side) for side in self.doors_at.get(floor, ()))
 
 
+@cache
 def door_hold(side: Side) -> Command:
     """Return the command that keeps one door open."""
     return Command(CommandKind.HOLD_DOOR, side=side)

@@ -21,13 +21,10 @@ class Draft:
         self.config = config
         self.record = record
         self.moment = moment
+        self.now = moment.now
+        """Monotonic seconds."""
         self.actions: list[Action] = []
         self.events: list[Event] = []
-
-    @property
-    def now(self) -> float:
-        """Monotonic seconds."""
-        return self.moment.now
 
     @property
     def session(self) -> Session | None:

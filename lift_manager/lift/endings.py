@@ -27,6 +27,7 @@ from lift_manager.lift.events import (
 from lift_manager.lift.inhibits import held_by_another
 from lift_manager.lift.observation import (
     Observation,
+    has_no_open_door,
     is_on_fire,
     may_be_moving,
     robots_forbidden,
@@ -47,7 +48,7 @@ from lift_manager.lift.session import (
     end_by_holder,
     time_is_over,
 )
-from register_maps.words import Door, Mode
+from register_maps.words import Mode
 
 _MOST_CALLERS = 100
 """For more callers than this people are not told of a silent holder one by one: a client may use another name each time."""
@@ -152,12 +153,16 @@ def session_of(draft: Draft, holder: Holder | None) -> Session | Refused:
 
 
 def end_what_is_over(draft: Draft) -> None:
-    """End a session whose end has come, and forget a door that was released open once it was seen to close."""
-    session, observation = draft.session, draft.observation
+    """End a session whose end has come."""
+    session = draft.session
     if session is not None and session.end is not None and draft.now >= session.end.at:
         _end_at_once(draft, session.end.reason, session.end.text)
-    seen_shut = observation is not None and Door.OPEN not in observation.values.doors.values()
-    if draft.record.released_open and seen_shut:
+
+
+def forget_released_door(draft: Draft) -> None:
+    """Forget a door that was released open once a later reading shows it shut: one that is still opening as it is released stands open."""
+    observation = draft.observation
+    if draft.record.released_open and observation is not None and has_no_open_door(observation.values):
         draft.change(released_open=False)
 
 

@@ -104,7 +104,7 @@ class OpenSession:
     """A caller wants the lift for itself. The session goes on until it is closed or its time is over."""
 
     holder: Holder
-    key: str = ""
+    key: str = field(default="", repr=False)
     """Idempotency key: the same one of the same holder gives the same session, as long as that is remembered; empty for none."""
     ttl_s: float | None = None
     """The lease it asks for; the site's is the longest, and what is given where it asks for none."""
@@ -115,7 +115,7 @@ class OpenSession:
 class RenewSession:
     """The holder of a session begins its lease again."""
 
-    session: str
+    session: str = field(repr=False)
     holder: Holder
     ttl_s: float | None = None
 
@@ -124,7 +124,7 @@ class RenewSession:
 class CloseSession:
     """The holder of a session ends it, the car where it is."""
 
-    session: str
+    session: str = field(repr=False)
     holder: Holder
     robot: RobotWord | None = None
 
@@ -136,7 +136,7 @@ class HandOver:
     holder: Holder
     to: Holder
     new_id: str = field(default="", compare=False, repr=False)
-    session: str | None = None
+    session: str | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)

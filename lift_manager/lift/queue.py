@@ -58,7 +58,7 @@ def join_if_refused(queue: Queue, holder: Holder, refused: Refused, now: float) 
 def lapse(queue: Queue, now: float) -> Queue:
     """Remove the callers that have to ask again and have not."""
     for place, at in tuple(queue.asked_at.items()):
-        if now - at > LAPSES_AFTER_S:
+        if now >= at + LAPSES_AFTER_S:
             queue = _without(queue, place)
     return queue
 

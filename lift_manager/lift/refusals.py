@@ -14,6 +14,7 @@ from register_maps.words import Mode
 class Refusal(StrEnum):
     """Why a request was refused; stable codes for faces."""
 
+    UNKNOWN_LIFT = "unknown_lift"
     UNKNOWN_FLOOR = "unknown_floor"
     HELD = "held"
     OFFLINE = "offline"
@@ -46,8 +47,13 @@ class Refusal(StrEnum):
     SESSION_OVER = "session_over"
     """The session of that id is over; the message says why."""
     NO_SUCH_COMMAND = "no_such_command"
+    UNKNOWN_RIDE = "unknown_ride"
+    NOT_YOUR_RIDE = "not_your_ride"
+    """Only the caller that began it, or an operator, may speak for it."""
     NOT_NOW = "not_now"
     """It makes no sense where the session is; the message says where that is."""
+    TOO_MANY = "too_many"
+    """More rides go on than this manager keeps, of this caller or of all."""
     KEY_REUSED = "key_reused"
     """The idempotency key stands for another request of the same caller; the message says for which."""
 

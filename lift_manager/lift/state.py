@@ -34,6 +34,10 @@ from register_maps.words import Door, Mode, Motion, Side
 PERMISSIONS = ("may_enter", "may_leave", "robot_mode_on", "robots_allowed", "ready")
 """Flags of a lift that tell what a robot may do."""
 
+OBEYS_WITHIN_S = 0.15
+"""From the moment an output reads back as on until the lift acts on it. Chosen: longer than a scan of a slow PLC (0.1 s); a relay
+takes a tenth of that."""
+
 
 @unique
 class Quality(StrEnum):
@@ -94,7 +98,7 @@ class LiftState:
     waiting: int = 0
     """How many rides and faces wait for the lift."""
     ending: bool = False
-    """The session is over in a moment, until which door and robot mode stay: its holder ended it, a person did, or the manager stops."""
+    """The holder has ended its session and may still think again; door and robot mode stay until it is over."""
     releases_in_s: float | None = None
     """Seconds until the manager releases the door by itself at the earliest, as far as it knows; None while nobody holds the lift."""
     releases_at: float | None = None
@@ -203,13 +207,13 @@ def _invites_until(config: LiftConfig, record: LiftRecord) -> float:
 
 
 def _door_was_read_while_held(config: LiftConfig, record: LiftRecord, moment: Moment) -> bool:
-    """Whether the lift was read after its door was seen to be held.
+    """Whether the lift was read after its door was seen to be held, and had had time to obey.
 
     A door that was read open may have begun to close by its own timer before the hold reached the lift, and goes on closing until
     the lift obeys: "open" of that reading would let a robot drive at it.
     """
     since = record.door_held_since
-    return since is not None and moment.read_at > since and doors.door_is_held(config, record)
+    return since is not None and moment.read_at > since + OBEYS_WITHIN_S and doors.door_is_held(config, record)
 
 
 def _distrusted(config: LiftConfig, record: LiftRecord, moment: Moment) -> str:

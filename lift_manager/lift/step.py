@@ -6,7 +6,6 @@ The only entrance to the rules. Nothing here waits, asks anybody, or knows what 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from drivers.model import LiftReading, Outcome, OutputState, PressId, Result
@@ -206,7 +205,7 @@ def _finish(draft: Draft, before: LiftRecord, reply: Reply | None) -> Step:
         record = replace(record, queue=queue.lapse(record.queue, draft.now))
     if record.durable is not before.durable or draft.actions or draft.events:
         record = replace(record, sequence=record.sequence + 1)
-    wake_at = min((at for at in _moments(config, record, draft.moment) if at > draft.now), default=math.inf)
+    wake_at = _next_change(config, record, draft.moment)
     return Step(record, tuple(draft.actions), reply, tuple(draft.events), wake_at)
 
 
@@ -227,6 +226,7 @@ def _take_reading(draft: Draft, reading: LiftReading) -> None:
     )
     for alarm in alarms:
         draft.alarm(alarm, draft.session.holder if draft.session is not None else None)
+    endings.forget_released_door(draft)
 
 
 def _judged(draft: Draft, observation: Observation, at: float) -> tuple[Observation, tuple[str, ...]]:
@@ -316,43 +316,50 @@ def _take_commit_failure(draft: Draft, reason: str) -> None:
 # -- when to look again
 
 
-def _moments(config: LiftConfig, record: LiftRecord, moment: Moment) -> Iterator[float]:
-    """Yield every moment at which something changes without an input."""
-    yield queue.next_lapse(record.queue)
-    yield from _moments_of_reading(config, record, moment)
+def _next_change(config: LiftConfig, record: LiftRecord, moment: Moment) -> float:
+    """Return the next moment at which something changes without an input; infinite for none."""
+    times = [queue.next_lapse(record.queue)]
+    times += _changes_of_reading(config, record, moment)
     if record.fire_release_at is not None:
-        yield record.fire_release_at
+        times.append(record.fire_release_at)
     if record.robot_mode.kept_until is not None:
-        yield record.robot_mode.kept_until
+        times.append(record.robot_mode.kept_until)
     if record.repeats_robot_left and record.robot_left.call is not None:
-        yield record.robot_left.call.not_before
+        times.append(record.robot_left.call.not_before)
     if record.session is not None:
-        yield from _moments_of_session(config, record, record.session)
+        times += _changes_of_session(config, record, record.session)
+    now = moment.now
+    return min([at for at in times if at > now], default=math.inf)
 
 
-def _moments_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) -> Iterator[float]:
+def _changes_of_reading(config: LiftConfig, record: LiftRecord, moment: Moment) -> list[float]:
     observation, capabilities = record.observation, config.capabilities
     if observation is None or not is_fresh(capabilities, moment):
-        return
-    yield moment.read_at + capabilities.max_age_s + PAST_S
-    yield observation.floor_since + capabilities.evidence_for_s
-    yield from (since + capabilities.door_closes_within_s for since in observation.not_open_since.values())
+        return []
+    times = [
+        moment.read_at + capabilities.max_age_s + PAST_S,
+        observation.floor_since + capabilities.evidence_for_s,
+    ]
+    times += [since + capabilities.door_closes_within_s for since in observation.not_open_since.values()]
     if record.track.opened_at is not None:
-        yield record.track.opened_at + OPEN_FOR_S
+        times.append(record.track.opened_at + OPEN_FOR_S)
+    return times
 
 
-def _moments_of_session(config: LiftConfig, record: LiftRecord, session: Session) -> Iterator[float]:
+def _changes_of_session(config: LiftConfig, record: LiftRecord, session: Session) -> list[float]:
     capabilities, call = config.capabilities, record.call
-    yield record.people_until
-    yield releases_at(session, config)
-    yield invites_until(session, config)
-    yield longest_until(session, config) + capabilities.arrive_within_s
+    times = [
+        record.people_until,
+        releases_at(session, config),
+        invites_until(session, config),
+        longest_until(session, config) + capabilities.arrive_within_s,
+        record.closing.since + DOOR_WITHIN_S,
+    ]
     if call is not None:
-        yield call.since + capabilities.arrive_within_s
-        yield call.since + capabilities.granted_within_s
+        times += (call.since + capabilities.arrive_within_s, call.since + capabilities.granted_within_s)
     if record.ungranted is not None:
-        yield record.ungranted[2] + doors.UNGRANTED_S
-    yield record.closing.since + DOOR_WITHIN_S
+        times.append(record.ungranted[2] + doors.UNGRANTED_S)
     for entry in record.commands:
         if entry.pending is not None and entry.pending.due_since is not None:
-            yield entry.pending.due_since + DOOR_WITHIN_S
+            times.append(entry.pending.due_since + DOOR_WITHIN_S)
+    return times

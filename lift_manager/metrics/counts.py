@@ -6,25 +6,48 @@ from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from re import sub
-from typing import get_args
 
-from lift_manager.domain.events import (
+from lift_manager.lift.events import (
+    Acknowledged,
     Alarm,
     CommandEnded,
-    Event,
-    RideChanged,
+    CommandFollowed,
+    ForceReleased,
+    Restriction,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
     SessionEnded,
     SessionOpened,
     SessionRestored,
 )
-from lift_manager.domain.outcomes import UNCONFIRMED, Reason, reason_of
-from lift_manager.domain.ride import OVER, Ride
+from lift_manager.lift.outcome_reasons import UNCONFIRMED, Reason, reason_of
 from lift_manager.metrics.exposition import Family, Kind, labelled
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.rides.ride import OVER, Ride
+from lift_manager.runtime.bus import Event
 
 RIDES = 1000
 """Rides that are over and remembered, so that none is counted twice. Chosen: more than end while anybody still speaks of one."""
-_EVENTS = {kind: sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower() for kind in get_args(Event)}
-"""What each kind of event is called: `session_opened`."""
+_EVENTS = (
+    "state_changed",
+    "session_opened",
+    "session_restored",
+    "handed_over",
+    "session_ended",
+    "advised",
+    "locked_out",
+    "lockout_over",
+    "drain_begun",
+    "drain_over",
+    "person_acknowledged",
+    "released_by_person",
+    "command_ended",
+    "alarm",
+    "request_followed",
+    "ride_changed",
+)
+"""What events are called."""
 
 
 @dataclass(slots=True)
@@ -61,7 +84,7 @@ class EventCounts:
         self._rides = _Tally("lift_manager_rides_ended_total", "Rides that are over, by how.", ("lift", "end"))
         self._alarms = _Tally("lift_manager_alarms_total", "Things that a person should know of.", ("lift",))
         self._over: OrderedDict[str, None] = OrderedDict()
-        self._events.counts.update({(word,): 0 for word in _EVENTS.values()})
+        self._events.counts.update({(word,): 0 for word in _EVENTS})
         for lift, names in commands.items():
             self._alarms.counts[lift,] = 0
             self._rides.counts.update({(lift, phase.value): 0 for phase in OVER})
@@ -69,7 +92,7 @@ class EventCounts:
 
     def hear(self, event: Event) -> None:
         """Count one event."""
-        self._events.counts[_EVENTS[type(event)],] += 1
+        self._events.counts[word_of(event),] += 1
         match event:
             case CommandEnded(lift, outcome):
                 self._commands.counts[lift, outcome.command.name, outcome.result.value, reason_of(outcome).value] += 1
@@ -97,3 +120,20 @@ class EventCounts:
         if len(self._over) > RIDES:
             self._over.popitem(last=False)
         self._rides.counts[lift, ride.phase.value] += 1
+
+
+def word_of(event: Event) -> str:
+    """Return what an event is called, one of `_EVENTS`."""
+    match event:
+        case RestrictionBegun(_, Restriction(kind)):
+            return "locked_out" if kind is RestrictionKind.LOCKOUT else "drain_begun"
+        case RestrictionEnded(_, _, _, Restriction(kind)):
+            return "lockout_over" if kind is RestrictionKind.LOCKOUT else "drain_over"
+        case Acknowledged():
+            return "person_acknowledged"
+        case ForceReleased():
+            return "released_by_person"
+        case CommandFollowed():
+            return "request_followed"
+        case _:
+            return sub(r"(?<!^)(?=[A-Z])", "_", type(event).__name__).lower()

@@ -6,7 +6,7 @@ import asyncio
 
 from prometheus_client import CollectorRegistry, Histogram, ProcessCollector
 
-from lift_manager.domain.events import Occurrence
+from lift_manager.runtime.bus import Occurrence
 
 LOOK_EVERY_S = 0.25
 """How often the loop is looked at. Chosen: a hang of a second is seen four times, and 4 turns a second cost nothing."""

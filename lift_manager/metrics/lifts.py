@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lift_manager.domain.state import LiftState, Quality
+from lift_manager.lift.state import LiftState, Quality
 from lift_manager.metrics.exposition import Family, Kind, labelled
 from register_maps.words import Mode
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from lift_manager.core.figures import Durations, LinkFigures
 from lift_manager.metrics.exposition import Family, Kind, labelled
+from lift_manager.runtime.links import Durations, LinkFigures
 
 _COUNTS = {
     "requests": "Modbus requests sent.",

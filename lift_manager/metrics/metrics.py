@@ -3,60 +3,36 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
-from contextlib import AbstractContextManager
-from typing import Protocol
+from collections.abc import AsyncIterator
 
 from prometheus_client import generate_latest
 from prometheus_client.openmetrics.exposition import generate_latest as generate_open_metrics
 
-from lift_manager.core.figures import LinkSource, Tallies
-from lift_manager.domain.events import Occurrence
-from lift_manager.domain.state import LiftState
 from lift_manager.metrics.counts import EventCounts
 from lift_manager.metrics.exposition import OPEN_TYPE, PLAIN_TYPE, Family, Kind, labelled, wants_open_metrics
 from lift_manager.metrics.lag import Lags
 from lift_manager.metrics.lifts import LiftFamilies
 from lift_manager.metrics.links import link_families
 from lift_manager.metrics.rmf import Counted, rmf_families
+from lift_manager.runtime.bus import Occurrence
+from lift_manager.runtime.life import SiteLife
+from lift_manager.runtime.links import LinkSource
+from lift_manager.runtime.site import Site
 
 _LIFTS_AT_ONCE = 10
 """Lifts that are looked at in one turn of the loop. Chosen: that takes less than a millisecond."""
 _FILES = ("journal", "state")
 
 
-class Measured(Tallies, Protocol):
-    """What of the manager is measured."""
-
-    @property
-    def unwritten(self) -> frozenset[str]:
-        """Which of `journal` and `state` cannot be written: then nothing is pressed on any lift."""
-        ...
-
-    def overhear(self, hear: Callable[[Occurrence], None]) -> AbstractContextManager[None]:
-        """As `EventSource.tap`, of what is published anyhow: a state that nobody listens to is not worked out for it."""
-        ...
-
-    def lift_names(self) -> tuple[str, ...]:
-        """Every lift of the site."""
-        ...
-
-    def state(self, lift: str) -> LiftState | None:
-        """The newest state, from memory."""
-        ...
-
-
 class Metrics:
     """Counts while `run` runs, and answers scrapes from memory: none waits for a controller."""
 
-    def __init__(
-        self, manager: Measured, links: LinkSource, commands: Mapping[str, Iterable[str]], *, version: str
-    ) -> None:
-        """`commands` are those that each lift can be given."""
-        self._manager = manager
+    def __init__(self, site: Site, life: SiteLife, links: LinkSource, *, version: str) -> None:
+        self._site = site
+        self._life = life
         self._links = links
         self._version = version
-        self._counts = EventCounts(commands)
+        self._counts = EventCounts({name: site.config(name).capabilities.commands for name in site.lift_names()})
         self._lags = Lags()
         self._rmf: Counted | None = None
 
@@ -66,7 +42,7 @@ class Metrics:
 
     async def run(self) -> None:
         """Count and measure until cancelled."""
-        with self._manager.overhear(self._hear):
+        with self._site.overhear(self._hear):
             await self._lags.run()
 
     async def scrape(self, accept: str) -> tuple[bytes, str]:
@@ -90,10 +66,8 @@ class Metrics:
         yield self._build()
         yield self._written()
         lifts = LiftFamilies()
-        for index, name in enumerate(self._manager.lift_names(), start=1):
-            state = self._manager.state(name)
-            if state is not None:
-                lifts.add(state)
+        for index, name in enumerate(self._site.lift_names(), start=1):
+            lifts.add(self._site.state(name))
             if not index % _LIFTS_AT_ONCE:
                 await asyncio.sleep(0)
         for family in (*lifts.families(), self._polls(), self._refused(), *self._counts.families()):
@@ -112,18 +86,18 @@ class Metrics:
         text = "Whether this can be written; while one cannot, nothing is pressed on any lift."
         family = Family("lift_manager_file_written", Kind.GAUGE, text)
         for file in _FILES:
-            family.add(labelled(file=file), int(file not in self._manager.unwritten))
+            family.add(labelled(file=file), int(file not in self._site.unwritten))
         return family
 
     def _polls(self) -> Family:
         family = Family("lift_manager_polls_total", Kind.COUNTER, "Polls of a lift that have ended, well or not.")
-        for lift, count in self._manager.polls().items():
+        for lift, count in self._life.polls().items():
             family.add(labelled(lift=lift), count)
         return family
 
     def _refused(self) -> Family:
         text = "Requests that were refused, by code; the lift is empty where none of the site was named."
         family = Family("lift_manager_refusals_total", Kind.COUNTER, text)
-        for (lift, code), count in self._manager.refused.items():
+        for (lift, code), count in self._site.refusals.counts.items():
             family.add(labelled(lift=lift, code=code), count)
         return family

@@ -14,7 +14,7 @@ from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
 from lift_manager.rides.observation import Lifts, is_live, remember_seen, why_not_taken
 from lift_manager.rides.record import RideRecord
-from lift_manager.rides.ride import AnyRefused, RidePlan, RideRefusal, RideRefused, RideRequest
+from lift_manager.rides.ride import RidePlan, RideRequest
 from lift_manager.rides.rides import REFUSED_FOR_S, Rides, observe, too_many
 from lift_manager.rides.step import Step, begin
 from register_maps.words import ROBOT_FORBIDDEN_MODES, Side
@@ -46,12 +46,12 @@ class Candidate:
 
 def begin_ride(
     choices: Choices, request: RideRequest, ride_id: str, moment: Moment, *, is_stopping: bool
-) -> Step | AnyRefused:
+) -> Step | Refused:
     """Return the first step of a ride that was requested."""
     return too_many(choices.rides, request.caller) or _begun(choices, request, ride_id, moment, is_stopping=is_stopping)
 
 
-def plan_ride(choices: Choices, request: RideRequest, moment: Moment, *, is_stopping: bool) -> RidePlan | AnyRefused:
+def plan_ride(choices: Choices, request: RideRequest, moment: Moment, *, is_stopping: bool) -> RidePlan | Refused:
     """Return what a ride would come to now; nothing is begun."""
     begun = _begun(choices, request, "", moment, is_stopping=is_stopping)
     if not isinstance(begun, Step):
@@ -64,13 +64,13 @@ def plan_ride(choices: Choices, request: RideRequest, moment: Moment, *, is_stop
 
 def _begun(
     choices: Choices, request: RideRequest, ride_id: str, moment: Moment, *, is_stopping: bool
-) -> Step | AnyRefused:
+) -> Step | Refused:
     if is_stopping:
         return STOPPING
     names = tuple(choices.lifts)
     for name in request.lifts:
         if name not in names:
-            return RideRefused(RideRefusal.UNKNOWN_LIFT, f"no lift {name!r}; the lifts are {', '.join(names)}")
+            return Refused(Refusal.UNKNOWN_LIFT, f"no lift {name!r}; the lifts are {', '.join(names)}")
     lift = choices.first(request)
     return lift if isinstance(lift, Refused) else begin(request, lift, ride_id, moment)
 

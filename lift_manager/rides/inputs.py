@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lift_manager.domain.journal import Json, Row, RowKind
 from lift_manager.lift import inputs as lift_inputs
 from lift_manager.lift.commands import CommandStatus, SessionInfo
 from lift_manager.lift.events import Advised, Alarm, CommandFollowed
 from lift_manager.lift.inputs import CloseSession, EndSession, GiveCommand, LiftRequest, OpenSession, RenewSession
+from lift_manager.lift.journal import Json, Row, RowKind
 from lift_manager.lift.refusals import Accepted, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.rides.ride import Phase, Ride, RideWord

@@ -7,7 +7,6 @@ from datetime import datetime
 from enum import StrEnum, unique
 
 from drivers.model import FloorName
-from lift_manager.lift.refusals import Refused
 from lift_manager.lift.session import Advice, Holder
 from register_maps.words import Side
 
@@ -154,27 +153,3 @@ class RidePlan:
     """How many would wait before it."""
     reason: str
     """Why it would have to wait; empty where it would begin at once."""
-
-
-@unique
-class RideRefusal(StrEnum):
-    """Why a request about a ride was refused, beside the codes of a lift; stable codes for faces."""
-
-    UNKNOWN_LIFT = "unknown_lift"
-    UNKNOWN_RIDE = "unknown_ride"
-    NOT_YOUR_RIDE = "not_your_ride"
-    """Only the caller that began it, or an operator, may speak for it."""
-    TOO_MANY = "too_many"
-    """More rides go on than this manager keeps, of this caller or of all."""
-
-
-@dataclass(frozen=True, slots=True)
-class RideRefused:
-    """A request about a ride that is not taken, for a reason that no lift has."""
-
-    code: RideRefusal
-    message: str
-    blocking: None = None
-
-
-AnyRefused = Refused | RideRefused

@@ -17,7 +17,7 @@ from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import FoundOutside, Input, QueueChange
 from lift_manager.rides.observation import Doubt, Lifts, LiftView, RideObservation
 from lift_manager.rides.record import RideRecord, SavedRide, must_outlive, save, waits_in_queue
-from lift_manager.rides.ride import Phase, RideRefusal, RideRefused, RideRequest
+from lift_manager.rides.ride import Phase, RideRequest
 from lift_manager.rides.step import Step
 
 MOST = 200
@@ -136,7 +136,7 @@ def repeated(rides: Rides, request: RideRequest) -> RideRecord | Refused | None:
     return None
 
 
-def too_many(rides: Rides, caller: Holder) -> RideRefused | None:
+def too_many(rides: Rides, caller: Holder) -> Refused | None:
     """Refuse to begin another ride of a caller, where it or all together have as many as may go on."""
     going_on = rides.going_on()
     own = [one.id for one in going_on if one.request.caller == caller]
@@ -145,21 +145,21 @@ def too_many(rides: Rides, caller: Holder) -> RideRefused | None:
             f"{len(own)} rides of {caller} go on, and one caller may have {MOST_OF_ONE} at once; cancel those that no robot"
             f" waits for: {', '.join(own)}"
         )
-        return RideRefused(RideRefusal.TOO_MANY, text)
+        return Refused(Refusal.TOO_MANY, text)
     if len(going_on) >= MOST:
         text = f"{MOST} rides of all callers go on, and this manager keeps no more; ask again when some are over"
-        return RideRefused(RideRefusal.TOO_MANY, text)
+        return Refused(Refusal.TOO_MANY, text)
     return None
 
 
-def find(rides: Rides, ride: str, caller: Holder | None) -> RideRecord | RideRefused:
+def find(rides: Rides, ride: str, caller: Holder | None) -> RideRecord | Refused:
     """Return a ride for whom may speak for it; `caller` None is an operator."""
     record = rides.by_id.get(ride)
     if record is None:
         text = f"no ride {ride!r} goes on here, and none ended within the last hour"
-        return RideRefused(RideRefusal.UNKNOWN_RIDE, text)
+        return Refused(Refusal.UNKNOWN_RIDE, text)
     if caller not in (None, record.request.caller):
-        return RideRefused(RideRefusal.NOT_YOUR_RIDE, f"ride {ride} is that of {record.request.caller}")
+        return Refused(Refusal.NOT_YOUR_RIDE, f"ride {ride} is that of {record.request.caller}")
     return record
 
 

@@ -1,4 +1,4 @@
-"""The way to a manager in the same process: its facade is asked directly, in the loop of both."""
+"""The way to a manager in the same process: its `Site` is called directly, in the loop of both."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ import math
 from asyncio import TimerHandle
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 
-from lift_manager.core.facade import Facade
-from lift_manager.core.rmf_site import described, rmf_site
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Occurrence
-from lift_manager.domain.rmf import rmf_holder
+from lift_manager.lift.rmf import rmf_holder, rmf_lift
+from lift_manager.lift.state import LiftState
+from lift_manager.plain.rmf import LiftView
 from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears
+from lift_manager.runtime.bus import Occurrence, StateChanged
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.rmf import rmf_site_of
+from lift_manager.runtime.site import Site
 
 ASKED_WITHIN = 3
 """So often the lifts are looked at within the shortest `max_age_s`, changed or not."""
@@ -26,8 +29,10 @@ AT_MOST_S = 1.0
 class Inside:
     """Implements `port.Manager`. What changed within one turn of the loop is told once."""
 
-    def __init__(self, facade: Facade) -> None:
-        self._facade = facade
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._views: dict[str, LiftView] = {}
+        """Every lift, as of its newest event."""
         self._hears: Hears | None = None
         self._deliver: Deliver | None = None
         self._taps = ExitStack()
@@ -35,14 +40,13 @@ class Inside:
         self._due = False
         self._told_at = -math.inf
         self._later: TimerHandle | None = None
-        self._abouts = described(facade)
-        ages = [about.able.max_age_s / ASKED_WITHIN for about in self._abouts.values()]
-        self._every_s = min([AT_MOST_S, *ages])
+        ages = (site.config(name).capabilities.max_age_s for name in site.lift_names())
+        self._every_s = min([AT_MOST_S, *(age / ASKED_WITHIN for age in ages)])
 
     def start(self, hears: Hears, deliver: Deliver) -> None:
         """Tell `hears` how the lifts are, and of every change from then on."""
         self._hears, self._deliver = hears, deliver
-        self._taps.enter_context(self._facade.tap(self._changed))
+        self._taps.enter_context(self._site.tap(self._changed))
         self._look()
 
     def close(self) -> None:
@@ -59,19 +63,20 @@ class Inside:
         self._soon(lambda hears: hears.answered(answer, _now()))
 
     def _answer(self, asked: Asked) -> Answer:
-        said = self._decide(asked)
-        if isinstance(said, Refused):
-            return Answer(asked, yes=False, code=said.code, reason=said.message)
-        self._facade.freshen(asked.lift)
-        return Answer(asked, yes=True, boot=self._facade.boot, event=self._facade.newest)
+        site, holder = self._site, rmf_holder(asked.session, asked.adapter)
+        try:
+            if isinstance(asked, Ended):
+                site.end_session(asked.lift, holder, asked.grace_s)
+            else:
+                site.request(asked.lift, holder, asked.floor, hold_door=asked.hold_door, stays=True)
+        except RequestRefused as refused:
+            return Answer(asked, yes=False, code=refused.code, reason=refused.message)
+        site.freshen(asked.lift)
+        return Answer(asked, yes=True, boot=site.boot, event=site.newest)
 
-    def _decide(self, asked: Asked) -> Accepted | Refused:
-        holder = rmf_holder(asked.session, asked.adapter)
-        if isinstance(asked, Ended):
-            return self._facade.end_session(asked.lift, holder, asked.grace_s)
-        return self._facade.request(Ask(asked.lift, holder, asked.floor, asked.hold_door, stays=True))
-
-    def _changed(self, _: Occurrence) -> None:
+    def _changed(self, occurrence: Occurrence) -> None:
+        if isinstance(occurrence.event, StateChanged):
+            self._views[occurrence.event.lift] = self._view(occurrence.event.state)
         if self._due:
             return
         self._due = True
@@ -83,16 +88,21 @@ class Inside:
 
     def _look(self) -> None:
         """Tell how the lifts are, changed or not, and do so again in time."""
+        self._views = {name: self._view(self._site.state(name)) for name in self._site.lift_names()}
         self._timer = asyncio.get_running_loop().call_later(self._every_s, self._look)
         self._soon(self._tell)
 
     def _tell(self, hears: Hears) -> None:
         now = _now()
-        if self._facade.stopping:
+        if self._site.stopping:
             return  # nobody holds a lift any more, and sessions are kept: what RMF was told last stays
-        site = rmf_site(self._facade, self._abouts)
+        views = (replace(view, age_s=self._site.age_s(name)) for name, view in self._views.items())
+        site = rmf_site_of(self._site, views)
         self._due, self._told_at = False, now
         hears.heard(site, now, now)
+
+    def _view(self, state: LiftState) -> LiftView:
+        return rmf_lift(state, self._site.config(state.lift))
 
     def _soon(self, tell: Callable[[Hears], None]) -> None:
         if self._deliver is None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from lift_manager.core.facade import Facade
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.inside import Inside
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
+from lift_manager.runtime.site import Site
 
 
-def joined(facade: Facade, settings: RosSettings) -> Running:
+def joined(site: Site, settings: RosSettings) -> Running:
     """Join Open-RMF with the lifts of a manager, on the running loop. Raises DdsError."""
     adapter = Running(
         lambda hears, deliver: Dds(settings, hears, deliver),
-        lambda: Inside(facade),
+        lambda: Inside(site),
         use_sim_time=settings.use_sim_time,
         adapter_id=settings.adapter,
     )

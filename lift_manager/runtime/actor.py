@@ -5,15 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+import secrets
+from dataclasses import replace
 
 from drivers.driver import LiftDriver, Report
 from drivers.errors import ControllerException, DriverError
 from drivers.model import (
     Command,
     DriverFailed,
-    FloorName,
     LiftReading,
     Outcome,
     OutputChanged,
@@ -23,6 +22,7 @@ from drivers.model import (
 from lift_manager.lift import inputs
 from lift_manager.lift.commands import CommandStatus
 from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.events import Event as LiftEvent
 from lift_manager.lift.inhibits import blocked_by
 from lift_manager.lift.inputs import (
     CommitFailed,
@@ -36,31 +36,22 @@ from lift_manager.lift.inputs import (
     Request,
 )
 from lift_manager.lift.observation import Moment
-from lift_manager.lift.record import DurableRecord, LiftRecord
+from lift_manager.lift.record import LiftRecord
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
-from lift_manager.lift.state import LiftState, same_but_for_time, state
+from lift_manager.lift.state import LiftState, restrictions, same_but_for_time, state
 from lift_manager.lift.step import Reply, Step, is_news, note_outputs, start, step
+from lift_manager.rides.record import SavedRide
 from lift_manager.runtime.bus import Bus, Event, StateChanged
 from lift_manager.runtime.inbox import Inbox
 from lift_manager.runtime.journal import LiftJournal
 from lift_manager.runtime.outputs import LiftOutputs
-from lift_manager.runtime.recorder import Clock, Recorder, wall_clock
+from lift_manager.runtime.recorder import Clock, Recorder, SavedLift, wall_clock
 
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LiftSettings:
-    """What the site says about one lift beside its rules (`LiftConfig`)."""
-
-    poll_s: float = 0.2
-    first_poll_s: float = 0.0
-    """Delay of the first poll, so that the lifts of a site do not poll in one burst."""
-    rmf_name: str = ""
-    """In RMF's building map; empty where it is the same there."""
-    rmf_floors: Mapping[FloorName, str] = field(default_factory=dict)
-    """Those that RMF's building map names otherwise."""
+_ID_BYTES = 16
 
 
 class LiftActor:
@@ -73,15 +64,16 @@ class LiftActor:
         bus: Bus[Event],
         recorder: Recorder,
         *,
-        settings: LiftSettings | None = None,
         clock: Clock | None = None,
     ) -> None:
         """Attach to the driver; nothing happens before `begin` or the first input. The lifts of a site share bus and recorder."""
         self.config = config
-        self.settings = settings or LiftSettings()
         self.driver = driver
-        self.record = LiftRecord(durable=recorder.recall(config.name) or DurableRecord())
+        saved = recorder.recall(config.name) or SavedLift()
+        self.record = LiftRecord(durable=saved.record)
         """The newest one; only inputs change it."""
+        self.saved_rides = saved.rides
+        """The rides that are saved with it."""
         self.journal = LiftJournal(config.name, driver.source, recorder)
         self.inbox = Inbox(self._take)
         self.outputs = LiftOutputs(config, driver, recorder, self.journal, self.inbox)
@@ -100,6 +92,7 @@ class LiftActor:
         if not self._has_begun:
             self._has_begun = True
             moment = self.moment
+            self.journal.found(self.record.durable, restrictions(self.config, self.record, moment), moment)
             self._carry_out(start(self.config, self.record.durable, moment), moment)
             self.inbox.take_all()
 
@@ -123,13 +116,11 @@ class LiftActor:
             self._read_at = reading.at
             return
         self.handle(Reading(reading, {}))
-        self.journal.link(self.record.fault, now, answers=True)
-        self.journal.mode(reading.values.mode, now)
 
     def take_failure(self, error: DriverError) -> None:
         """Take a poll that failed."""
-        self.handle(ReadFailed(str(error)))
         self.journal.link(str(error), _now(), answers=isinstance(error, ControllerException))
+        self.handle(ReadFailed(str(error)))
 
     def report(self, item: Report) -> None:
         """Take note of what the driver reports; the rules learn of it soon."""
@@ -141,7 +132,8 @@ class LiftActor:
             case Written(name, what):
                 if what == "press":
                     self.outputs.written(name)
-                self.journal.wrote(self.record.holder, item)
+                saved = self.record.durable.session  # what is released at the end is still of the session that rests
+                self.journal.wrote(None if saved is None else saved.holder, item)
             case DriverFailed(reason):
                 _log.error("%s: a bug in its driver, so everything is released: %s", self.config.name, reason)
 
@@ -156,15 +148,28 @@ class LiftActor:
         """Now."""
         return Moment(_now(), self._clock(), self._read_at)
 
-    def state(self) -> LiftState:
-        """Return what this lift publishes right now, from memory."""
+    def catch_up(self) -> None:
+        """Take what was reported already, unless this is in the middle of that."""
         if not self._is_taking:
             self.inbox.take_all()
+
+    def state(self) -> LiftState:
+        """Return what this lift publishes right now, from memory."""
+        self.catch_up()
         return state(self.config, self.record, self.moment)
 
     def freshen(self) -> None:
         """Publish a change of the state that was not published yet, whether or not anybody listens."""
         self._publish_state(self.moment)
+
+    def publish(self, event: LiftEvent) -> None:
+        """Publish an event of this lift, once its row and its line in the log are there."""
+        self._bus.publish(event, lambda event_id: self.journal.event(event, event_id))
+
+    def save_rides(self, rides: tuple[SavedRide, ...]) -> None:
+        """Have these rides saved with the record from now on."""
+        self.saved_rides = rides
+        self._save()
 
     # -- one input after the other
 
@@ -193,20 +198,27 @@ class LiftActor:
         if isinstance(happened, Request) and _is_recorded(happened, done.reply):
             refused = done.reply if isinstance(done.reply, Refused) else None
             self.journal.request(happened, refused, moment.now, known=_knows(self.config, happened))
+        elif isinstance(happened, Reading):
+            self.journal.link(done.record.fault, moment.now, answers=True)
+            self.journal.mode(happened.reading.values.mode, moment.now)
         self._carry_out(done, replace(moment, read_at=self._read_at), not_recorded=isinstance(happened, CommitFailed))
         return done.reply
 
     def _carry_out(self, done: Step, moment: Moment, *, not_recorded: bool = False) -> None:
         """Assign the record, publish, and then have declared, pressed and written down what follows from it."""
         before, self.record = self.record, done.record
+        self.journal.call(before.call, done.record.call)
         for event in done.events:
-            self.journal.event(event, self._bus.publish(event))
+            self.publish(event)
         if self._bus.heard:
             self._publish_state(moment)
         if done.record.durable is not before.durable:
-            self._recorder.keep(self.config.name, done.record.durable)
+            self._save()
         self.outputs.carry_out(done.record, done.actions, moment, not_recorded=not_recorded)
         self.inbox.wake(done.wake_at)
+
+    def _save(self) -> None:
+        self._recorder.keep(self.config.name, SavedLift(self.record.durable, self.saved_rides))
 
     def _take_trouble(self) -> None:
         """Let the rules know whether anything can be written down."""
@@ -243,6 +255,11 @@ def _is_recorded(request: Request, reply: Reply | None) -> bool:
         case CommandStatus() if isinstance(request, GiveCommand):
             return reply.id == request.new_id
     return not isinstance(request, HandOver) or request.session is not None
+
+
+def new_id() -> str:
+    """Return an id of a session or a command, which nobody can guess."""
+    return secrets.token_urlsafe(_ID_BYTES)
 
 
 def _now() -> float:

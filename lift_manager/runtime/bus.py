@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 
 from lift_manager.lift.events import Event as LiftEvent
 from lift_manager.lift.state import LiftState
+from lift_manager.rides.inputs import RideChanged
 
 Item = TypeVar("Item")
 
@@ -31,8 +32,8 @@ class StateChanged:
     state: LiftState
 
 
-Event = LiftEvent | StateChanged
-"""What happens to a lift."""
+Event = LiftEvent | StateChanged | RideChanged
+"""What happens to a lift, and to rides on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,8 @@ class Occurrence:
     """An event as it was published."""
 
     id: str
+    """`<boot>-<number>`: the number rises by one with each event of one process, the boot tells processes apart. The same in log,
+    journal and event stream."""
     at: float
     """Monotonic seconds of the event loop."""
     event: Event
@@ -86,14 +89,16 @@ class Bus(Generic[Item]):
         """Whether anybody listens."""
         return bool(self._listeners or self._taps)
 
-    def publish(self, item: Item) -> str:
-        """Let an event be known; returns its id."""
-        return self.hand_out(item)
-
-    def hand_out(self, item: Item) -> str:
-        """Give an event to all listeners, and do no more; returns its id."""
-        event = self._next_id()
-        self._hand_out(event, item)
+    def publish(self, item: Item, note: Callable[[str], None] | None = None) -> str:
+        """Give an event to all listeners; returns its id, which `note` gets before anybody hears of the event."""
+        self.newest += 1
+        event = f"{self.boot}-{self.newest}"
+        if note is not None:
+            note(event)
+        for hear in (*self._counters, *self._taps):
+            hear(event, item)
+        for listener in self._listeners:
+            listener.put(item)
         return event
 
     @contextmanager
@@ -123,18 +128,6 @@ class Bus(Generic[Item]):
             yield
         finally:
             self._counters.remove(hear)
-
-    def _next_id(self) -> str:
-        self.newest += 1
-        return f"{self.boot}-{self.newest}"
-
-    def _hand_out(self, event: str, item: Item) -> None:
-        for hear in self._counters:
-            hear(event, item)
-        for hear in self._taps:
-            hear(event, item)
-        for listener in self._listeners:
-            listener.put(item)
 
 
 def boot_of(at: datetime) -> str:

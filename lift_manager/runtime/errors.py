@@ -1,7 +1,7 @@
 """Every refusal that a site raises.
 
 RequestRefused          a request is not taken: `code` is stable, the message names the cure, `blocking` is what stands in the way
-    NotFound            what the request names does not exist: a lift, a session, a command
+    NotFound            what the request names does not exist: a lift, a ride, a session, a command
     Invalid             the request names a value that the lift does not have
     Conflict            the lift, its session or its people forbid it now
         LiftTaken       another caller holds the lift, or comes first: ask again
@@ -13,16 +13,14 @@ from __future__ import annotations
 
 from lift_manager.lift.refusals import Blocking, Refusal, Refused
 
-UNKNOWN_LIFT = "unknown_lift"
-
 
 class RequestRefused(Exception):
     """A request is not taken."""
 
-    def __init__(self, code: str, message: str, blocking: Blocking | None = None) -> None:
-        """`code` is one of `Refusal`, or `unknown_lift`."""
+    def __init__(self, code: Refusal, message: str, blocking: Blocking | None = None) -> None:
+        """`code` is one of `Refusal`."""
         super().__init__(message)
-        self.code, self.message, self.blocking = str(code), message, blocking
+        self.code, self.message, self.blocking = code, message, blocking
 
 
 class NotFound(RequestRefused):
@@ -50,12 +48,15 @@ class Unavailable(RequestRefused):
 
 
 _KINDS: dict[Refusal, type[RequestRefused]] = {
+    Refusal.UNKNOWN_LIFT: NotFound,
+    Refusal.UNKNOWN_RIDE: NotFound,
     Refusal.NO_SUCH_SESSION: NotFound,
     Refusal.NO_SUCH_COMMAND: NotFound,
     Refusal.UNKNOWN_FLOOR: Invalid,
     Refusal.HELD: LiftTaken,
     Refusal.QUEUED: LiftTaken,
     Refusal.TOO_OFTEN: TooOften,
+    Refusal.TOO_MANY: TooOften,
     Refusal.NOT_RECORDED: Unavailable,
     Refusal.STOPPING: Unavailable,
 }

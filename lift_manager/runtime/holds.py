@@ -43,6 +43,8 @@ class Holds:
         self.states: dict[str, OutputState] = {}
         """Of every output, as the driver reported it last."""
         self._number = 0
+        self._numbers: dict[str, int] = {}
+        """Under which number each hold is on."""
         self._wanted: Mapping[str, outputs.Hold] = {}
         self._waiting: dict[str, _Waiting] = {}
         self._unwritten: set[str] = set()
@@ -61,6 +63,8 @@ class Holds:
         for name in [name for name in (*self._waiting, *self._unwritten) if not self._begins(name)]:
             self._waiting.pop(name, None)
             self._unwritten.discard(name)
+        for name in self._numbers.keys() - self._wanted.keys():
+            del self._numbers[name]
         before = {command.name: (command, hold) for command, hold in self.declared.items()}
         after = {
             command: hold for command, hold in self.declared.items() if command.name in pressed and command in wanted
@@ -71,10 +75,12 @@ class Holds:
             if name in pressed:
                 continue
             known = before[name][1] if name in before else None
-            if not hold.begin or self._needs_no_beginning(name, known):
-                after[command] = Hold(self._kept_number(name, known, hold), hold.until)
+            if not hold.begin:
+                after[command] = Hold(0, hold.until)
+            elif known is not None and self._needs_no_beginning(name):
+                after[command] = Hold(self._numbers.get(name, 0), hold.until)
             elif self._is_written_down(name):
-                after[command] = Hold(self._next_number(), hold.until)
+                after[command] = Hold(self._next_number(name), hold.until)
             else:
                 if known is not None:
                     after[command] = Hold(known.begin, hold.until)
@@ -106,8 +112,12 @@ class Holds:
         self._unwritten.discard(name)
 
     def shown(self, pressed: Collection[str]) -> Outputs:
-        """Return the state of every output as the rules know it: what waits for the disk is requested."""
-        waiting = dict.fromkeys((*pressed, *self._waiting), OutputState.REQUESTED)
+        """Return the state of every output as the rules know it: what waits for the disk is requested.
+
+        A hold that a restart found on stays what it is, although it waits to be written down for its holder.
+        """
+        kept = {command.name for command in self.declared if self._state(command.name) in _ON}
+        waiting = dict.fromkeys((*pressed, *(self._waiting.keys() - kept)), OutputState.REQUESTED)
         lost = {
             name: OutputState.REQUESTED
             for name, state in self.states.items()
@@ -118,16 +128,10 @@ class Holds:
     def _begins(self, name: str) -> bool:
         return name in self._wanted and self._wanted[name].begin
 
-    def _needs_no_beginning(self, name: str, known: Hold | None) -> bool:
+    def _needs_no_beginning(self, name: str) -> bool:
         """Whether a hold is on, or on its way. One that a restart found on is only kept until it is written down for its holder."""
         state = self._state(name)
-        return known is not None and state in _GIVEN and (known.begin > 0 or state is OutputState.REQUESTED)
-
-    def _kept_number(self, name: str, known: Hold | None, hold: outputs.Hold) -> int:
-        """Return the number of a hold that is on, or is only kept: what was not put on yet is not put on for nobody."""
-        if known is None or (not hold.begin and self._state(name) is OutputState.REQUESTED):
-            return 0
-        return known.begin
+        return state in _GIVEN and (name in self._numbers or state is OutputState.REQUESTED)
 
     def _is_written_down(self, name: str) -> bool:
         waiting = self._waiting.get(name)
@@ -142,6 +146,7 @@ class Holds:
     def _state(self, name: str) -> OutputState:
         return self.states.get(name, OutputState.AT_REST)
 
-    def _next_number(self) -> int:
+    def _next_number(self, name: str) -> int:
         self._number += 1
+        self._numbers[name] = self._number
         return self._number

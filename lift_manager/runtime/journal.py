@@ -1,19 +1,19 @@
-"""What one lift has in the journal and in the log: requests, events, presses, writes, its mode and its link."""
+"""What one lift has in the journal and in the log: requests, events, presses, writes, its mode and its link; and a site's start and end."""
 
 from __future__ import annotations
 
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.model import Command, Outcome, Proof, Result, Written
 from drivers.sparing import TOLD_EVERY_S, Changes, Sparing
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.seconds import without_seconds
 from lift_manager.lift import audit
+from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.events import (
+    Acknowledged,
     Advised,
     Alarm,
     CommandEnded,
@@ -21,13 +21,23 @@ from lift_manager.lift.events import (
     Event,
     ForceReleased,
     HandedOver,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
     SessionEnded,
     SessionOpened,
     SessionRestored,
 )
+from lift_manager.lift.inhibits import clock_text
 from lift_manager.lift.inputs import GiveCommand, Request
+from lift_manager.lift.journal import Json, Row, RowKind
+from lift_manager.lift.observation import Moment
+from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.refusals import Refused
 from lift_manager.lift.session import Holder
+from lift_manager.lift.state import Restrictions
+from lift_manager.plain.counted import counted
+from lift_manager.plain.seconds import without_seconds
 from lift_manager.runtime.recorder import Recorder
 from register_maps.words import Mode
 
@@ -71,8 +81,29 @@ class LiftJournal:
         if (row := audit.row_of(event)) is not None:
             self._recorder.note(replace(row, event=event_id))
         level, text = self._line(event)
-        if text:
-            _log.log(level, "%s: %s", self._lift, text, extra={"event": event_id, "lift": self._lift})
+        _log.log(level, "%s: %s", self._lift, text, extra={"event": event_id, "lift": self._lift})
+
+    def found(self, durable: DurableRecord, shown: Restrictions, moment: Moment) -> None:
+        """Log what is left from before this start for people to see to."""
+        fire, occupied, owed = durable.fire_since, durable.occupied, durable.robot_left_owed_since
+        texts = (
+            f"a fire at {clock_text(fire, moment)} that nobody has acknowledged" if fire is not None else "",
+            f"locked out {shown.lockout}" if shown.lockout else "",
+            f"drain {shown.drain}" if shown.drain else "",
+            f"a robot of {occupied.holder} that may be in the car" if occupied is not None else "",
+            "robot_left, which the lift has not taken" if owed is not None else "",
+            shown.distrusted,
+        )
+        if left := "; ".join(text for text in texts if text):
+            _log.warning("%s: from before this start: %s", self._lift, left, extra={"lift": self._lift})
+
+    def call(self, before: Call | None, after: Call | None) -> None:
+        """Log that the car has come for a call, or that the lift shows that it will not; a press that failed has its own line."""
+        if before is None or after is None or (before.floor, before.outcome) != (after.floor, after.outcome):
+            return
+        if after.phase is not before.phase and after.phase in (CallPhase.ARRIVED, CallPhase.FAILED):
+            why = f": {after.reason}" if after.reason else ""
+            _log.info("%s: call to %s: %s%s", self._lift, after.floor, after.phase, why)
 
     def press(
         self, holder: Holder | None, command: Command, frames: tuple[str, ...], now: float, *, again: bool = False
@@ -104,6 +135,7 @@ class LiftJournal:
         """Note what was only counted for long enough, or at the end all of it."""
         self._requests, rows = self._requests.tell_due(now, end=end)
         self._note((*rows, *self._modes.due(now, end=end), *self._link.due(now, end=end)))
+        self._link.remind(now)
 
     def _note(self, rows: tuple[Row, ...]) -> None:
         for row in rows:
@@ -111,7 +143,7 @@ class LiftJournal:
             if row.kind is RowKind.LINK:
                 self._link.log(row)
 
-    def _line(self, event: Event) -> tuple[int, str]:  # noqa: PLR0911  one for each kind of event
+    def _line(self, event: Event) -> tuple[int, str]:  # noqa: C901, PLR0911  one for each kind of event
         match event:
             case Alarm(_, text, _):
                 return logging.WARNING, text
@@ -125,6 +157,8 @@ class LiftJournal:
                 return logging.INFO, f"{holder} holds the lift from before a restart, {text}"
             case HandedOver(_, holder, to):
                 return logging.INFO, f"{holder} hands the lift over to {to}"
+            case RestrictionBegun() | RestrictionEnded() | Acknowledged():
+                return logging.WARNING, _decision(event)
             case ForceReleased():
                 return logging.WARNING, f"{event.text} (released by {event.by}: {event.reason})"
             case SessionEnded(_, holder, _, text, _):
@@ -133,8 +167,6 @@ class LiftJournal:
                 what = f"{status.kind} {status.floor}" if status.floor else status.kind
                 why = f": {status.reason}" if status.reason else ""
                 return logging.DEBUG, f"{status.holder}: {what} is {status.state}{why}"
-            case _:
-                return logging.DEBUG, ""
 
     def _outcome_line(self, outcome: Outcome) -> tuple[int, str]:
         proof = "" if outcome.proof is Proof.NONE else f", seen by {outcome.proof}"
@@ -144,6 +176,18 @@ class LiftJournal:
         self._rejected = rejected
         why = f": {outcome.reason}" if outcome.reason else ""
         return level, f"{outcome.command} {outcome.result}{proof}{why}"
+
+
+def _decision(event: RestrictionBegun | RestrictionEnded | Acknowledged) -> str:
+    match event:
+        case RestrictionBegun(_, one):
+            did = "locked out" if one.kind is RestrictionKind.LOCKOUT else "no new session begins: drain"
+            return f"{did} by {one.by}: {one.reason}"
+        case RestrictionEnded(_, by, at, one):
+            since = f"{one.since.astimezone(at.tzinfo):%Y-%m-%d %H:%M}"
+            return f"the {one.kind} by {one.by} since {since}: {one.reason} is ended by {by}"
+        case Acknowledged(_, by, _, causes):
+            return f"{' and '.join(causes)} acknowledged by {by}"
 
 
 class _Changes:
@@ -198,12 +242,15 @@ class _Link:
         return ()
 
     def due(self, now: float, *, end: bool = False) -> tuple[Row, ...]:
-        """Return the row of changes that were counted, and log once more what lasts."""
+        """Return the row of changes that were counted."""
         self._now = now
+        return self._changes.due(now, end=end)
+
+    def remind(self, now: float) -> None:
+        """Log once more what lasts."""
         if self._fault and self._logged and now >= self._logged_again_at:
             self._logged_again_at = math.inf
             _log.warning("%s: still not read: %s", self._lift, self._fault, extra={"lift": self._lift})
-        return self._changes.due(now, end=end)
 
     def log(self, row: Row) -> None:
         """Log a row."""
@@ -214,3 +261,19 @@ class _Link:
         self._logged_again_at = math.inf if is_read else self._now + TOLD_EVERY_S
         level = logging.INFO if is_read else logging.WARNING
         _log.log(level, "%s: %s", self._lift, text, extra={"lift": self._lift})
+
+
+def manager_started(version: str, maps: Mapping[str, tuple[str, str, str]]) -> Row:
+    """Return the first row of a process; `maps` are access, map and the hash of the map as loaded, by lift."""
+    lifts: Json = {
+        lift: {"access": access, "map": name, "sha256": sha256} for lift, (access, name, sha256) in maps.items()
+    }
+    text = f"lift manager {version} started, {counted(len(maps), 'lift')}"
+    return Row(RowKind.MANAGER, text, data={"version": version, "lifts": lifts})
+
+
+def manager_ended(*, released: bool, commands: bool) -> Row:
+    """Return the last row of an orderly end; `commands` tells whether it may command any lift."""
+    rest = "everything is let go and verified" if released else "not every output could be verified as let go"
+    rest = rest if commands else "it held nothing, because it only watches"
+    return Row(RowKind.MANAGER, f"the manager ends: {rest}", data={"released": released})

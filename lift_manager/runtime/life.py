@@ -27,14 +27,20 @@ class SiteLife:
         """The lifts share one ticker."""
         ticker = Ticker()
         self._site = site
-        self._polls = {actor.config.name: LiftPoll(actor, ticker) for actor in actors}
         self._actors = tuple(actors)
+        self._polls = {
+            actor.config.name: LiftPoll(actor, ticker, first_poll_s=actor.config.poll_s * number / len(self._actors))
+            for number, actor in enumerate(self._actors)
+        }
 
     async def run(self) -> None:
-        """Poll every lift until cancelled."""
+        """Poll every lift, and go on with rides, until cancelled."""
+        for actor in self._actors:
+            actor.begin()
         async with asyncio.TaskGroup() as tasks:
             for poll in self._polls.values():
                 tasks.create_task(poll.run())
+            tasks.create_task(self._site.rides.run())
             tasks.create_task(self._sum_up())
 
     def drives(self) -> list[Coroutine[None, None, None]]:
@@ -55,7 +61,7 @@ class SiteLife:
 
         `stop` comes next. This waits for `session.CLEAR_AT_STOP_S` at most.
         """
-        self._site.stopping = True
+        self._site.begin_stopping()
         for actor in self._actors:
             actor.handle(AnnounceStop())
         waited = False
@@ -66,7 +72,7 @@ class SiteLife:
 
     async def stop(self) -> None:
         """Release everything on every lift and return once that is verified; bound it with a timeout."""
-        self._site.stopping = True
+        self._site.begin_stopping()
         try:
             async with asyncio.TaskGroup() as tasks:
                 for actor in self._actors:

@@ -49,7 +49,7 @@ class LiftOutputs:
         self._holds = Holds()
         self._waiting: dict[PressId, Press] = {}
         """Presses that are not with the driver yet."""
-        self._sent: set[PressId] = set()
+        self._sent: dict[PressId, Command] = {}
         """Presses that are with the driver, without an outcome."""
         self._commits = 0
 
@@ -69,9 +69,11 @@ class LiftOutputs:
         for pending in record.presses:
             if pending.sequence <= record.committed and pending.id in self._waiting:
                 press = self._waiting.pop(pending.id)
-                self._sent.add(press.id)
+                self._sent[press.id] = press.command
                 self._driver.press(press.id, press.command, press.leave_by)
-        wanted, before = outputs(self._config, record), self._holds.declared
+        # what falls by its own time, because the lift is not read, begins again only once it is renewed
+        wanted = {one: hold for one, hold in outputs(self._config, record).items() if hold.until > moment.now}
+        before = self._holds.declared
         beginnings = self._holds.update(wanted, self._waiting_names, may_begin=not record.disk_trouble)
         if self._holds.declared != before:
             self._driver.declare(self._holds.declared)
@@ -100,7 +102,7 @@ class LiftOutputs:
     def ended(self, outcome: Outcome) -> None:
         """Note what became of a press."""
         if outcome.press in self._sent:
-            self._sent.discard(outcome.press)
+            del self._sent[outcome.press]
             self._inbox.put(PressEnded(outcome.press, outcome))
 
     # -- what waits for the disk
@@ -118,13 +120,19 @@ class LiftOutputs:
                     self._waiting[action.id] = action
                     presses.append(action)
                 case Cancel(press) if press not in self._waiting:
-                    self._driver.cancel(press)
+                    if not self._has_ended_by_itself(press):
+                        self._driver.cancel(press)
                 case Cancel(press):
                     gone = self._waiting.pop(press)
                     if not not_recorded:
                         outcome = Outcome(gone.command, Result.REJECTED, NOT_SENT, press=press)
                         self._inbox.put(PressEnded(press, outcome))
         return [press for press in presses if press.id in self._waiting]
+
+    def _has_ended_by_itself(self, press: PressId) -> bool:
+        """Whether nothing of a press is left to be released: it is a pulse, and only its outcome is still to come."""
+        command = self._sent.get(press)
+        return command is not None and self._holds.states.get(command.name) is OutputState.AT_REST
 
     def _write_down(self, rows: Iterable[tuple[Holder | None, Command, bool]], sequence: int, now: float) -> None:
         self._commits += 1

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 from asyncio import Future
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, tzinfo
 from typing import Protocol
 
-from lift_manager.domain.journal import Row
+from lift_manager.lift.journal import Row
 from lift_manager.lift.record import DurableRecord
+from lift_manager.rides.record import SavedRide
 
 Clock = Callable[[], datetime]
 """The time of day in the building, with its zone. Ages, leases and holds use it only across a restart."""
@@ -18,6 +20,20 @@ Clock = Callable[[], datetime]
 def wall_clock(zone: tzinfo | None = None) -> Clock:
     """Return the clock of this machine in a zone; None is the machine's own."""
     return lambda: datetime.now(UTC).astimezone(zone)
+
+
+@dataclass(frozen=True, slots=True)
+class SavedLift:
+    """What of one lift outlives the manager."""
+
+    record: DurableRecord = field(default_factory=DurableRecord)
+    rides: tuple[SavedRide, ...] = ()
+    """Rides on it that go on, and those of the last hour that may still be asked for; the oldest first."""
+
+    @property
+    def keeps_robots_out(self) -> bool:
+        """Whether some robot is refused, or not let through the door, because of it."""
+        return self.record.keeps_robots_out
 
 
 class Recorder(Protocol):
@@ -31,12 +47,12 @@ class Recorder(Protocol):
         """Why nothing can be written now, in words with what to do; empty while it can."""
         ...
 
-    def recall(self, lift: str) -> DurableRecord | None:
+    def recall(self, lift: str) -> SavedLift | None:
         """Return the newest record of a lift; None for a lift that nothing was ever kept of."""
         ...
 
-    def keep(self, lift: str, record: DurableRecord) -> None:
-        """Have this record of a lift from now on, and commit it soon."""
+    def keep(self, lift: str, saved: SavedLift) -> None:
+        """Have this for a lift from now on, and commit it soon."""
         ...
 
     def note(self, row: Row) -> None:
@@ -58,28 +74,42 @@ class Recorder(Protocol):
         """
         ...
 
+    async def run(self, report: Callable[[str], None]) -> None:
+        """Write until cancelled; what cannot be written is tried again.
+
+        `report` gets why nothing can be written, once, and an empty text once that is over.
+        """
+        ...
+
+    async def settled(self) -> None:
+        """Return once everything noted and kept so far is on the disk; bound it with a timeout."""
+        ...
+
 
 class MemoryRecorder:
     """Remembers for as long as the process lives: for tests and virtual worlds."""
 
-    def __init__(self, records: Mapping[str, DurableRecord] | None = None) -> None:
-        """Begin with what an earlier manager left."""
+    def __init__(self, records: Mapping[str, SavedLift] | None = None, *, newest: int = 10_000) -> None:
+        """Begin with what an earlier manager left; remember the newest rows."""
         self.records = dict(records or {})
+        self._newest = newest
         self.rows: list[Row] = []
         self.trouble = ""
         """May be set, as if a disk took nothing more."""
 
-    def recall(self, lift: str) -> DurableRecord | None:
+    def recall(self, lift: str) -> SavedLift | None:
         """Return what was kept last."""
         return self.records.get(lift)
 
-    def keep(self, lift: str, record: DurableRecord) -> None:
+    def keep(self, lift: str, saved: SavedLift) -> None:
         """Keep this."""
-        self.records[lift] = record
+        self.records[lift] = saved
 
     def note(self, row: Row) -> None:
         """Keep this."""
         self.rows.append(row)
+        if len(self.rows) > 2 * self._newest:
+            del self.rows[: -self._newest]
 
     def before(self, row: Row) -> Future[str | None]:
         """Keep this, and answer at once."""
@@ -92,3 +122,10 @@ class MemoryRecorder:
     def written(self, lift: str) -> Future[None] | None:
         """Have nothing to wait for."""
         return None
+
+    async def run(self, report: Callable[[str], None]) -> None:
+        """Have nothing to write."""
+        await asyncio.Event().wait()
+
+    async def settled(self) -> None:
+        """Have nothing to wait for."""

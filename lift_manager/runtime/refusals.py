@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter, OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 from drivers.sparing import Sparing, newest
-from lift_manager.domain.journal import Json, Row, RowKind, short
+from lift_manager.lift.journal import Json, Row, RowKind, short
+from lift_manager.lift.refusals import Refused
+from lift_manager.runtime.errors import raised
 
 REFUSALS = 10
 """Refusals of one caller that have rows of their own, a minute. Chosen: as many as the log has lines for them."""
@@ -45,6 +48,15 @@ class RefusalLog:
         """By caller. Those without a key are one, and so are people: they sign with any name."""
         self.counts: Counter[tuple[str, str]] = Counter()
         """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
+        self.on_raised: list[Callable[[str, Refused], None]] = []
+        """Called with every refusal that is raised, and the same lift."""
+
+    def refuse(self, lift: str, refused: Refused) -> NoReturn:
+        """Count a refusal, and raise it."""
+        self.count(lift, refused.code)
+        for hear in self.on_raised:
+            hear(lift, refused)
+        raise raised(refused)
 
     def count(self, lift: str, code: str) -> None:
         """Count a refusal, whoever writes it down."""

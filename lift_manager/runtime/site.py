@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import secrets
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TypeVar
 
-from lift_manager.domain.description import LiftSignals
-from lift_manager.domain.rmf import RmfRules
 from lift_manager.lift import history
 from lift_manager.lift.commands import CommandRequest, CommandState, CommandStatus, SessionInfo
 from lift_manager.lift.config import LiftConfig
@@ -33,8 +29,6 @@ from lift_manager.lift.inputs import (
     GiveCommand,
     HandOver,
     Input,
-    JoinQueue,
-    LeaveQueue,
     LiftRequest,
     OpenSession,
     RenewSession,
@@ -43,31 +37,23 @@ from lift_manager.lift.inputs import (
 )
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.record import DurableRecord
-from lift_manager.lift.refusals import Accepted, Refused
+from lift_manager.lift.refusals import Accepted, Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
+from lift_manager.lift.rmf import RmfRules
 from lift_manager.lift.session import Holder
+from lift_manager.lift.signals import LiftSignals
 from lift_manager.lift.state import LiftState
-from lift_manager.runtime.actor import LiftActor, LiftSettings
+from lift_manager.runtime.actor import LiftActor, new_id
 from lift_manager.runtime.bus import Bus, Event, Occurrence, StateChanged, Subscription
-from lift_manager.runtime.errors import UNKNOWN_LIFT, NotFound, raised
-from lift_manager.runtime.recorder import Recorder
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.recorder import Clock, Recorder, wall_clock
 from lift_manager.runtime.refusals import RefusalLog, TurnedAway
+from lift_manager.runtime.rides import SiteRides
 
 RECORDED_WITHIN_S = 0.5
 """So long an answer that changed something waits for the disk. Chosen: a client waits a second."""
 
-_ID_BYTES = 16
-"""Of session and command ids, which nobody may guess."""
-
 Kind = TypeVar("Kind")
-
-
-@dataclass(frozen=True, slots=True)
-class LiftDescription:
-    """What a lift can say and be told, and what the site allows."""
-
-    config: LiftConfig
-    settings: LiftSettings
 
 
 class Site:
@@ -77,13 +63,20 @@ class Site:
     """
 
     def __init__(
-        self, actors: Iterable[LiftActor], bus: Bus[Event], recorder: Recorder, *, rmf: RmfRules | None = None
+        self,
+        actors: Iterable[LiftActor],
+        bus: Bus[Event],
+        recorder: Recorder,
+        *,
+        rmf: RmfRules | None = None,
+        clock: Clock | None = None,
     ) -> None:
-        """Put lifts together that share bus and recorder."""
+        """Put lifts together that share bus, recorder and clock."""
         self._lifts = {actor.config.name: actor for actor in actors}
         self._bus = bus
         self._recorder = recorder
         self.refusals = RefusalLog(recorder)
+        self.rides = SiteRides(self._lifts, bus, recorder, self.refusals, clock or wall_clock())
         self.stopping = False
         """It has begun to end: nobody holds a lift any more, and sessions are kept for the next start."""
         self.rmf = rmf or RmfRules()
@@ -99,17 +92,20 @@ class Site:
         """Return what a lift publishes right now."""
         return self._lift(lift).state()
 
-    def describe(self, lift: str) -> LiftDescription:
-        """Return what a lift can say and be told, and what the site allows."""
+    def age_s(self, lift: str) -> float | None:
+        """Return the age of the last whole reading of a lift; None when there never was one."""
         actor = self._lift(lift)
-        return LiftDescription(actor.config, actor.settings)
+        return age_s(actor.record, actor.moment)
+
+    def config(self, lift: str) -> LiftConfig:
+        """Return what site file and map say about a lift."""
+        return self._lift(lift).config
 
     def signals(self, lift: str) -> LiftSignals:
         """Return every signal as it was read last."""
         actor = self._lift(lift)
-        age = age_s(actor.record, actor.moment)
         signals = actor.driver.signals(asyncio.get_running_loop().time())
-        return LiftSignals(lift, age, actor.config.capabilities.max_age_s, signals)
+        return LiftSignals(lift, self.age_s(lift), actor.config.capabilities.max_age_s, signals)
 
     def durable(self, lift: str) -> DurableRecord:
         """Return what of a lift outlives the manager: what people decided, and what they have to see to."""
@@ -122,6 +118,10 @@ class Site:
             return True
         done, _ = await asyncio.wait([written], timeout=within_s)
         return bool(done)
+
+    def begin_stopping(self) -> None:
+        """Begin no more rides, and let faces know: nobody holds a lift any more, and sessions are kept for the next start."""
+        self.stopping = self.rides.is_stopping = True
 
     @property
     def unwritten(self) -> frozenset[str]:
@@ -142,8 +142,8 @@ class Site:
     ) -> Accepted:
         """Take a request that names a floor. All rules live behind this, the release for a closed door included."""
         if lift not in self._lifts:
-            self.turned_away(TurnedAway(UNKNOWN_LIFT, "there is no such lift", lift, str(holder)))
-        return self._take(lift, LiftRequest(holder, floor, hold_door, robot, stays, _new_id()), Accepted)
+            self.refusals.turned_away(TurnedAway(Refusal.UNKNOWN_LIFT, "there is no such lift", lift, str(holder)))
+        return self._take(lift, LiftRequest(holder, floor, hold_door, robot, stays, new_id()), Accepted)
 
     def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted:
         """End the session of this holder, the car where it is; within the grace a request of the same holder goes on with it."""
@@ -151,21 +151,13 @@ class Site:
 
     def hand_over(self, lift: str, holder: Holder, to: Holder) -> Accepted:
         """Give the session of this holder to another caller; the car and its door stay as they are."""
-        return self._take(lift, HandOver(holder, to, _new_id()), Accepted)
-
-    def join_queue(self, lift: str, holder: Holder) -> None:
-        """Wait for a lift, until this leaves the queue or gets the lift."""
-        self._lift(lift).handle(JoinQueue(holder))
-
-    def leave_queue(self, lift: str, holder: Holder) -> None:
-        """Wait for a lift no longer."""
-        self._lift(lift).handle(LeaveQueue(holder))
+        return self._take(lift, HandOver(holder, to, new_id()), Accepted)
 
     # -- sessions that their holders open and close
 
     def open_session(self, lift: str, holder: Holder, *, key: str = "", ttl_s: float | None = None) -> SessionBegun:
         """Take the lift for a caller; nothing is called by it."""
-        return self._take(lift, OpenSession(holder, key, ttl_s, _new_id()), SessionBegun)
+        return self._take(lift, OpenSession(holder, key, ttl_s, new_id()), SessionBegun)
 
     def session(self, lift: str, session: str, holder: Holder | None) -> SessionInfo:
         """Return a session by its id, or one that was over not long ago; `holder` None reads everybody's."""
@@ -185,11 +177,11 @@ class Site:
 
     def hand_session_over(self, lift: str, session: str, holder: Holder, to: Holder) -> SessionInfo:
         """Give it to another caller. It gets a new id: the old one ends."""
-        return self._take(lift, HandOver(holder, to, _new_id(), session), SessionInfo)
+        return self._take(lift, HandOver(holder, to, new_id(), session), SessionInfo)
 
     def command(self, lift: str, request: CommandRequest) -> CommandStatus:
         """Take a command of a session's holder; what becomes of it is to be had from `command_status`."""
-        return self._take(lift, GiveCommand(request, _new_id()), CommandStatus)
+        return self._take(lift, GiveCommand(request, new_id()), CommandStatus)
 
     def command_status(self, lift: str, session: str, holder: Holder | None, command: str) -> CommandStatus:
         """Return a command within a session by its id, as it is now."""
@@ -305,9 +297,9 @@ class Site:
 
     def _lift(self, lift: str) -> LiftActor:
         if (actor := self._lifts.get(lift)) is None:
-            self.refusals.count("", UNKNOWN_LIFT)
             shown = json.dumps(lift, ensure_ascii=not lift.isprintable())
-            raise NotFound(UNKNOWN_LIFT, f"no lift {shown}; the lifts are {', '.join(self._lifts)}")
+            text = f"no lift {shown}; the lifts are {', '.join(self._lifts)}"
+            self.refusals.refuse("", Refused(Refusal.UNKNOWN_LIFT, text))
         return actor
 
     def _take(self, lift: str, happened: Input, kind: type[Kind]) -> Kind:
@@ -315,20 +307,16 @@ class Site:
 
     def _decide(self, lift: str, by: str, action: str, happened: Input, kind: type[Kind]) -> Kind:
         """Take a person's decision; one that is refused is written down here, for no lift has a row of it."""
-        reply = self._lift(lift).handle(happened)
-        if isinstance(reply, Refused):
-            self.refusals.person_refused(lift, by, action, code=reply.code, message=reply.message)
-        return self._raised(lift, reply, kind)
+        try:
+            return self._take(lift, happened, kind)
+        except RequestRefused as refused:
+            self.refusals.person_refused(lift, by, action, code=refused.code, message=refused.message)
+            raise
 
     def _raised(self, lift: str, reply: object, kind: type[Kind]) -> Kind:
         """Return a reply; raise a refusal, and count it."""
         if isinstance(reply, Refused):
-            self.refusals.count(lift, reply.code)
-            raise raised(reply)
+            self.refusals.refuse(lift, reply)
         if not isinstance(reply, kind):
             raise TypeError(f"{lift} replied {reply!r}")
         return reply
-
-
-def _new_id() -> str:
-    return secrets.token_urlsafe(_ID_BYTES)

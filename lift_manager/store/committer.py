@@ -14,9 +14,9 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from drivers.thread import Worker
-from lift_manager.core.journal import Hears
-from lift_manager.domain.journal import Json, Row, RowKind
-from lift_manager.runtime.recorder import Clock, wall_clock
+from lift_manager.lift.journal import Json, Row, RowKind
+from lift_manager.plain.counted import counted
+from lift_manager.runtime.recorder import Clock, SavedLift, wall_clock
 from lift_manager.store.errors import CommitFailed
 from lift_manager.store.outage import (
     CALM_COMMITS,
@@ -29,7 +29,6 @@ from lift_manager.store.outage import (
     no_thread,
     silent,
 )
-from lift_manager.store.record import Record
 from lift_manager.store.store import Noted, Store
 
 _log = logging.getLogger(__name__)
@@ -88,14 +87,14 @@ class _Waiting:
 class Committer:
     """Keeps every row and the newest record of every lift until they are on the disk, or says what was lost.
 
-    Implements Journal. Memory leads the disk: what is kept is recalled at once, and never rolled back.
+    Implements Recorder. Memory leads the disk: what is kept is recalled at once, and never rolled back.
     """
 
     def __init__(
         self,
         store: Store,
         where: str,
-        records: Mapping[str, Record],
+        records: Mapping[str, SavedLift],
         *,
         jobs: Callable[[], Jobs] | None = lambda: Worker("lift-manager-store"),
         clock: Clock | None = None,
@@ -133,7 +132,7 @@ class Committer:
         self._urgent = asyncio.Event()
         """A press waits for it, or the end of the manager."""
         self._pause_s = RETRY_S[0]
-        self._hears: Hears = _nobody
+        self._report: Callable[[str], None] = _nobody
         self._outage: DiskOutage | None = None
         self._last_outage: tuple[DiskOutage, float] | None = None
         """The one before it, and when that ended."""
@@ -142,15 +141,15 @@ class Committer:
         self._log_told = False
 
     @property
-    def unwritten(self) -> Mapping[str, Record]:
+    def unwritten(self) -> Mapping[str, SavedLift]:
         """What a restart would forget, by lift."""
         return {lift: self._records[lift] for lift in self._changed}
 
-    def recall(self, lift: str) -> Record | None:
+    def recall(self, lift: str) -> SavedLift | None:
         """Return the newest record of a lift; None for a lift that nothing was ever kept of."""
         return self._records.get(lift)
 
-    def keep(self, lift: str, record: Record) -> None:
+    def keep(self, lift: str, record: SavedLift) -> None:
         """Have this record of a lift from now on, and commit it soon."""
         self._records[lift] = record
         self._number += 1
@@ -191,9 +190,9 @@ class Committer:
             self._urgent.set()
             await reached
 
-    async def run(self, hears: Hears) -> None:
+    async def run(self, report: Callable[[str], None]) -> None:
         """Commit until cancelled."""
-        self._hears = hears
+        self._report = report
         if self._jobs is None:
             await asyncio.Event().wait()
             return
@@ -207,8 +206,8 @@ class Committer:
             jobs.stop()
             self._refuse("the manager ends")
             if self._queue or self._changed:
-                text = "%d row(s) and the records of %d lift(s) did not reach the store %s"
-                _log.error(text, len(self._queue), len(self._changed), self.where)
+                lost = f"{counted(len(self._queue), 'row')} and {counted(len(self._changed), 'record')}"
+                _log.error("%s did not reach the store %s", lost, self.where)
 
     def _accept(self, row: Row, answer: Future[str | None] | None) -> bool:
         if len(self._queue) >= self._kept_rows:
@@ -380,7 +379,7 @@ class Committer:
         if outage is None:
             outage = self._outage = DiskOutage(_micros(self._clock()), why, self._calm_commits())
             _log.error("%s", why)
-            self._hears(why)
+            self._report(why)
         elif outage.is_news(why):
             _log.error("%s", why)
         self._refuse(why)
@@ -398,7 +397,7 @@ class Committer:
         self._last_outage = outage, asyncio.get_running_loop().time()
         _log.warning("the store %s is written again", self.where)
         self.note(outage.row(_micros(self._clock())))
-        self._hears("")
+        self._report("")
 
     def _refuse(self, why: str) -> None:
         for waiting in self._queue:
@@ -411,7 +410,7 @@ class Committer:
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
-    records: Mapping[str, Record]
+    records: Mapping[str, SavedLift]
     rows: list[_Waiting]
     upto: int
     """The number of the newest of them."""

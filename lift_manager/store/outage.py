@@ -6,7 +6,7 @@ import errno
 import sqlite3
 from pathlib import Path
 
-from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.errors import CommitFailed
 
 CALM_COMMITS = 3

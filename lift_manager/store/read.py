@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
 
-from lift_manager.domain.journal import RowKind
+from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import Stored
 from lift_manager.store.database import COLUMNS, VERSION, Head, check_version, text_of
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable, StoreDamaged

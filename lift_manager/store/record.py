@@ -10,49 +10,34 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from lift_manager.domain.ride_record import KeptRide
-from lift_manager.domain.service import EndReason, Remembered
-from lift_manager.lift.record import DurableRecord
-
-Record = Any
-"""What of one lift outlives the manager: a frozen dataclass with `keeps_robots_out`; the `RecordForm` of a store says which."""
+from lift_manager.runtime.recorder import SavedLift
 
 
 class RecordDamaged(ValueError):
     """A record is not as a manager wrote it; the message says what is wrong."""
 
 
-class RecordForm:
-    """How records of one type are written."""
-
-    def __init__(self, kind: type[Any], **names: type) -> None:
-        """`names` are types that the module of `kind` imports for type checkers only."""
-        # a configuration reaches the dataclasses inside a list, and none can be given to a dataclass itself
-        config = ConfigDict(strict=True, extra="forbid", defer_build=True)
-        self._adapter: TypeAdapter[list[Any]] = TypeAdapter(list[kind], config=config)  # type: ignore[valid-type]
-        self._adapter.rebuild(_types_namespace=names)
-
-    def encode(self, record: Record) -> str:
-        """Return a record as JSON."""
-        return self._adapter.dump_json([record]).decode()[1:-1]
-
-    def decode(self, text: str) -> Any:
-        """Read a record. Raises RecordDamaged for anything that `encode` does not write, a field that is missing included."""
-        try:
-            (record,) = self._adapter.validate_json(f"[{text}]")
-            there, expected = json.loads(text), json.loads(self.encode(record))
-        except ValidationError as error:
-            raise RecordDamaged(_first(error)) from error
-        except ValueError as error:
-            raise RecordDamaged(str(error)) from error
-        _require_all("", there, expected)
-        _require_moments("", record)
-        return record
+# a configuration reaches the dataclasses inside a list, and none can be given to a dataclass itself
+_ADAPTER = TypeAdapter(list[SavedLift], config=ConfigDict(strict=True, extra="forbid"))
 
 
-REMEMBERED = RecordForm(Remembered, KeptRide=KeptRide, EndReason=EndReason)
-"""Records of the core of today."""
-DURABLE = RecordForm(DurableRecord)
+def encode(saved: SavedLift) -> str:
+    """Return what is saved of a lift as JSON."""
+    return _ADAPTER.dump_json([saved]).decode()[1:-1]
+
+
+def decode(text: str) -> SavedLift:
+    """Read what is saved of a lift. Raises RecordDamaged for anything that `encode` does not write, a field that is missing included."""
+    try:
+        (saved,) = _ADAPTER.validate_json(f"[{text}]")
+        there, expected = json.loads(text), json.loads(encode(saved))
+    except ValidationError as error:
+        raise RecordDamaged(_first(error)) from error
+    except ValueError as error:
+        raise RecordDamaged(str(error)) from error
+    _require_all("", there, expected)
+    _require_moments("", saved)
+    return saved
 
 
 def digest(lift: str, text: str) -> bytes:

@@ -7,7 +7,7 @@ import sqlite3
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.lift.journal import Json, Row, RowKind
 from lift_manager.store.errors import CommitFailed
 
 STEP_ROWS = 500

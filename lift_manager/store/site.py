@@ -10,12 +10,11 @@ from pathlib import Path
 from weakref import finalize
 
 from drivers.own_files import is_shared
-from lift_manager.runtime.recorder import Clock, wall_clock
+from lift_manager.runtime.recorder import Clock, SavedLift, wall_clock
 from lift_manager.store.committer import ANSWER_S, KEPT_ROWS, Committer
 from lift_manager.store.database import Connect, connect
 from lift_manager.store.errors import StoreUnusable
 from lift_manager.store.place import SHARED, claim, unshared
-from lift_manager.store.record import REMEMBERED, Record, RecordForm
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore, kept_of_another, read_records, unusable
 
@@ -32,7 +31,6 @@ def opened(  # noqa: PLR0913  every argument after the site is a setting with a 
     connect: Connect = connect,
     kept_rows: int = KEPT_ROWS,
     answer_s: float = ANSWER_S,
-    form: RecordForm = REMEMBERED,
 ) -> Committer:
     """Read what is kept of a site, and make what writes to it. A file that is not there yet holds nothing. Raises StoreUnusable.
 
@@ -40,15 +38,15 @@ def opened(  # noqa: PLR0913  every argument after the site is a setting with a 
     for all that, to let go of what it held. No other process may open it for as long as the Committer lives.
     """
     _require_own_folder(path)
-    lock, store = claim(path), SqliteStore(path, site, limits, connect, form=form)
+    lock, store = claim(path), SqliteStore(path, site, limits, connect)
     try:
-        records = _checked(path, store.load(), lifts, form)
+        records = _checked(path, store.load(), lifts)
     except StoreUnusable:
         if lock is not None:
             os.close(lock)
         raise
     if not path.exists():
-        _tell_others(path, form)
+        _tell_others(path)
     clock = clock or wall_clock(UTC)
     committer = Committer(store, str(path), records, clock=clock, kept_rows=kept_rows, answer_s=answer_s)
     if lock is not None:
@@ -56,18 +54,16 @@ def opened(  # noqa: PLR0913  every argument after the site is a setting with a 
     return committer
 
 
-def read_site(path: Path, site: str, lifts: Collection[str], form: RecordForm = REMEMBERED) -> Mapping[str, Record]:
+def read_site(path: Path, site: str, lifts: Collection[str]) -> Mapping[str, SavedLift]:
     """Return the records of a site, and change nothing. Raises StoreUnusable."""
     _require_own_folder(path)
-    return _checked(path, read_records(path, site, form), lifts, form)
+    return _checked(path, read_records(path, site), lifts)
 
 
-def _checked(
-    path: Path, records: Mapping[str, Record], lifts: Collection[str], form: RecordForm
-) -> Mapping[str, Record]:
+def _checked(path: Path, records: Mapping[str, SavedLift], lifts: Collection[str]) -> Mapping[str, SavedLift]:
     """Return the records if none of them, nor the store of another site in the folder, keeps robots off a lift of another name."""
     if not path.exists():
-        for other, name, lift in _keeping_out(path, lifts, form):
+        for other, name, lift in _keeping_out(path, lifts):
             what = f"is not there, and {other} beside it keeps robots off lift {lift!r} of the site {name!r}"
             advice = (
                 "if that is the former name of this site, give it that name again until people have ended that, and rename it then;"
@@ -90,19 +86,19 @@ def _require_own_folder(path: Path) -> None:
         raise unusable(path, SHARED, unshared(path.parent))
 
 
-def _keeping_out(path: Path, lifts: Collection[str], form: RecordForm) -> Iterator[tuple[Path, str, str]]:
+def _keeping_out(path: Path, lifts: Collection[str]) -> Iterator[tuple[Path, str, str]]:
     """Yield the stores of other sites in the folder that keep robots off a lift of such a name, with site and lift."""
     for other in _others(path):
-        if (found := kept_of_another(other, form)) is not None:
+        if (found := kept_of_another(other)) is not None:
             site, records = found
             yield from (
                 (other, site, lift) for lift in sorted(records) if lift in lifts and records[lift].keeps_robots_out
             )
 
 
-def _tell_others(path: Path, form: RecordForm) -> None:
+def _tell_others(path: Path) -> None:
     """Say which stores lie beside one that begins: it may be of a site that has another name since."""
-    if others := ", ".join(str(other) for other in _others(path) if kept_of_another(other, form) is not None):
+    if others := ", ".join(str(other) for other in _others(path) if kept_of_another(other) is not None):
         text = "the store %s begins; another lies beside it: %s; `lift-manager audit --journal FILE` reads its journal"
         _log.warning(text, path, others)
 

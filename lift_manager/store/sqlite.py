@@ -13,7 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.chain import Stored, canonical, clean, row_hash
 from lift_manager.store.database import (
     BUSY_S,
@@ -35,7 +36,7 @@ from lift_manager.store.database import (
 )
 from lift_manager.store.errors import MOVE_AWAY, CommitFailed, StoreDamaged, StoreForeign, StoreUnusable
 from lift_manager.store.outage import commit_failed
-from lift_manager.store.record import REMEMBERED, Record, RecordDamaged, RecordForm, digest
+from lift_manager.store.record import RecordDamaged, decode, digest, encode
 from lift_manager.store.retention import Aim, Cut, Limits, aim, next_cut, shrink_step
 from lift_manager.store.store import Noted, Tended
 
@@ -55,17 +56,14 @@ class _Attempt(NamedTuple):
 class SqliteStore:
     """Implements Store. A failure closes the file, and the next call opens it again."""
 
-    def __init__(
-        self, path: Path, site: str, limits: Limits, connect: Connect = connect, *, form: RecordForm = REMEMBERED
-    ) -> None:
+    def __init__(self, path: Path, site: str, limits: Limits, connect: Connect = connect) -> None:
         """Name the file; it is opened, and made if it is not there, by the first commit."""
         self.path = path
         self._site = site
         self._limits = limits
-        self._form = form
         self._connect = connect
         self._connection: sqlite3.Connection | None = None
-        self._records: dict[str, Record] = {}
+        self._records: dict[str, SavedLift] = {}
         """Of every lift, as loaded and committed."""
         self._begins = False
         """The file was just made, so its first commit has all records."""
@@ -81,12 +79,12 @@ class SqliteStore:
         self._aim: Aim | None = None
         self._since_carried_over = CARRY_OVER_ROWS  # what a crash left in the log is carried over soon
 
-    def load(self) -> Mapping[str, Record]:
+    def load(self) -> Mapping[str, SavedLift]:
         """Return the record of every lift that was ever committed. Raises StoreUnusable."""
-        self._records = read_records(self.path, self._site, self._form)
+        self._records = read_records(self.path, self._site)
         return dict(self._records)
 
-    def commit(self, records: Mapping[str, Record], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
         """Return once these are on the disk; says whether the file wants to be tended. Raises CommitFailed."""
         with self._failing():
             self._open()
@@ -149,12 +147,12 @@ class SqliteStore:
                 what = f"is another file than the one that this manager wrote to, and {self.path.name}-wal belongs to that one"
                 raise StoreDamaged(self.path, what, "put that one back; to go on with this one, take both away first")
 
-    def _commit(self, records: Mapping[str, Record], rows: Sequence[Noted]) -> None:
+    def _commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> None:
         stored = self._chained(_stored(one) for one in rows)
         with self._leading_to(stored, records, repeated=self._already + len(stored)) as connection:
             connection.executemany(_INSERT, stored)
             for lift, record in records.items():
-                text = self._form.encode(record)
+                text = encode(record)
                 connection.execute("REPLACE INTO records VALUES (?, ?, ?)", (lift, text, digest(lift, text)))
             if not rows and not records:
                 # what it is already; the page is written all the same
@@ -253,7 +251,7 @@ class SqliteStore:
         return tuple((stat.st_dev, stat.st_ino) for stat in seen)
 
 
-def read_records(path: Path, site: str, form: RecordForm = REMEMBERED) -> dict[str, Record]:
+def read_records(path: Path, site: str) -> dict[str, SavedLift]:
     """Return the record of every lift of a site, and change nothing; none where there is no file yet. Raises StoreUnusable."""
     if not path.exists() and not path.is_symlink():
         if (log := path.with_name(f"{path.name}-wal")).exists():
@@ -262,7 +260,7 @@ def read_records(path: Path, site: str, form: RecordForm = REMEMBERED) -> dict[s
     try:
         with _read_only(path) as connection, telling_damage(path):
             check_site(connection, path, site)
-            return _records(connection, path, form)
+            return _records(connection, path)
     except StoreForeign as error:
         raise unusable(path, error.of_file, error.advice) from error
     except StoreDamaged as error:
@@ -272,12 +270,12 @@ def read_records(path: Path, site: str, form: RecordForm = REMEMBERED) -> dict[s
         raise unusable(path, f"cannot be read ({why})", "make it readable for this user") from error
 
 
-def kept_of_another(path: Path, form: RecordForm = REMEMBERED) -> tuple[str, dict[str, Record]] | None:
+def kept_of_another(path: Path) -> tuple[str, dict[str, SavedLift]] | None:
     """Return the site of a store and its records; None for a file that is no store, or none that can be read."""
     try:
         with _read_only(path) as connection, telling_damage(path):
             (site,) = connection.execute("SELECT value FROM about WHERE key = 'site'").fetchone()
-            return str(site), _records(connection, path, form)
+            return str(site), _records(connection, path)
     except (CommitFailed, OSError, sqlite3.DatabaseError, TypeError):
         return None  # whose ever it is, it is no store that could be ours
 
@@ -336,7 +334,7 @@ def _connected(path: Path, ends: ExitStack) -> sqlite3.Connection:
     return connection
 
 
-def _records(connection: sqlite3.Connection, path: Path, form: RecordForm) -> dict[str, Record]:
+def _records(connection: sqlite3.Connection, path: Path) -> dict[str, SavedLift]:
     connection.execute("BEGIN")  # head and records of the same commit
     head = connection.execute("SELECT records FROM head").fetchone()
     found = connection.execute("SELECT lift, record, hash FROM records").fetchall()
@@ -345,15 +343,14 @@ def _records(connection: sqlite3.Connection, path: Path, form: RecordForm) -> di
         raise StoreDamaged(
             path, f"is damaged (the records of {len(found)} lifts are there, and {written} were written)"
         )
-    return {lift: _record(path, lift, text, hash_, form) for lift, text, hash_ in found}
+    return {lift: _record(path, lift, text, hash_) for lift, text, hash_ in found}
 
 
-def _record(path: Path, lift: object, text: object, hash_: object, form: RecordForm) -> Record:
+def _record(path: Path, lift: object, text: object, hash_: object) -> SavedLift:
     if not isinstance(lift, str) or not isinstance(text, str) or digest(lift, text) != hash_:
         raise StoreDamaged(path, f"was changed (the record of lift {lift!r} is not the one that was written)")
     try:
-        record: Record = form.decode(text)
-        return record
+        return decode(text)
     except RecordDamaged as error:
         raise StoreDamaged(path, f"is damaged (the record of lift {lift!r}, {error})") from error
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
-from lift_manager.domain.journal import Row
-from lift_manager.store.record import Record
+from lift_manager.lift.journal import Row
+from lift_manager.runtime.recorder import SavedLift
 
 
 class Noted(NamedTuple):
@@ -32,11 +32,11 @@ class Store(Protocol):
     the same: the next commit must begin with the same rows, and none of them is stored twice.
     """
 
-    def load(self) -> Mapping[str, Record]:
+    def load(self) -> Mapping[str, SavedLift]:
         """Return the record of every lift that was ever committed. Raises StoreUnusable or CommitFailed."""
         ...
 
-    def commit(self, records: Mapping[str, Record], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
         """Store these records and append these rows; returns whether the store wants to be tended. Raises CommitFailed.
 
         Without records and rows it is a trial, for which the disk does as much as for a row.
@@ -61,15 +61,15 @@ class MemoryStore:
 
     def __init__(self, keep: int = 10_000) -> None:
         """Keep the newest `keep` rows."""
-        self.records: dict[str, Record] = {}
+        self.records: dict[str, SavedLift] = {}
         self.rows: list[Noted] = []
         self._keep = keep
 
-    def load(self) -> Mapping[str, Record]:
+    def load(self) -> Mapping[str, SavedLift]:
         """Return the record of every lift that was ever committed."""
         return dict(self.records)
 
-    def commit(self, records: Mapping[str, Record], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
         """Store these records and append these rows; nothing has to be tended."""
         self.records |= records
         self.rows += rows

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from lift_manager.domain.journal import RowKind
+from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import Stored, row_hash, seed
 from lift_manager.store.database import Head
 from lift_manager.store.errors import ChainBroken, JournalBusy, JournalUnreadable, RowUnreadable

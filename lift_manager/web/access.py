@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Sequence
 from urllib.parse import unquote_plus
 
 from starlette.datastructures import Headers
 from starlette.requests import Request
-from starlette.responses import Response
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from lift_manager.domain.access import LiftIn, Need, Route, refusal
-from lift_manager.domain.keys import Key, Keys, Secret, holds_key
+from lift_manager.api.access import LiftIn, Need, Route, refusal
+from lift_manager.api.keys import Key, Keys, Secret, holds_key
 from lift_manager.runtime.refusals import TurnedAway
 from lift_manager.web.answers import answer, is_workshop, not_found, wrong_method
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import by_a_foreign_name
-from lift_manager.web.query import read_query
+from lift_manager.web.query import named_lifts
 
 KEY_IN_ADDRESS = (
     "the address holds what looks like a key; addresses are written down on the way here, so revoke that key, and send the next"
@@ -34,8 +33,7 @@ BY_NAME = (
 )
 NO_KEY = "a key is needed: send it in the header `Authorization: Bearer lm_...`; `lift-manager keys make` makes one"
 BAD_KEY = "this key does not count here: it may be mistyped, revoked, or of another site"
-LIFT_NAME = "lift_name"
-"""What names the lift in a query."""
+_BEARER = re.compile("bearer( |$)", re.IGNORECASE)
 _CHALLENGE = 'Bearer realm="lift-manager"'
 _CALLER = "lift_manager.caller"
 REFUSED_LINES = 10
@@ -47,8 +45,8 @@ _log = logging.getLogger(__name__)
 
 def caller(request: Request) -> Key | None:
     """Return whose key a request came with; None where none was needed."""
-    found = request.scope.get(_CALLER)
-    return found if isinstance(found, Key) else None
+    key: Key | None = request.scope.get(_CALLER)
+    return key
 
 
 def turned_away(request: Request, code: str, text: str, lift: str) -> TurnedAway:
@@ -84,7 +82,8 @@ class Gate:
             try:
                 self._check(scope)
             except RequestError as error:
-                await answer(scope["path"], error, _kind(scope))(scope, receive, send)
+                made = answer(scope["path"], error)
+                await (LingeringResponse(made) if _has_body(scope) else made)(scope, receive, send)
             else:
                 await self._app(scope, receive, send)
         else:
@@ -102,37 +101,33 @@ class Gate:
             raise self._refused(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
         if route is not None and route.need is Need.NOTHING:
             return
-        if self._keys.needed:
-            key = scope[_CALLER] = self._caller(scope)
-            lifts = [] if route is None else _lifts_of(route, lift, scope, key)
-            if route is not None and (why := refusal(key.role, key.lifts, route.need, lifts)):
-                about = f"the key {key.name} may not do this"
-                raise self._refused(scope, RequestError("not_allowed", why), about, key=key, lifts=lifts)
-        elif _shows_a_key(scope):
-            self._caller(scope)  # without keys of the site no key is one of its own
-            return
+        key = scope[_CALLER] = self._caller(scope)
         if route is None:
             raise wrong_method(path, methods) if methods else not_found(path)
+        if key is not None:
+            lifts = _lifts_of(route, lift, scope, key)
+            if why := refusal(key.role, key.lifts, route.need, lifts):
+                about = f"the key {key.name} may not do this"
+                raise self._refused(scope, RequestError("not_allowed", why), about, key=key, lifts=lifts)
 
     def _find(self, path: str, method: str) -> tuple[Route | None, str, tuple[str, ...]]:
-        """Return the route, the lift in its path, and which methods the path takes where it is not this one.
-
-        Those are the methods of the first path that matches: that of one lift comes last, and matches all that is below the lifts.
-        """
+        """Return the route, the lift in its path, and which methods the path takes where it is not this one."""
         for pattern, route in self._routes:
             if method in route.methods and (match := pattern.match(path)) is not None:
                 return route, match.groupdict().get("lift", ""), ()
-        addressed = next((route.path for pattern, route in self._routes if pattern.match(path)), None)
-        others = [method for _, route in self._routes if route.path == addressed for method in route.methods]
+        others = [method for pattern, route in self._routes if pattern.match(path) for method in route.methods]
         return None, "", tuple(dict.fromkeys(others))
 
-    def _caller(self, scope: Scope) -> Key:
+    def _caller(self, scope: Scope) -> Key | None:
+        """Return whose key a request shows; None where it shows none and needs none. Raises RequestError for a key that does not count."""
         sent = Headers(scope=scope).getlist("authorization")
+        if not self._keys.needed and not any(map(_BEARER.match, sent)):
+            return None
         if not sent:
             error = RequestError("key_needed", NO_KEY, headers={"www-authenticate": _CHALLENGE})
             raise self._refused(scope, error, "it has no key")
-        scheme, _, token = sent[0].partition(" ")
-        if len(sent) == 1 and scheme.lower() == "bearer" and (key := self._keys.find(Secret(token.strip()))):
+        bearer = _BEARER.match(sent[0])
+        if len(sent) == 1 and bearer and (key := self._keys.find(Secret(sent[0][bearer.end() :].strip()))):
             return key
         challenge = f'{_CHALLENGE}, error="invalid_token"'
         error = RequestError("bad_key", BAD_KEY, headers={"www-authenticate": challenge})
@@ -154,28 +149,21 @@ def caller_name(path: str, key: Key) -> str:
     return f"workshop:{key.name}" if is_workshop(path) else key.name
 
 
-def _shows_a_key(scope: Scope) -> bool:
-    sent = Headers(scope=scope).getlist("authorization")
-    return any(one.partition(" ")[0].lower() == "bearer" for one in sent)
-
-
 def _lifts_of(route: Route, lift: str, scope: Scope, key: Key) -> list[str]:
     match route.lift_in:
         case LiftIn.PATH:
             return [lift]
         case LiftIn.QUERY:
-            return read_query(scope["query_string"]).all(LIFT_NAME)
+            return named_lifts(scope)
         case LiftIn.BODY:
             return list(key.lifts)  # the route looks at the lift itself
         case None:
             return []
 
 
-def _kind(scope: Scope) -> type[Response]:
-    """A body may still be on its way, and closing over it would lose the answer."""
-    headers: Mapping[str, Any] = Headers(scope=scope)
-    has_body = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
-    return LingeringResponse if has_body else Response
+def _has_body(scope: Scope) -> bool:
+    headers = Headers(scope=scope)
+    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
 
 
 class RefusalLog:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from lift_manager.domain.access import ROUTES, Need, Role, Route, refusal
+from lift_manager.api.access import ROUTES, Need, Role, Route, refusal
 
 FILE = Path(__file__).with_name("ACCESS.md")
 
@@ -22,7 +22,7 @@ COLUMNS = (
 NO_KEYS = ("this computer", "another computer")
 _HEAD = """# Who may ask what
 
-Written by `python -m lift_manager.web.access_table` from `lift_manager/domain/access.py`; a test compares it, and asks the
+Written by `python -m lift_manager.web.access_table` from `lift_manager/api/access.py`; a test compares it, and asks the
 application every cell. What is not in the table does not exist.
 
 Where the site has a live key. "no" is 401 without a key and 403 with one.

@@ -3,41 +3,39 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TypeVar
 
 from pydantic import BaseModel
 from starlette.responses import JSONResponse, Response
 
 from lift_manager.api.problem import MEDIA_TYPE, Problem
-from lift_manager.core.facade import Facade
-from lift_manager.domain.asking import Refusal, Refused
+from lift_manager.lift.refusals import Refusal
+from lift_manager.runtime.errors import RequestRefused
 from lift_manager.web.codes import title
 from lift_manager.web.errors import RequestError
 
 NO_STORE = {"cache-control": "no-store"}
 """An answer that was stored is out of date."""
 
-KEPT_WITHIN_S = 0.5
-"""A request that was taken is answered once it is on the disk, or after this: a slow disk delays nobody for longer. Chosen: below the
-time that robots wait for an answer, and some fifty times what a write takes."""
-
-Granted = TypeVar("Granted")
 Model = TypeVar("Model", bound=BaseModel)
 
 _encode = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
 
 
-def granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = None) -> Granted:
-    """Return the manager's answer. Raises RequestError for a refusal; `fields` names the key of the body that a code is about."""
-    if isinstance(answer, Refused):
-        raise RequestError(answer.code, answer.message, field=(fields or {}).get(answer.code), blocking=answer.blocking)
-    return answer
+def request_error(refused: RequestRefused, field: str | None = None) -> RequestError:
+    """Return a refusal of the site as one of this face; `field` is the key of the body that it is about."""
+    return RequestError(refused.code, refused.message, field=field, blocking=refused.blocking)
 
 
-async def recorded(site: Facade, lift: str) -> bool:
-    """Wait until everything that was taken so far for a lift is on the disk, for KEPT_WITHIN_S at the most, and say whether it is."""
-    return await site.kept(lift, KEPT_WITHIN_S)
+@contextmanager
+def naming_field(fields: Mapping[Refusal, str]) -> Iterator[None]:
+    """Add the key of the body that a refusal is about, by its code."""
+    try:
+        yield
+    except RequestRefused as refused:
+        raise request_error(refused, fields.get(refused.code)) from refused
 
 
 def marked(changed: Model, *, recorded: bool) -> Model:
@@ -57,22 +55,22 @@ def is_api(path: str) -> bool:
 
 def succeeded(data: Mapping[str, object]) -> Response:
     """Return the workshop API's answer to a request that was carried out."""
-    return _envelope({"data": data, "success": True, "msg": ""}, 200, Response)
+    return _envelope({"data": data, "success": True, "msg": ""}, 200)
 
 
-def failed(message: str, kind: type[Response] = Response, *, status: int = 200) -> Response:
+def failed(message: str, status: int = 200) -> Response:
     """Return the workshop API's answer to one that was not: HTTP 200, because its clients look at `success` alone."""
-    return _envelope({"data": {}, "success": False, "msg": message}, status, kind)
+    return _envelope({"data": {}, "success": False, "msg": message}, status)
 
 
-def answer(path: str, error: RequestError, kind: type[Response] = Response) -> Response:
+def answer(path: str, error: RequestError) -> Response:
     """Return the answer to a request that is not carried out, in the form of the face that was addressed."""
     if is_workshop(path):
-        made = failed(error.message, kind, status=error.status)
+        made = failed(error.message, error.status)
     elif is_api(path):
-        made = _problem(error, kind)
+        made = _problem(error)
     else:
-        made = kind(JSONResponse({"detail": error.message}).body, error.status, None, "application/json")
+        made = JSONResponse({"detail": error.message}, error.status)
     made.headers.update(error.headers or {})
     return made
 
@@ -92,13 +90,13 @@ def _hint(path: str, text: str) -> str:
     return f"{text}; under /open-rmf/demo-lift/ there are: {routes}" if is_workshop(path) else text
 
 
-def _problem(error: RequestError, kind: type[Response]) -> Response:
+def _problem(error: RequestError) -> Response:
     heading = title(error.code, error.status)
     problem = Problem.of(error.status, error.code, heading, error.message, error.field, error.blocking)
-    return kind(problem.model_dump_json(exclude_none=True).encode(), error.status, NO_STORE, MEDIA_TYPE)
+    return Response(problem.model_dump_json(exclude_none=True).encode(), error.status, NO_STORE, MEDIA_TYPE)
 
 
-def _envelope(content: Mapping[str, object], status: int, kind: type[Response]) -> Response:
+def _envelope(content: Mapping[str, object], status: int) -> Response:
     # surrogates from a caller's JSON have no UTF-8; a backslash escape is what JSON would have written for them
     body = _encode(content).encode("utf-8", "backslashreplace")
-    return kind(body, status, NO_STORE, "application/json")
+    return Response(body, status, NO_STORE, "application/json")

@@ -12,13 +12,15 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lift_manager.core.facade import Facade, FrameSource
-from lift_manager.domain.access import ROUTES, Route
-from lift_manager.domain.keys import KeyRing, Keys, redacted
+from lift_manager.api.access import ROUTES, Route
+from lift_manager.api.keys import KeyRing, Keys, redacted
 from lift_manager.plain.version import running_version
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.links import FrameSource
+from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
 from lift_manager.web.access import Gate
-from lift_manager.web.answers import answer, failed, is_workshop, not_found
+from lift_manager.web.answers import answer, failed, is_workshop, not_found, request_error
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.error_table import error_table
 from lift_manager.web.errors import RequestError
@@ -40,7 +42,7 @@ logger = logging.getLogger(__name__)
 
 
 def make_app(
-    facade: Facade,
+    site: Site,
     keys: Keys | None = None,
     routes: Sequence[Route] = ROUTES,
     *,
@@ -49,7 +51,7 @@ def make_app(
     streams: int | None = None,
     host_names: Collection[str] = (),
 ) -> FastAPI:
-    """Everything a browser or a REST client can reach; one is enough for one facade.
+    """Everything a browser or a REST client can reach; one is enough for one site.
 
     At most so many `streams` are open at a time; where nobody says, a part of the connections that this computer has room for.
     Without `keys` everybody is let in who addresses the manager as localhost, by an address or by one of `host_names`. What is not in `routes` cannot be reached, whatever is added to the application.
@@ -70,27 +72,26 @@ def make_app(
     )
     app.add_exception_handler(HTTPException, _explain)
     app.add_exception_handler(RequestError, _refuse)
+    app.add_exception_handler(RequestRefused, _refuse)
     keys = keys or KeyRing()
-    app.state.site, app.state.keys = facade, keys
-    app.state.streams = events.Streams(facade, frames, streams or streams_limit())
-    described = (facade.describe(name) for name in facade.lift_names())
-    app.state.max_age_s = {lift.lift: lift.able.max_age_s for lift in described if lift is not None}
-    app.add_middleware(Gate, routes=routes, keys=keys, note=facade.turned_away, host_names=host_names)
+    app.state.site, app.state.keys = site, keys
+    app.state.streams = events.Streams(site, frames, streams or streams_limit())
+    app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
+    app.add_middleware(Gate, routes=routes, keys=keys, note=site.turned_away, host_names=host_names)
     app.add_middleware(LastResort)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
     add_docs(app)
-    app.include_router(workshop_router(facade))
+    app.include_router(workshop_router(site))
     app.include_router(lifts.router)
     app.include_router(sessions.router)
     app.include_router(rmf.router)
-    app.include_router(lifts.lift_router)  # takes every GET below the lifts: what else is there comes before it
     app.include_router(rides.router)
     app.include_router(people.router)
     app.include_router(events.router)
-    app.include_router(health.health_router(facade))
+    app.include_router(health.health_router(site))
     app.include_router(health.metrics_router(metrics))
-    describe_access(app, routes, keys, facade.lift_names())
+    describe_access(app, routes, keys, site.lift_names())
     return app
 
 
@@ -114,11 +115,12 @@ async def _explain(request: Request, error: Exception) -> Response:
 
 async def _refuse(request: Request, error: Exception) -> Response:
     """A request that a route does not carry out. Clients of the workshop API look at `success`, so that one has HTTP 200."""
+    if isinstance(error, RequestRefused):
+        error = request_error(error)
     assert isinstance(error, RequestError)  # noqa: S101  as above
-    kind = LingeringResponse if error.code == "too_long" else Response
-    if is_workshop(path := request.url.path):
-        return failed(error.message, kind)
-    return answer(path, error, kind)
+    path = request.url.path
+    made = failed(error.message) if is_workshop(path) else answer(path, error)
+    return LingeringResponse(made) if error.code == "too_long" else made
 
 
 class LastResort:

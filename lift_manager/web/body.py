@@ -10,7 +10,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from lift_manager.domain.keys import holds_key
+from lift_manager.api.keys import holds_key
 from lift_manager.web.errors import RequestError
 
 LIMIT_BYTES = 64 * 1024
@@ -111,15 +111,17 @@ def shown(value: object) -> str:
 
 
 class LingeringResponse(Response):
-    """An answer to a caller who may still be sending.
+    """Another response, for a caller who may still be sending.
 
-    The answer goes out at once. What still comes is thrown away for a bounded while, because closing with unread data
-    resets the connection, and a client that sends everything before it reads would then never see the answer.
+    It goes out at once. What still comes is thrown away for a bounded while, because closing with unread data resets the
+    connection, and a client that sends everything before it reads would then never see the answer.
     """
 
+    def __init__(self, made: Response) -> None:
+        super().__init__(made.body, made.status_code, {**made.headers, "connection": "close"})
+
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = [*self.raw_headers, (b"connection", b"close")]
-        await send({"type": "http.response.start", "status": self.status_code, "headers": headers})
+        await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
         await send({"type": "http.response.body", "body": bytes(self.body), "more_body": True})
         await _discard(receive)
         await send({"type": "http.response.body", "body": b"", "more_body": False})

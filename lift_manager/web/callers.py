@@ -7,10 +7,10 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from lift_manager.core.facade import Facade
-from lift_manager.domain.access import Need, refusal
-from lift_manager.domain.keys import Keys
-from lift_manager.domain.state import Holder
+from lift_manager.api.access import Need, refusal
+from lift_manager.api.keys import Keys
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.site import Site
 from lift_manager.web.access import caller, turned_away
 from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import from_another_site, from_this_computer
@@ -25,17 +25,17 @@ BETWEEN = "/"
 ANOTHER_SITE = "a web page of another site asked"
 
 
-def site_of(request: Request) -> Facade:
+def site_of(request: Request) -> Site:
     """Return what the application serves."""
-    site: Facade = request.app.state.site
+    site: Site = request.app.state.site
     return site
 
 
-async def _site(request: Request) -> Facade:
+async def _site(request: Request) -> Site:
     return site_of(request)
 
 
-Site = Annotated[Facade, Depends(_site)]
+ServedSite = Annotated[Site, Depends(_site)]
 """For a route; a dependency that wants it calls `site_of`, which costs a tenth."""
 
 

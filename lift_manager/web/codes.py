@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from http import HTTPStatus
 from typing import NamedTuple
 
-from lift_manager.domain.asking import Refusal
+from lift_manager.lift.refusals import Refusal
 
 
 class Code(NamedTuple):
@@ -125,7 +125,7 @@ OWN: Mapping[str, Code] = {
     ),
     "key_in_address": Code(400, "The address holds a key", "Addresses are written down: revoke that key."),
     "not_http": Code(400, "This could not be read as HTTP", "Mostly text in the address that is not percent-encoded."),
-    "no_such_path": Code(404, "Nothing is here", "The path is mistyped, or a name in it holds a line break."),
+    "no_such_path": Code(404, "Nothing is here", "The path is mistyped."),
     "wrong_method": Code(405, "The path takes another method", "The header `Allow` says which."),
     "too_long": Code(413, "The body is too long", "At most 64 KB are read."),
     "malformed": Code(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from lift_manager.domain.asking import Blocking
+from lift_manager.lift.refusals import Blocking
 from lift_manager.web.codes import CODES
 
 

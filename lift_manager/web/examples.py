@@ -8,10 +8,11 @@ from lift_manager.api.lifts import ClosedEvidence, Held, Lift, LiftCapabilities,
 from lift_manager.api.rides import Plan, Ride, Rides
 from lift_manager.api.rmf import RmfAlarms, RmfHolder, RmfLiftAnswer, RmfSiteAnswer, RmfTaken
 from lift_manager.api.sessions import Command, Session
-from lift_manager.domain.boarding import Who
-from lift_manager.domain.ride import Guidance, Phase
-from lift_manager.domain.session_requests import Do, Status
-from lift_manager.domain.state import Quality, RobotDoor
+from lift_manager.lift.commands import CommandState, CommandType
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import Occupancy
+from lift_manager.lift.state import Quality
+from lift_manager.rides.ride import Guidance, Phase
 from register_maps.words import Door, Mode, Motion, Side
 
 _AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
@@ -39,6 +40,7 @@ LIFT = Lift(
 )
 CAPABILITIES = LiftCapabilities(
     name="east",
+    display_name="East wing, goods",
     floors=("L1", "L2", "L3"),
     doors_at={"L1": (Side.FRONT,), "L2": (Side.FRONT,), "L3": (Side.FRONT,)},
     access="control",
@@ -77,7 +79,7 @@ SESSION = Session(
     releases_in_s=287.5,
     arrived=False,
     door_held=False,
-    robot=Who.EMPTY,
+    robot=Occupancy.OUTSIDE,
     waiting_for="",
     restored=False,
     over=None,
@@ -85,16 +87,16 @@ SESSION = Session(
 _PENDING = Command(
     id="7",
     lift="east",
-    do=Do.GO_TO,
+    do=CommandType.GO_TO,
     floor="L2",
-    status=Status.PENDING,
+    status=CommandState.PENDING,
     reason="",
     proof="none",
     asked_at=_AT,
     ended_at=None,
 )
 COMMAND = _PENDING.model_copy(
-    update={"status": Status.CONFIRMED, "proof": "lamp", "ended_at": _AT + timedelta(seconds=0.4)}
+    update={"status": CommandState.CONFIRMED, "proof": "lamp", "ended_at": _AT + timedelta(seconds=0.4)}
 )
 RIDE = Ride.model_validate(
     {

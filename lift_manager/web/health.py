@@ -8,8 +8,8 @@ from typing import Any
 from fastapi import APIRouter, Request
 from starlette.responses import JSONResponse, Response
 
-from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.state import Quality
+from lift_manager.lift.state import Quality
+from lift_manager.runtime.site import Site
 from lift_manager.web.answers import NO_STORE, answer, not_found
 
 TAG = "health"
@@ -37,7 +37,7 @@ memory: no controller is waited for. Any key may read it; `deploy/prometheus/` h
 """
 
 
-def health_router(facade: LiftFacade) -> APIRouter:
+def health_router(site: Site) -> APIRouter:
     """Two routes that answer from memory."""
     router = APIRouter(tags=[TAG])
 
@@ -45,10 +45,9 @@ def health_router(facade: LiftFacade) -> APIRouter:
         return _answer(_ALIVE, 200)
 
     async def readyz() -> Response:
-        names = facade.lift_names()
-        states = (facade.state(name) for name in names)
-        live = sum(state is not None and state.quality is Quality.LIVE for state in states)
-        unwritten = facade.unwritten
+        names = site.lift_names()
+        live = sum(site.state(name).quality is Quality.LIVE for name in names)
+        unwritten = site.unwritten
         files = {file: _NOT_WRITTEN if file in unwritten else _WRITTEN for file in ("journal", "state")}
         body = {"ready": not unwritten, **files, "lifts": len(names), "live": live}
         return _answer(body, 503 if unwritten else 200)

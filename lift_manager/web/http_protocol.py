@@ -47,8 +47,8 @@ class JsonHttpProtocol(HttpToolsProtocol):
 
     _error = _BAD
     _head_bytes = 0
-    _in_head = True
     _late: asyncio.TimerHandle | None = None
+    """Runs while a head is awaited."""
     _unread: asyncio.TimerHandle | None = None
     _lingering: asyncio.TimerHandle | None = None
     _discarded_bytes = 0
@@ -63,12 +63,12 @@ class JsonHttpProtocol(HttpToolsProtocol):
         """Begin."""
         super().connection_made(transport)
         self._connections.wait(self, transport.abort)
-        self._begin_head()
+        self._await_head(begins=True)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
         self._connections.remove(self)
-        self._end_head()
+        self._await_head(begins=False)
         self._end_unread()
         if self._lingering is not None:
             self._lingering.cancel()
@@ -80,7 +80,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
             self._discard(data)
             return
         super().data_received(data)
-        if self._in_head and not self.transport.is_closing():
+        if self._late is not None and not self.transport.is_closing():
             self._head_bytes += len(data)
             if self._head_bytes > HEAD_LIMIT_BYTES:
                 self._error = _TOO_LONG
@@ -100,16 +100,18 @@ class JsonHttpProtocol(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """Take the first byte of a request."""
         super().on_message_begin()
-        self._begin_head()
+        self._await_head(begins=True)
 
     def on_headers_complete(self) -> None:
         """Hand the request on, unless its head is too long or does not name a host."""
-        self._end_head()
-        size = len(self.url) + sum(len(name) + len(value) for name, value in self.headers)
+        self._await_head(begins=False)
+        size, hosts = len(self.url), 0
+        for name, value in self.headers:
+            size += len(name) + len(value)
+            hosts += name == b"host"
         if size > HEAD_LIMIT_BYTES or len(self.headers) > HEADERS_LIMIT:
             self._error = _TOO_LONG
             raise _HeadRefused
-        hosts = sum(name == b"host" for name, _ in self.headers)
         if hosts > 1 or (not hosts and self.parser.get_http_version() == "1.1"):
             self._error = _WITHOUT_HOST
             raise _HeadRefused
@@ -133,7 +135,7 @@ class JsonHttpProtocol(HttpToolsProtocol):
         status = f"HTTP/1.1 {self._error.status} {HTTPStatus(self._error.status).phrase}".encode()
         lines = [status, *(name + b": " + value for name, value in headers)]
         self.transport.write(b"\r\n".join([*lines, b"", bytes(said.body)]))
-        self._end_head()
+        self._await_head(begins=False)
         if self._is_answering:
             self.transport.close()  # the answer to an earlier request is cut off in any case
             return
@@ -155,21 +157,14 @@ class JsonHttpProtocol(HttpToolsProtocol):
         """Where the answer's form comes from: of what is no HTTP only /api is known with certainty."""
         return "/api" if self.headers and self.url.startswith(b"/api/") else "/open-rmf"
 
-    def _begin_head(self) -> None:
-        self._end_head()
-        self._in_head, self._head_bytes = True, 0
-        self._late = self.loop.call_later(HEAD_WITHIN_S, self._hang_up)
-
-    def _end_head(self) -> None:
-        self._in_head = False
+    def _await_head(self, *, begins: bool) -> None:
+        """Give a head its time from now on, or end that."""
         if self._late is not None:
             self._late.cancel()
-            self._late = None
+        self._head_bytes = 0
+        self._late = self.loop.call_later(HEAD_WITHIN_S, self.transport.close) if begins else None
 
     def _end_unread(self) -> None:
         if self._unread is not None:
             self._unread.cancel()
             self._unread = None
-
-    def _hang_up(self) -> None:
-        self.transport.close()

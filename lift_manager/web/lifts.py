@@ -12,7 +12,8 @@ from pydantic import BaseModel
 from starlette.responses import Response
 
 from lift_manager.api.lifts import AGE_HEADER, Lift, LiftCapabilities, Lifts, Signals
-from lift_manager.domain.state import LiftState, Quality
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.site import Site
 from lift_manager.web.body import shown
 from lift_manager.web.callers import site_of
 from lift_manager.web.errors import RequestError
@@ -28,9 +29,6 @@ run, as the reason of a lift that is offline may, is another each time. Sent bac
 and no body while nothing but time has changed. Both answers carry `lift-age-s`: how old the data is in seconds, left out when
 nothing was ever read. A lift that has not been read for `max_age_s` turns `offline`, and that is a change: a 304 for a lift that
 was live means that it still is. A key never shortens this: whoever has heard nothing for `max_age_s` knows nothing.
-
-**Names.** A lift is named in the path as in the site file, percent-encoded; `/` is `%2F`. One whose name ends in `/capabilities`
-or `/signals`, or holds `/sessions/` before its last part, is not read by its own address, for that is another's: `GET /api/v1/lifts` has it.
 """
 
 _HEADERS = {
@@ -63,9 +61,6 @@ _IF_NONE_MATCH = {
 """Not typed: a header that is sent in several lines has the tags of all of them."""
 
 router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
-"""Every lift, and what one can do and says. Include it before the sessions: `signals` is no session's id."""
-lift_router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
-"""One lift. Include it after all that is read below the lifts: the name of a lift may hold a slash, so it takes the rest."""
 
 
 @router.get(
@@ -74,7 +69,7 @@ lift_router = APIRouter(prefix="/api/v1/lifts", tags=[TAG])
 async def lifts(request: Request) -> Response:
     """In the order of the site file, whether or not a lift can be read. `lift-age-s` is the age of the oldest among those that are live."""
     site = site_of(request)
-    states = [state for name in site.lift_names() if (state := site.state(name)) is not None]
+    states = [site.state(name) for name in site.lift_names()]
     whole = Lifts(lifts=tuple(_lift(request, state) for state in states))
     ages = [state.age_s for state in states if state.quality is Quality.LIVE and state.age_s is not None]
     bare = Lifts(lifts=tuple(timeless(lift, state) for lift, state in zip(whole.lifts, states, strict=True)))
@@ -82,7 +77,7 @@ async def lifts(request: Request) -> Response:
 
 
 @router.get(
-    "/{lift:path}/capabilities",
+    "/{lift}/capabilities",
     summary="What a lift can do",
     response_model=LiftCapabilities,
     responses=_OF_A_LIFT,
@@ -93,16 +88,13 @@ async def capabilities(lift: LiftName, request: Request) -> Response:
 
     It stays the same while the manager runs.
     """
-    site = site_of(request)
-    description, state = site.describe(lift), site.state(lift)
-    if description is None or state is None:
-        raise _unknown(request, lift)
-    whole = LiftCapabilities.of(description)
-    return tagged(request, whole, whole, state.age_s)
+    site = _site_with(request, lift)
+    whole = LiftCapabilities.of(site.config(lift))
+    return tagged(request, whole, whole, site.state(lift).age_s)
 
 
 @router.get(
-    "/{lift:path}/signals",
+    "/{lift}/signals",
     summary="Every signal of a lift",
     response_model=Signals,
     responses=_OF_A_LIFT,
@@ -110,16 +102,14 @@ async def capabilities(lift: LiftName, request: Request) -> Response:
 )
 async def signals(lift: LiftName, request: Request) -> Response:
     """As read last, with the raw value and where it is: for people who compare it with the lift. Look at the ages."""
-    found = site_of(request).signals(lift)
-    if found is None:
-        raise _unknown(request, lift)
+    found = _site_with(request, lift).signals(lift)
     whole = Signals.of(found)
     bare = tuple(signal.model_copy(update={"age_s": None}) for signal in whole.signals)
     return tagged(request, whole, whole.model_copy(update={"age_s": None, "signals": bare}), found.age_s)
 
 
-@lift_router.get(
-    "/{lift:path}",
+@router.get(
+    "/{lift}",
     name="one",
     summary="One lift",
     response_model=Lift,
@@ -131,9 +121,7 @@ async def one_lift(lift: LiftName, request: Request) -> Response:
 
     A robot drives on `robot_door: open` alone, and on nothing older than `max_age_s`.
     """
-    state = site_of(request).state(lift)
-    if state is None:
-        raise _unknown(request, lift)
+    state = _site_with(request, lift).state(lift)
     whole = _lift(request, state)
     return tagged(request, whole, timeless(whole, state), state.age_s)
 
@@ -171,6 +159,9 @@ def _lift(request: Request, state: LiftState) -> Lift:
     return Lift.of(state, max_age_s=request.app.state.max_age_s[state.lift])
 
 
-def _unknown(request: Request, name: str) -> RequestError:
-    lifts = ", ".join(site_of(request).lift_names())
-    return RequestError("unknown_lift", f"no lift {shown(name)}; the lifts are {lifts}")
+def _site_with(request: Request, lift: str) -> Site:
+    """Return the site, which has this lift. Raises RequestError where it has not: a look is no request that would be counted."""
+    site = site_of(request)
+    if lift not in (lifts := site.lift_names()):
+        raise RequestError("unknown_lift", f"no lift {shown(lift)}; the lifts are {', '.join(lifts)}")
+    return site

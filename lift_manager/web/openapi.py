@@ -9,9 +9,10 @@ from typing import Annotated, Any
 from fastapi import Body, FastAPI, Path
 from starlette.routing import compile_path
 
+from lift_manager.api.access import ROLES, Need, Role, Route
+from lift_manager.api.keys import Keys
 from lift_manager.api.problem import MEDIA_TYPE, Problem
-from lift_manager.domain.access import ROLES, Need, Role, Route
-from lift_manager.domain.keys import Keys
+from lift_manager.lift.config import LIFT_NAME
 from lift_manager.web import examples
 from lift_manager.web.answers import is_api, is_workshop
 from lift_manager.web.codes import CODES
@@ -19,13 +20,11 @@ from lift_manager.web.workshop_docs import ENVELOPE
 
 Document = dict[str, Any]
 
-ANY_NAME = r"^[^\n]+$"
-"""The pattern of a name that may hold a slash."""
 LiftName = Annotated[
     str,
     Path(
-        description="A lift of the site, percent-encoded where its name needs it: `/` is `%2F`.",
-        json_schema_extra={"pattern": ANY_NAME},  # said, not checked: an unknown name is 404
+        description="A lift of the site.",
+        json_schema_extra={"pattern": LIFT_NAME},  # said, not checked: an unknown name is 404
         examples=[examples.LIFT.name],
     ),
 ]
@@ -33,7 +32,7 @@ LiftName = Annotated[
 EVERY_CHANGE = ("another_site",)
 """Codes of every request that changes something."""
 EVERY_BODY = ("too_long", "malformed")
-EVERY_LIFT = ("unknown_lift", "no_such_path")
+EVERY_LIFT = ("unknown_lift",)
 """Codes of every request that names a lift in its path."""
 NOT_FREE = (
     "held",

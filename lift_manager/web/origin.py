@@ -36,7 +36,11 @@ def by_a_foreign_name(request: Request, names: Collection[str]) -> bool:
     if "host" not in request.headers:
         return False
     host = _asked_for(request)
-    return not _is_address(host) and host not in names
+    try:
+        ip_address(host)
+    except ValueError:
+        return host != "localhost" and host not in names
+    return False
 
 
 def from_this_computer(request: Request) -> bool:
@@ -62,16 +66,6 @@ def _asked_for(request: Request) -> str:
         return (asked_for.hostname or "") if asked_for.port is None or asked_for.port else ""
     except ValueError:  # half an IPv6 address, or a port that is none
         return ""
-
-
-def _is_address(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        ip_address(host)
-    except ValueError:
-        return False
-    return True
 
 
 def is_loopback(host: str) -> bool:

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.types import DecoratedCallable
 
+from lift_manager.api.access import Role
 from lift_manager.api.rides import ANY, CancelRequest, Plan, Ride, RideRequest, Rides
-from lift_manager.core.facade import Facade
-from lift_manager.domain import ride as domain
-from lift_manager.domain.access import Role
-from lift_manager.domain.asking import Refusal, Refused
-from lift_manager.domain.ride import RideLimits, RideWord
-from lift_manager.domain.state import Holder
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import Holder
+from lift_manager.rides import ride as domain
+from lift_manager.rides.ride import RideLimits, RideWord
+from lift_manager.runtime.errors import NotFound
+from lift_manager.runtime.site import Site
 from lift_manager.web.access import caller, turned_away
-from lift_manager.web.answers import NO_STORE, granted, marked, recorded
+from lift_manager.web.answers import NO_STORE, marked, naming_field
 from lift_manager.web.body import shown
 from lift_manager.web.callers import (
     RIDE_FACE,
-    Site,
+    ServedSite,
     holder_of,
     is_of,
     no_foreign_page,
@@ -65,10 +67,12 @@ RideId = Annotated[str, in_path("The id that the answer to `POST /api/v1/rides` 
 async def _own_ride(ride: RideId, request: Request) -> domain.Ride:
     """Return the ride of the path, if the caller may speak for it."""
     site = site_of(request)
-    found = site.ride(ride)
-    refuse_foreign_page(request, "" if found is None else found.lift)
-    if found is None:
-        raise _unknown(ride)
+    try:
+        found = _find(site, ride)
+    except RequestError:
+        refuse_foreign_page(request, "")
+        raise
+    refuse_foreign_page(request, found.lift)
     refuse_foreign_lifts(request, [found.lift])
     if _speaker(request, found) is not None and not is_of(request, found.caller):
         code = Refusal.NOT_YOUR_RIDE
@@ -88,9 +92,9 @@ router = APIRouter(
 
 
 @router.get("", name="every", summary="Every ride", response_description="As they are.")
-async def rides(site: Site) -> Rides:
+async def rides(site: ServedSite) -> Rides:
     """Those that go on, and those that ended not long ago; the oldest first."""
-    return Rides(rides=tuple(Ride.of(ride) for ride in site.rides()))
+    return Rides(rides=tuple(Ride.of(ride) for ride in site.rides.all()))
 
 
 @router.post(
@@ -111,7 +115,7 @@ async def rides(site: Site) -> Rides:
 async def begin(
     request: Request,
     response: Response,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         RideRequest,
         in_body(
@@ -140,12 +144,13 @@ async def begin(
     lifts = _commanded(request, site) if body.lift == ANY else (body.lift,)
     refuse_foreign_lifts(request, lifts)
     wanted = _wanted(body, lifts, holder_of(request, RIDE_FACE, body.robot))
-    if body.dry_run:
-        plan = granted(site.plan_ride(wanted), _fields(site, wanted))
-        return Response(Plan.model_validate(plan).model_dump_json(), 200, NO_STORE, "application/json")
-    begun = granted(site.begin_ride(wanted), _fields(site, wanted))
-    ride = await _kept(site, begun.ride)
-    if begun.anew:
+    with naming_field(_fields(site, wanted)):
+        if body.dry_run:
+            plan = Plan.model_validate(site.rides.plan(wanted))
+            return Response(plan.model_dump_json(), 200, NO_STORE, "application/json")
+        begun = site.rides.begin(wanted)
+    ride = await _recorded(site, begun.ride)
+    if begun.is_new:
         response.headers["location"] = f"rides/{quote(ride.id, safe='')}"
     else:
         response.status_code = 200
@@ -159,12 +164,9 @@ async def begin(
     response_description="As it is.",
     responses=problems("unknown_ride", "no_such_path"),
 )
-async def one_ride(ride: RideId, site: Site) -> Ride:
+async def one_ride(ride: RideId, site: ServedSite) -> Ride:
     """And what its robot is to do now."""
-    found = site.ride(ride)
-    if found is None:
-        raise _unknown(ride)
-    return Ride.of(found)
+    return Ride.of(_find(site, ride))
 
 
 def _reports(word: RideWord, summary: str) -> Callable[[DecoratedCallable], DecoratedCallable]:
@@ -178,21 +180,21 @@ def _reports(word: RideWord, summary: str) -> Callable[[DecoratedCallable], Deco
 
 
 @_reports(RideWord.ENTERED, "The robot is inside")
-async def entered(ride: OwnRide, request: Request, site: Site) -> Ride:
+async def entered(ride: OwnRide, request: Request, site: ServedSite) -> Ride:
     """And the door may close behind it. Say it only once the robot stands where it may stand. It has no body."""
-    return await _changed(site, site.ride_word(ride.id, RideWord.ENTERED, _speaker(request, ride)))
+    return await _recorded(site, site.rides.report(ride.id, RideWord.ENTERED, _speaker(request, ride)))
 
 
 @_reports(RideWord.LEFT, "The robot is outside")
-async def left(ride: OwnRide, request: Request, site: Site) -> Ride:
+async def left(ride: OwnRide, request: Request, site: ServedSite) -> Ride:
     """Clear of the door. Also taken once the ride is over: it clears a car that is `maybe occupied`. It has no body."""
-    return await _changed(site, site.ride_word(ride.id, RideWord.LEFT, _speaker(request, ride)))
+    return await _recorded(site, site.rides.report(ride.id, RideWord.LEFT, _speaker(request, ride)))
 
 
 @_reports(RideWord.HERE, "The robot goes on")
-async def here(ride: OwnRide, request: Request, site: Site) -> Ride:
+async def here(ride: OwnRide, request: Request, site: ServedSite) -> Ride:
     """Needed after a restart of the manager, when nothing is pressed before the robot is heard; harmless otherwise. It has no body."""
-    return await _changed(site, site.ride_word(ride.id, RideWord.HERE, _speaker(request, ride)))
+    return await _recorded(site, site.rides.report(ride.id, RideWord.HERE, _speaker(request, ride)))
 
 
 @router.post(
@@ -204,40 +206,42 @@ async def here(ride: OwnRide, request: Request, site: Site) -> Ride:
 async def cancel(
     ride: OwnRide,
     request: Request,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         CancelRequest, in_body({"with a reason": {"reason": "the order was withdrawn"}}, otherwise=CancelRequest)
     ],
 ) -> Ride:
     """Safely: a robot that may be inside is let out first, and somebody is told. Twice is once. The body may be left out."""
-    return await _changed(site, site.cancel_ride(ride.id, _speaker(request, ride), body.reason))
+    return await _recorded(site, site.rides.cancel(ride.id, _speaker(request, ride), body.reason))
 
 
-async def _changed(site: Facade, changed: domain.Ride | Refused) -> Ride:
-    return await _kept(site, granted(changed))
+async def _recorded(site: Site, ride: domain.Ride) -> Ride:
+    """Return a ride as it is once what changed of it would be known after a crash."""
+    is_recorded = await site.recorded(ride.lift)
+    with suppress(NotFound):  # it may be forgotten meanwhile
+        ride = site.rides.ride(ride.id)
+    return marked(Ride.of(ride), recorded=is_recorded)
 
 
-async def _kept(site: Facade, ride: domain.Ride) -> Ride:
-    """Return a ride as it is once what was said of it would be known after a crash."""
-    on_disk = await recorded(site, ride.lift)
-    return marked(Ride.of(site.ride(ride.id) or ride), recorded=on_disk)
+def _find(site: Site, ride: str) -> domain.Ride:
+    """Return a ride. Raises RequestError for one that is not known."""
+    try:
+        return site.rides.ride(ride)
+    except NotFound as refused:
+        text = f"no ride {shown(ride)}; GET /api/v1/rides lists those that go on and those that ended not long ago"
+        raise RequestError("unknown_ride", text) from refused
 
 
-def _unknown(name: str) -> RequestError:
-    text = f"no ride {shown(name)}; GET /api/v1/rides lists those that go on and those that ended not long ago"
-    return RequestError("unknown_ride", text)
-
-
-def _commanded(request: Request, site: Facade) -> tuple[str, ...]:
+def _commanded(request: Request, site: Site) -> tuple[str, ...]:
     """Return the lifts that the caller commands."""
     key, every = caller(request), site.lift_names()
     return tuple(lift for lift in every if key is None or key.role is not Role.ROBOT or lift in key.lifts)
 
 
-def _fields(site: Facade, wanted: domain.RideRequest) -> dict[Refusal, str]:
+def _fields(site: Site, wanted: domain.RideRequest) -> dict[Refusal, str]:
     """Return which key of the body a refusal is about."""
-    states = (site.state(lift) for lift in wanted.lifts)
-    has_start = any(state is not None and wanted.start in state.floors for state in states)
+    known = set(site.lift_names())
+    has_start = any(wanted.start in site.config(lift).floors for lift in wanted.lifts if lift in known)
     return {Refusal.UNKNOWN_LIFT: "lift", Refusal.UNKNOWN_FLOOR: "to" if has_start else "from"}
 
 

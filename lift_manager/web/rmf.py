@@ -7,13 +7,13 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 
 from lift_manager.api.rmf import RmfEndedRequest, RmfSiteAnswer, RmfTaken, RmfWantedRequest
-from lift_manager.core.facade import Facade
-from lift_manager.core.keeper import STOPPING
-from lift_manager.core.rmf_site import rmf_site
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused
-from lift_manager.domain.rmf import rmf_holder
-from lift_manager.web.answers import granted
-from lift_manager.web.callers import Site, no_foreign_page
+from lift_manager.lift.refusals import STOPPING, Refusal
+from lift_manager.lift.rmf import rmf_holder
+from lift_manager.runtime.errors import raised
+from lift_manager.runtime.rmf import rmf_site
+from lift_manager.runtime.site import Site
+from lift_manager.web.answers import naming_field
+from lift_manager.web.callers import ServedSite, no_foreign_page
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import EVERY_BODY, EVERY_CHANGE, EVERY_LIFT, NOT_FREE, LiftName, in_body, problems
 
@@ -47,16 +47,16 @@ _changes = [Depends(no_foreign_page)]
     response_description="As it is.",
     responses=problems("stopping"),
 )
-async def lifts_for_rmf(site: Site) -> RmfSiteAnswer:
+async def lifts_for_rmf(site: ServedSite) -> RmfSiteAnswer:
     """By RMF's names and the site's, from memory. `event` is the number of the newest event: `/api/v1/events` tells of the next."""
     if site.stopping:
         # nobody holds a lift then, and an adapter would take sessions for over that are kept
-        granted(STOPPING)
+        raise raised(STOPPING)
     return RmfSiteAnswer.model_validate(rmf_site(site))
 
 
 @router.post(
-    "/lifts/{lift:path}/rmf/wanted",
+    "/lifts/{lift}/rmf/wanted",
     summary="RMF's session wants the lift at a floor",
     dependencies=_changes,
     response_description="The session holds the lift.",
@@ -64,18 +64,20 @@ async def lifts_for_rmf(site: Site) -> RmfSiteAnswer:
 )
 async def wanted(
     lift: LiftName,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         RmfWantedRequest, in_body({"AGV mode": {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}})
     ],
 ) -> RmfTaken:
     """The first one opens the session. Taken is not arrived: the site tells what became of it."""
     holder = rmf_holder(body.session_id, body.adapter)
-    return _taken(site, lift, site.request(Ask(lift, holder, body.floor, body.hold_door, stays=True)))
+    with naming_field({Refusal.UNKNOWN_FLOOR: "floor"}):
+        site.request(lift, holder, body.floor, hold_door=body.hold_door, stays=True)
+    return _taken(site, lift)
 
 
 @router.post(
-    "/lifts/{lift:path}/rmf/ended",
+    "/lifts/{lift}/rmf/ended",
     summary="RMF's session is over",
     dependencies=_changes,
     response_description="It is over once `grace_s` is.",
@@ -83,14 +85,14 @@ async def wanted(
 )
 async def ended(
     lift: LiftName,
-    site: Site,
+    site: ServedSite,
     body: Annotated[RmfEndedRequest, in_body({"END_SESSION": {"session_id": "fleet/amr-7", "grace_s": 3.0}})],
 ) -> RmfTaken:
     """Of a session that is over already the answer is yes."""
-    return _taken(site, lift, site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s))
+    site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s)
+    return _taken(site, lift)
 
 
-def _taken(site: Facade, lift: str, decided: Accepted | Refused) -> RmfTaken:
-    granted(decided, {Refusal.UNKNOWN_FLOOR: "floor"})
+def _taken(site: Site, lift: str) -> RmfTaken:
     site.freshen(lift)
     return RmfTaken(boot=site.boot, event=site.newest)

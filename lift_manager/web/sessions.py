@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import AsyncIterator
 from typing import Annotated
 from urllib.parse import quote
 
@@ -17,14 +17,16 @@ from lift_manager.api.sessions import (
     RenewRequest,
     Session,
 )
-from lift_manager.core.facade import Facade
-from lift_manager.domain.asking import Refusal, Refused
-from lift_manager.domain.session_requests import Followed, OpenSession, SessionInfo, SessionRequest
+from lift_manager.lift import commands
+from lift_manager.lift.commands import CommandStatus, SessionInfo
+from lift_manager.lift.refusals import Refusal
+from lift_manager.runtime.errors import NotFound
+from lift_manager.runtime.site import Site
 from lift_manager.web.access import turned_away
-from lift_manager.web.answers import Granted, granted, marked, recorded
+from lift_manager.web.answers import marked, naming_field
 from lift_manager.web.callers import (
     SESSION_FACE,
-    Site,
+    ServedSite,
     holder_of,
     is_of,
     named,
@@ -33,6 +35,7 @@ from lift_manager.web.callers import (
     refuse_shared_key,
     site_of,
 )
+from lift_manager.web.errors import RequestError
 from lift_manager.web.json_route import JsonRoute
 from lift_manager.web.openapi import (
     EVERY_BODY,
@@ -66,9 +69,8 @@ instead: it does all of this.
 LONGEST_WAIT_S = 30.0
 """Chosen: common proxies and clients give up on an answer after 60 s."""
 
-_NO_SESSION = Refused(
-    Refusal.NO_SUCH_SESSION,
-    "this lift has no session of that id, and remembers none that this caller opened; open one with POST .../sessions",
+_NO_SESSION = (
+    "this lift has no session of that id, and remembers none that this caller opened; open one with POST .../sessions"
 )
 """One text for an id that does not exist and for another caller's, so that nobody learns which it is."""
 _BUSY = ("not_recorded", "stopping")
@@ -80,14 +82,19 @@ async def _own_session(
     lift: LiftName,
     session: Annotated[str, in_path("The id that the answer to `POST .../sessions` told.", "s-4f1d2c")],
     request: Request,
-) -> SessionInfo:
-    """Return the session of the path, if it is the caller's: its id, and the key that opened it, are what tells."""
+) -> AsyncIterator[SessionInfo]:
+    """Yield the session of the path, if it is the caller's: its id, and the key that opened it, are what tells."""
     site = site_of(request)
-    found = _granted(site.session(lift, session, None))
-    if found.holder.face == SESSION_FACE and is_of(request, found.holder):
-        return found
-    site.turned_away(turned_away(request, _NO_SESSION.code, "the session is another caller's", lift))
-    return granted(_NO_SESSION)
+    try:
+        found = site.session(lift, session, None)
+        if found.holder.face == SESSION_FACE and is_of(request, found.holder):
+            yield found
+            return
+        site.turned_away(turned_away(request, Refusal.NO_SUCH_SESSION, "the session is another caller's", lift))
+    except NotFound as refused:  # of the route as well: it may be forgotten while the body is read
+        if refused.code is not Refusal.NO_SUCH_SESSION:
+            raise
+    raise RequestError(Refusal.NO_SUCH_SESSION, _NO_SESSION)
 
 
 OwnSession = Annotated[SessionInfo, Depends(_own_session)]
@@ -112,7 +119,7 @@ async def _wait_s(
 WaitSeconds = Annotated[float, Depends(_wait_s)]
 
 router = APIRouter(
-    prefix="/api/v1/lifts/{lift:path}/sessions",
+    prefix="/api/v1/lifts/{lift}/sessions",
     tags=[TAG],
     route_class=JsonRoute,
     strict_content_type=False,
@@ -129,11 +136,11 @@ _changes = [Depends(no_foreign_page)]
 async def followed(
     session: OwnSession,
     command: Annotated[str, in_path("The id that the answer to `POST .../commands` told.", "7")],
-    site: Site,
+    site: ServedSite,
     wait_s: WaitSeconds,
 ) -> Command:
     """As it is, or with `wait` as soon as it is no longer pending."""
-    return Command.model_validate(await _command(site, session, command, wait_s))
+    return Command.of(await _status(site, session, command, wait_s))
 
 
 @router.get("/{session}", summary="A session", response_description="As it is.", responses=problems(*_OF_A_SESSION))
@@ -161,7 +168,7 @@ async def open_session(
     lift: LiftName,
     request: Request,
     response: Response,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         OpenSessionRequest,
         in_body(
@@ -181,8 +188,8 @@ async def open_session(
     """
     refuse_shared_key(request, body.robot, body.idempotency_key)
     holder = holder_of(request, SESSION_FACE, body.robot)
-    opened = granted(site.open_session(OpenSession(lift, holder, body.idempotency_key or "", body.ttl_s)))
-    if opened.anew:
+    opened = site.open_session(lift, holder, key=body.idempotency_key or "", ttl_s=body.ttl_s)
+    if opened.is_new:
         response.headers["location"] = f"sessions/{quote(opened.session.id, safe='')}"
     else:
         response.status_code = 200
@@ -198,13 +205,13 @@ async def open_session(
 )
 async def renew(
     session: OwnSession,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         RenewRequest, in_body({"a minute more": {"ttl_s": 60}, "as long as it was": {}}, otherwise=RenewRequest)
     ],
 ) -> Session:
     """The lease begins anew, as long as it was, or as long as `ttl_s` says. A session from before a restart goes on with it."""
-    return await _changed(site, site.renew_session(session.lift, session.id, session.holder, body.ttl_s))
+    return await _recorded(site, site.renew_session(session.lift, session.id, session.holder, body.ttl_s))
 
 
 @router.post(
@@ -216,7 +223,7 @@ async def renew(
 )
 async def close(
     session: OwnSession,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         CloseRequest, in_body({"the robot is out": {"robot": "left"}, "no word": {}}, otherwise=CloseRequest)
     ],
@@ -225,7 +232,7 @@ async def close(
 
     `robot: left` says that the robot is out; without it, a car that the robot may have entered stays `maybe occupied`.
     """
-    return await _changed(site, site.close_session(session.lift, session.id, session.holder, body.robot))
+    return await _recorded(site, site.close_session(session.lift, session.id, session.holder, body.robot))
 
 
 @router.post(
@@ -238,7 +245,7 @@ async def close(
 async def hand_over(
     session: OwnSession,
     request: Request,
-    site: Site,
+    site: ServedSite,
     body: Annotated[HandOverRequest, in_body({"to another robot": {"to": "amr-8"}})],
 ) -> Session:
     """Car and door stay as they are.
@@ -248,7 +255,7 @@ async def hand_over(
     """
     refuse_heir(request, request.app.state.keys, body.to, session.lift)
     to = named(SESSION_FACE, body.to, body.robot)
-    return await _changed(site, site.hand_session_over(session.lift, session.id, session.holder, to))
+    return await _recorded(site, site.hand_session_over(session.lift, session.id, session.holder, to))
 
 
 @router.post(
@@ -268,7 +275,7 @@ async def hand_over(
 async def command(
     session: OwnSession,
     response: Response,
-    site: Site,
+    site: ServedSite,
     body: Annotated[
         CommandRequest,
         in_body(
@@ -286,36 +293,27 @@ async def command(
     Every request renews the lease. With an `idempotency_key` that was used before in this session, the answer is that command as it is;
     for another command the key is refused.
     """
-    asked = SessionRequest(
-        lift=session.lift,
+    given = commands.CommandRequest(
         session=session.id,
         holder=session.holder,
-        do=body.do,
+        kind=body.do,
         floor=body.floor,
         hold_door=body.hold_door,
         side=body.door,
         key=body.idempotency_key or "",
     )
-    taken = _granted(site.ask_within(asked), {Refusal.UNKNOWN_FLOOR: "floor"})
-    on_disk = await recorded(site, session.lift)
+    with naming_field({Refusal.UNKNOWN_FLOOR: "floor"}):
+        taken = site.command(session.lift, given)
+    is_recorded = await site.recorded(session.lift)
     response.headers["location"] = f"commands/{quote(taken.id, safe='')}"
-    return marked(Command.model_validate(await _command(site, session, taken.id, wait_s)), recorded=on_disk)
+    return marked(Command.of(await _status(site, session, taken.id, wait_s)), recorded=is_recorded)
 
 
-async def _command(site: Facade, session: SessionInfo, number: str, wait_s: float) -> Followed:
+async def _status(site: Site, session: SessionInfo, command: str, wait_s: float) -> CommandStatus:
     if wait_s > 0:
-        return _granted(await site.until_ended(session.lift, session.id, session.holder, number, wait_s))
-    return _granted(site.followed(session.lift, session.id, session.holder, number))
+        return await site.until_ended(session.lift, session.id, session.holder, command, wait_s)
+    return site.command_status(session.lift, session.id, session.holder, command)
 
 
-async def _changed(site: Facade, changed: SessionInfo | Refused) -> Session:
-    return await _recorded(site, _granted(changed))
-
-
-async def _recorded(site: Facade, session: SessionInfo) -> Session:
-    return marked(Session.model_validate(session), recorded=await recorded(site, session.lift))
-
-
-def _granted(answer: Granted | Refused, fields: Mapping[Refusal, str] | None = None) -> Granted:
-    is_unknown = isinstance(answer, Refused) and answer.code is Refusal.NO_SUCH_SESSION
-    return granted(_NO_SESSION if is_unknown else answer, fields)
+async def _recorded(site: Site, session: SessionInfo) -> Session:
+    return marked(Session.model_validate(session), recorded=await site.recorded(session.lift))

@@ -5,21 +5,24 @@ A number equal to 0 or 2 is taken for `door_state` (JSON has one kind of number,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Sequence
 
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
-from lift_manager.core.facade import LiftFacade
-from lift_manager.domain.asking import Ask
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.site import Site
 from lift_manager.web import workshop_docs as docs
-from lift_manager.web.access import LIFT_NAME, caller, turned_away
-from lift_manager.web.answers import granted, succeeded
+from lift_manager.web.access import caller, turned_away
+from lift_manager.web.answers import succeeded
 from lift_manager.web.body import decode_object, read_body, shown
+from lift_manager.web.callers import ANOTHER_SITE
 from lift_manager.web.errors import RequestError
 from lift_manager.web.origin import from_another_site
-from lift_manager.web.query import TOO_LONG, read_query
+from lift_manager.web.query import LIMIT_BYTES, TOO_LONG, named_lifts
 from register_maps.words import Motion
 
 WORKSHOP = Holder(face="workshop", name="workshop")
@@ -33,22 +36,40 @@ MOTION_STATE = {Motion.STOPPED: 0, Motion.UP: 1, Motion.DOWN: 2, Motion.MOVING: 
 DOOR_CLOSED = 0
 DOOR_OPEN = 2
 
+_DOOR_STATES = f"{DOOR_CLOSED} (no hold; for the current floor a release) or {DOOR_OPEN} (open and hold)"
+
 NAME_LIMIT = 200
+_HALF_CHARACTER = re.compile("[\\ud800-\\udfff]")
+"""JSON can spell halves of characters, which no journal or log could store."""
 
 
-def workshop_router(facade: LiftFacade) -> APIRouter:
-    """The three routes, answering from the facade's memory."""
-    names = facade.lift_names()
+def workshop_router(site: Site) -> APIRouter:
+    """The three routes, answering from the memory."""
+    names = site.lift_names()
     router = APIRouter(prefix="/open-rmf/demo-lift", tags=[docs.TAG])
 
     async def lift_names() -> Response:
-        return succeeded({"lift_names": facade.lift_names()})
+        return succeeded({"lift_names": site.lift_names()})
 
     async def lift_state(request: Request) -> Response:
-        return _state_answer(_named_lift(facade, request))
+        return _state_answer(_named_lift(site, request))
 
     async def lift_request(request: Request) -> Response:
-        return _request_answer(facade, request, await read_body(request))
+        body = await read_body(request)
+        try:
+            state = _named_lift(site, request)
+        except RequestError:
+            lift = "".join(named_lifts(request.scope)[:1])
+            site.turned_away(turned_away(request, "unknown_lift", "it names no lift of this site", lift))
+            raise
+        if from_another_site(request):
+            site.turned_away(turned_away(request, "another_site", ANOTHER_SITE, state.lift))
+            raise RequestError("another_site", f"{ANOTHER_SITE}; only programs and this manager's own pages may")
+        floor, hold_door = _read_request(body, state.floors)
+        key = caller(request)
+        holder = WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
+        site.request(state.lift, holder, floor, hold_door=hold_door)
+        return succeeded({})
 
     router.add_api_route("/lift_names", lift_names, methods=["GET"], **docs.lift_names(names))
     router.add_api_route("/lift_state", lift_state, methods=["GET"], **docs.lift_state(names))
@@ -56,20 +77,18 @@ def workshop_router(facade: LiftFacade) -> APIRouter:
     return router
 
 
-def _named_lift(facade: LiftFacade, request: Request) -> LiftState:
-    lifts = ", ".join(facade.lift_names())
-    query = read_query(request.scope["query_string"])
-    if query.too_long:
+def _named_lift(site: Site, request: Request) -> LiftState:
+    lifts = ", ".join(site.lift_names())
+    if len(request.scope["query_string"]) > LIMIT_BYTES:
         raise RequestError("malformed", f"{TOO_LONG}; lift_name must be one of: {lifts}")
-    names = query.all(LIFT_NAME)
+    names = named_lifts(request.scope)
     if not names:
         raise RequestError("malformed", f"lift_name is missing; it must be one of: {lifts}")
     if len(names) > 1:
         raise RequestError("malformed", f"lift_name is given {len(names)} times; give it once, as one of: {lifts}")
-    state = facade.state(names[0])
-    if state is None:
+    if names[0] not in site.lift_names():
         raise RequestError("unknown_lift", f"unknown lift {shown(names[0])}; lift_name must be one of: {lifts}")
-    return state
+    return site.state(names[0])
 
 
 def _state_answer(state: LiftState) -> Response:
@@ -92,58 +111,23 @@ def state_data(state: LiftState) -> dict[str, object]:
     }
 
 
-def _request_answer(facade: LiftFacade, request: Request, body: bytes) -> Response:
+def _read_request(body: bytes, floors: Sequence[str]) -> tuple[str, bool]:
+    """Return the floor of a request, and whether to hold the door there."""
+    known = ", ".join(floors)
     try:
-        state = _named_lift(facade, request)
-    except RequestError:
-        names = read_query(request.scope["query_string"]).all(LIFT_NAME)
-        facade.turned_away(turned_away(request, "unknown_lift", "it names no lift of this site", "".join(names[:1])))
-        raise
-    if from_another_site(request):
-        facade.turned_away(turned_away(request, "another_site", "a web page of another site asked", state.lift))
-        raise RequestError(
-            "another_site", "a web page of another site asked; only programs and this manager's own pages may"
-        )
-    granted(facade.request(_ask(state, _holder(request), body)))
-    return succeeded({})
-
-
-def _holder(request: Request) -> Holder:
-    key = caller(request)
-    return WORKSHOP if key is None else Holder(WORKSHOP.face, key.name)
-
-
-def _ask(state: LiftState, holder: Holder, body: bytes) -> Ask:
-    floors = ", ".join(state.floors)
-    try:
-        wish = decode_object(body)
+        fields = decode_object(body)
     except RequestError as error:
-        raise RequestError(
-            "malformed", f'{error.message}; expected {{"floor": one of {floors}, "door_state": 0 or 2}}'
-        ) from error
-    return Ask(state.lift, holder, _floor(wish, floors), _hold_door(wish))
-
-
-def _floor(wish: Mapping[str, object], floors: str) -> str:
-    if "floor" not in wish:
-        raise RequestError("malformed", f"floor is missing; it must be one of: {floors}")
-    floor = wish["floor"]
-    if not isinstance(floor, str) or len(floor) > NAME_LIMIT or not _is_text(floor):
-        raise RequestError("malformed", f"floor must be one of: {floors}; not {shown(floor)}")
-    return floor
-
-
-def _is_text(value: str) -> bool:
-    """Whether it can be written down: JSON can spell halves of characters that no journal or log could store."""
-    return not any("\ud800" <= char <= "\udfff" for char in value)
-
-
-def _hold_door(wish: Mapping[str, object]) -> bool:
-    allowed = f"{DOOR_CLOSED} (no hold; for the current floor a release) or {DOOR_OPEN} (open and hold)"
-    if "door_state" not in wish:
-        raise RequestError("malformed", f"door_state is missing; it must be {allowed}")
-    wanted = wish["door_state"]
+        expected = f'{{"floor": one of {known}, "door_state": {DOOR_CLOSED} or {DOOR_OPEN}}}'
+        raise RequestError("malformed", f"{error.message}; expected {expected}") from error
+    if "floor" not in fields:
+        raise RequestError("malformed", f"floor is missing; it must be one of: {known}")
+    floor = fields["floor"]
+    if not isinstance(floor, str) or len(floor) > NAME_LIMIT or _HALF_CHARACTER.search(floor):
+        raise RequestError("malformed", f"floor must be one of: {known}; not {shown(floor)}")
+    if "door_state" not in fields:
+        raise RequestError("malformed", f"door_state is missing; it must be {_DOOR_STATES}")
+    wanted = fields["door_state"]
     # True == 1 in Python, and a client that sends a boolean means something else
     if isinstance(wanted, bool) or not isinstance(wanted, int | float) or wanted not in {DOOR_CLOSED, DOOR_OPEN}:
-        raise RequestError("malformed", f"door_state must be {allowed}, not {shown(wanted)}")
-    return wanted == DOOR_OPEN
+        raise RequestError("malformed", f"door_state must be {_DOOR_STATES}, not {shown(wanted)}")
+    return floor, wanted == DOOR_OPEN

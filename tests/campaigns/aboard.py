@@ -1,13 +1,15 @@
 """Who is really in the car, by what the robots of a schedule do: nobody else may be given the lift meanwhile."""
 
 from drivers.model import FloorName
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
-from lift_manager.domain.events import Event, HandedOver, PersonAcknowledged, SessionEnded, SessionOpened
-from lift_manager.domain.service import EndReason
-from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Forgot, Struck
+from lift_manager.lab.world.witness import FloorRequest, Forgot, Struck
+from lift_manager.lift.events import Acknowledged, HandedOver, SessionEnded, SessionOpened
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import EndReason, Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from simulator.wire_faults import Exchange
 
 
@@ -19,7 +21,7 @@ class Aboard:
         self._robots: dict[str, Holder] = {}
         """Whose robot stands in each car."""
         self._at: dict[str, FloorName | None] = {}
-        self._asked: dict[str, Ask] = {}
+        self._requests: dict[str, FloorRequest] = {}
         """The last request for each lift that was accepted."""
 
     def entered(self, lift: str, holder: Holder) -> None:
@@ -33,7 +35,7 @@ class Aboard:
     def heard(self, at: float, event: Event) -> None:
         """Compare to whom the lift is given with who stands in it; its holder's word and a person's are believed."""
         match event:
-            case PersonAcknowledged(lift=lift):
+            case Acknowledged(lift=lift):
                 self.left(lift)
             case SessionEnded(lift=lift, holder=holder, reason=EndReason.RELEASED) if self._robots.get(lift) == holder:
                 self.left(lift)
@@ -58,10 +60,10 @@ class Aboard:
 
     def _is_where_it_wanted(self, lift: str, holder: Holder) -> bool:
         """Whether the car is where its robot wanted no more than to be, with the door left as it is: it gets out by itself."""
-        asked = self._asked.get(lift)
-        if asked is None or self._robots.get(lift) != holder or asked.holder != holder:
+        request = self._requests.get(lift)
+        if request is None or self._robots.get(lift) != holder or request.holder != holder:
             return False
-        return asked.robot is None and not asked.hold_door and self._at.get(lift) == asked.floor
+        return request.robot is None and not request.hold_door and self._at.get(lift) == request.floor
 
     def looked(self, at: float, lift: str, truth: Truth) -> None:
         """Know where the car is."""
@@ -76,14 +78,16 @@ class Aboard:
     def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
         """Not its business."""
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """Believe a holder that lets go of the lift where it stands: that is its word that it is out."""
-        if isinstance(answer, Refused):
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """Believe a holder that releases the lift where it stands: that is its word that it is out."""
+        if refused is not None:
             return
-        self._asked[ask.lift] = ask
-        lets_go = ask.robot is RobotWord.LEFT or (not ask.hold_door and self._at.get(ask.lift) == ask.floor)
-        if lets_go and self._robots.get(ask.lift) == ask.holder:
-            self.left(ask.lift)
+        lift = request.lift
+        self._requests[lift] = request
+        is_there = self._at.get(lift) == request.floor
+        releases = request.robot is RobotWord.LEFT or (not request.hold_door and is_there)
+        if releases and self._robots.get(lift) == request.holder:
+            self.left(lift)
 
     def struck(self, at: float, struck: Struck) -> None:
         """Forget a robot whose boarding may not have been written down when the manager was killed, as the manager does."""

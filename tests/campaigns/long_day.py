@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
@@ -21,6 +22,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.world import World
+from lift_manager.runtime.errors import RequestRefused
 from tests.campaigns.playing import LIFT, Played, act, loaded_site
 from tests.campaigns.schedules import LASTS_S, DiskFails, Event, PeopleCome, RobotRides, Schedule, draw
 from tests.campaigns.story import Story
@@ -130,8 +132,9 @@ async def _busy(world: World, lift: str, seed: int, day: Day) -> None:
         finally:
             for task in running:
                 task.cancel()
-        world.manager.acknowledge(lift, "the guard")
-        world.manager.end_lockout(lift, "the guard")
+        for person_decides in (world.site.acknowledge, world.site.end_lockout):
+            with suppress(RequestRefused):
+                person_decides(lift, "the guard")
 
 
 def _minute(seed: int) -> Iterator[Event]:

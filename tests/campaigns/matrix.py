@@ -17,14 +17,16 @@ from enum import StrEnum, unique
 from pathlib import Path
 
 from lift_manager.commissioning.detection import Detection, Lie, detections
-from lift_manager.domain.asking import Ask, Refused
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
 from lift_manager.lab.world.judged import Finding, Judged, Wrong
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import STANDS_STILL, Oracle
+from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lab.world.world import World
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
 from register_maps.codec import compile_map
 from register_maps.words import Mode
 from simulator import faults as device
@@ -166,14 +168,12 @@ class _Watch:
         return "; ".join(self._said)
 
     def look(self, world: World) -> None:
-        state = world.manager.state(LIFT)
-        if state is not None:
-            self._add(_words(state))
+        self._add(_words(world.site.state(LIFT)))
 
-    def ask(self, world: World, floor: str) -> None:
-        answer = world.ask(Ask(LIFT, ROBOT, floor, hold_door=True))
-        if isinstance(answer, Refused):
-            self._add(f"refused: {answer.code}")
+    def request(self, world: World, floor: str) -> None:
+        refused = world.request(FloorRequest(LIFT, ROBOT, floor, hold_door=True))
+        if refused is not None:
+            self._add(f"refused: {refused.code}")
 
     def _add(self, words: str) -> None:
         if words in self._heard:
@@ -189,7 +189,7 @@ async def _watched(world: World, watch: _Watch, fault: Fault | WireFault) -> Non
         await elapse(0.1)
         watch.look(world)
         if tick % 20 == 0:
-            watch.ask(world, floor)
+            watch.request(world, floor)
         if tick == round(UPSET_AFTER_S / 0.1) and isinstance(fault, device.FrozenRegisters | device.Stopped):
             world.begin(LIFT, InMode(Mode.FIRE))
     if isinstance(fault, device.FrozenRegisters | device.Stopped):
@@ -210,15 +210,15 @@ async def _reach(world: World, phase: Phase) -> bool:
     await elapse(STARTS_S)
     if phase is Phase.IDLE:
         return True
-    world.ask(Ask(LIFT, ROBOT, target, hold_door=True))
+    world.request(FloorRequest(LIFT, ROBOT, target, hold_door=True))
     for tick in range(round(WAITS_S / 0.1)):
         await elapse(0.1)
         if tick % 10 == 0:
-            world.ask(Ask(LIFT, ROBOT, target, hold_door=True))
-        state = world.manager.state(LIFT)
+            world.request(FloorRequest(LIFT, ROBOT, target, hold_door=True))
+        state = world.site.state(LIFT)
         if phase is Phase.TRAVELLING and world.lifts[LIFT].face.picture.motion != "stopped":
             return True
-        if state is not None and (state.robot_door, state.floor) == (RobotDoor.OPEN, target):
+        if (state.robot_door, state.floor) == (RobotDoor.OPEN, target):
             return phase is Phase.DOOR_HELD
     return False
 

@@ -3,6 +3,7 @@
 import asyncio
 import traceback
 from collections.abc import Callable, Coroutine, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -11,17 +12,20 @@ from typing import Any
 from lift_manager import app
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.domain.asking import Ask, RobotWord
-from lift_manager.domain.session import CLEARS_IN_A_LIMIT
-from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.judged import Finding, Wrong
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.press_rows import PressRows
 from lift_manager.lab.world.rules import Rules
-from lift_manager.lab.world.witness import Witness
+from lift_manager.lab.world.witness import FloorRequest, Witness
 from lift_manager.lab.world.world import JOURNAL_ROWS, World
+from lift_manager.lift.config import CLEARS_IN_A_LIMIT
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.load import Changes, LoadedMap, load
 from simulator import faults as device
 from simulator.faults import Fault
@@ -75,8 +79,8 @@ class Played:
     invitations: int = 0
     rides: int = 0
     """Robots that were let out where they wanted to go."""
-    people: list[tuple[float, PersonActs, object]] = field(default_factory=list)
-    """What people with the right to do so did, when, and what they were answered."""
+    people: list[tuple[float, PersonActs, RequestRefused | None]] = field(default_factory=list)
+    """What people with the right to do so did, when, and why that was refused; None where it was taken."""
     aboard: Aboard = field(init=False)
     """Whose robots stand in the cars."""
 
@@ -237,7 +241,7 @@ async def act(world: World, lift: str, event: Event, played: Played) -> None:
             await _ride(world, lift, event, played)
         case Asks():
             floors = world.lifts[lift].floors
-            world.ask(Ask(lift, _holder(event.holder), floors[event.floor % len(floors)], event.hold))
+            world.request(FloorRequest(lift, _holder(event.holder), floors[event.floor % len(floors)], event.hold))
         case DeviceFails() | WireFails() | DiskFails():
             await _fail(world, lift, event)
         case Restarts():
@@ -272,15 +276,19 @@ async def _fail(world: World, lift: str, event: DeviceFails | WireFails | DiskFa
             world.mend_disk(event.fault)
 
 
-def _person_acts(world: World, lift: str, what: str) -> object:
-    manager = world.manager
-    match what:
-        case "acknowledge":
-            return manager.acknowledge(lift, "the guard")
-        case "lock_out":
-            return manager.lock_out(lift, "the guard", "moving furniture")
-        case _:
-            return manager.end_lockout(lift, "the guard")
+def _person_acts(world: World, lift: str, what: str) -> RequestRefused | None:
+    site = world.site
+    try:
+        match what:
+            case "acknowledge":
+                site.acknowledge(lift, "the guard")
+            case "lock_out":
+                site.lock_out(lift, "the guard", "moving furniture")
+            case _:
+                site.end_lockout(lift, "the guard")
+    except RequestRefused as refused:
+        return refused
+    return None
 
 
 async def _turn_key(world: World, lift: str, event: KeyTurned) -> None:
@@ -296,9 +304,10 @@ def _key(world: World, lift: str, key: str) -> Inputs:
 
 
 def _hand_over(world: World, lift: str, event: HandsOver) -> None:
-    state = world.manager.state(lift)
-    if state is not None and state.holder == _holder(event.holder):
-        world.manager.hand_over(lift, _holder(event.holder), _holder(event.to))
+    state = world.site.state(lift)
+    if state.holder == _holder(event.holder):
+        with suppress(RequestRefused):
+            world.site.hand_over(lift, _holder(event.holder), _holder(event.to))
 
 
 def applies(world: World, name: str, fault: Fault) -> bool:
@@ -317,40 +326,40 @@ async def _ride(world: World, lift: str, robot: RobotRides, played: Played) -> N
     word = RobotWord.IN_PLACE if robot.in_words else None
     try:
         async with asyncio.timeout(robot.gives_up_after_s):
-            await _until_open(world, Ask(lift, holder, pickup, hold_door=True))
+            await _until_open(world, FloorRequest(lift, holder, pickup, hold_door=True))
             played.aboard.entered(lift, holder)
-            await _repeat(world, Ask(lift, holder, pickup, hold_door=True), BOARDS_S)
-            await _until_open(world, Ask(lift, holder, destination, hold_door=robot.holds, robot=word))
+            await _repeat(world, FloorRequest(lift, holder, pickup, hold_door=True), BOARDS_S)
+            await _until_open(world, FloorRequest(lift, holder, destination, hold_door=robot.holds, robot=word))
             played.aboard.left(lift)
-            await _repeat(world, Ask(lift, holder, destination, hold_door=True), BOARDS_S)
+            await _repeat(world, FloorRequest(lift, holder, destination, hold_door=True), BOARDS_S)
             played.rides += 1
     except TimeoutError:
         if not robot.releases:
             return
     word = RobotWord.LEFT if robot.in_words else None
     if robot.releases:
-        world.ask(Ask(lift, holder, destination, hold_door=False, robot=word))
+        world.request(FloorRequest(lift, holder, destination, hold_door=False, robot=word))
 
 
-async def _until_open(world: World, ask: Ask) -> None:
+async def _until_open(world: World, request: FloorRequest) -> None:
     while True:
-        world.ask(ask)
+        world.request(request)
         for _ in range(4):
             await elapse(ASKS_EVERY_S / 4)
-            if _invited(world.manager.state(ask.lift), ask):
+            if _invited(world.site.state(request.lift), request):
                 return
 
 
-def _invited(state: LiftState | None, ask: Ask) -> bool:
-    if state is None or (state.floor, state.robot_door) != (ask.floor, RobotDoor.OPEN):
+def _invited(state: LiftState, request: FloorRequest) -> bool:
+    if (state.floor, state.robot_door) != (request.floor, RobotDoor.OPEN):
         return False
     # who did not want the door held does not hold the lift any more once it is there
-    return state.holder == ask.holder or (state.holder is None and not ask.hold_door)
+    return state.holder == request.holder or (state.holder is None and not request.hold_door)
 
 
-async def _repeat(world: World, ask: Ask, for_s: float) -> None:
+async def _repeat(world: World, request: FloorRequest, for_s: float) -> None:
     for _ in range(round(for_s / ASKS_EVERY_S)):
-        world.ask(ask)
+        world.request(request)
         await elapse(ASKS_EVERY_S)
 
 

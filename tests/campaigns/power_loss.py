@@ -117,7 +117,7 @@ def _judged(path: Path, answered: set[int], report: Report) -> str | None:
     if (broken := _broken(rows)) is not None:
         return broken
     presses = [json.loads(row.data)["n"] for row in rows if row.kind == "press"]
-    said = records["east"].acknowledged if records else None
+    said = records["east"].record.acknowledged if records else None
     if presses and (said is None or said.by != str(presses[-1])):
         return f"press {presses[-1]} is the newest, and the record is {said}"
     there = set(presses)

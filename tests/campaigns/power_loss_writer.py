@@ -14,8 +14,10 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.service import Acknowledged, Cause, Remembered
+from lift_manager.lift.events import Acknowledged, Cause
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.lift.record import DurableRecord
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.database import connect
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
@@ -45,7 +47,8 @@ async def main(path: Path, number: int, presses: int, *, careless: bool) -> None
     for press in range(PER_ROUND * number, PER_ROUND * number + presses):
         for _ in range(press % 4):  # commits of one row and of several
             kept.note(Row(RowKind.WRITE, "x" * 2_000, "east"))
-        kept.keep("east", Remembered(acknowledged=Acknowledged(str(press), at, (Cause.FIRE,))))
+        record = DurableRecord(acknowledged=Acknowledged("east", str(press), at, (Cause.FIRE,)))
+        kept.keep("east", SavedLift(record))
         why = await kept.before(Row(RowKind.PRESS, "about to press", "east", "rmf:robot1", {"n": press}))
         if why is not None:
             sys.exit(why)

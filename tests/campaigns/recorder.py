@@ -13,16 +13,16 @@ from dataclasses import asdict, is_dataclass, replace
 from typing import Any
 
 from lift_manager.config.load import LoadedSite
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event, StateChanged
-from lift_manager.domain.journal import Row
-from lift_manager.domain.state import LiftState, Quality
 from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Forgot, Struck
+from lift_manager.lab.world.witness import FloorRequest, Forgot, Struck
 from lift_manager.lab.world.world import World
+from lift_manager.lift.journal import Row
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.bus import Event, StateChanged
+from lift_manager.runtime.errors import RequestRefused
 from lift_manager.web.events.encoding import shown
 from lift_manager.web.workshop import state_data
 from register_maps import frames
@@ -95,16 +95,16 @@ class Recorder:
         """Write down an event as the event stream has it."""
         self._add("events", at, shown(event, self._max_age_s[event.lift]).model_dump(mode="json"))
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Write down a request, and the reply."""
         said = {
-            "lift": ask.lift,
-            "holder": str(ask.holder),
-            "floor": ask.floor,
-            "hold_door": ask.hold_door,
-            "robot": ask.robot,
+            "lift": request.lift,
+            "holder": str(request.holder),
+            "floor": request.floor,
+            "hold_door": request.hold_door,
+            "robot": request.robot,
         }
-        self._answered(at, said, answer)
+        self._replied(at, said, refused)
 
     def struck(self, at: float, struck: Struck) -> None:
         """Write down a fault, a restart or the end."""
@@ -129,8 +129,8 @@ class Recorder:
 
     def end(self, played: Played) -> None:
         """Write down what is known at the end only."""
-        for at, event, answer in played.people:
-            self._answered(at, {"person": event.what}, answer)
+        for at, event, refused in played.people:
+            self._replied(at, {"person": event.what}, refused)
         for controller, exchanges in self._exchanges.items():
             self.recording[f"wire.{controller}"] = [
                 [_ms(exchange.sent_at), _decoded(exchange)] for exchange in exchanges
@@ -145,11 +145,11 @@ class Recorder:
                     text = text.replace(number, other)
                 self.recording[name] = json.loads(text)
 
-    def _answered(self, at: float, said: Mapping[str, object], answer: object) -> None:
+    def _replied(self, at: float, said: Mapping[str, object], refused: RequestRefused | None) -> None:
         self._add("inputs", at, _plain(said))
         reply: dict[str, Json] = {"success": True}
-        if isinstance(answer, Refused):
-            reply = {"success": False, "code": answer.code, "msg": answer.message}
+        if refused is not None:
+            reply = {"success": False, "code": refused.code, "msg": refused.message}
         self._add("replies", at, _plain({**said, "reply": reply}))
 
     def _noted(self, row: Row) -> None:

@@ -16,7 +16,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 from itertools import product
 
-from lift_manager.domain.ride import OVER, Guidance, Phase, Ride
+from lift_manager.rides.ride import OVER, Guidance, Phase, Ride
 from register_maps.load import shipped
 from tests.support.ride_faults import FAULTS, FURTHER, STEPS, Story, judge_end
 from tests.support.ride_faults import play as play_fault

@@ -1,4 +1,4 @@
-"""Sessions in any order: more of what `tests/lift_manager/core/test_session_machine.py` plays a little of.
+"""Sessions in any order: more of what `tests/lift_manager/runtime/test_session_machine.py` plays a little of.
 
 python -m tests.campaigns.sessions --examples 500 --seed 1
 """
@@ -11,7 +11,7 @@ import time
 from hypothesis import HealthCheck, seed, settings
 from hypothesis.stateful import run_state_machine_as_test
 
-from tests.lift_manager.core.session_machine import SessionMachine
+from tests.lift_manager.runtime.session_machine import SessionMachine
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -3,12 +3,12 @@
 from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping, Sequence
 
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
-from lift_manager.domain.state import LiftState
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from simulator.wire_faults import Exchange
 
 WORDS = 60
@@ -58,13 +58,14 @@ class Story:
         """Note what the manager tells."""
         self._note(at, event.lift, f"tells {event}")
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Note a request; one that is refused as the one before it was is no news."""
-        word = f"{ask.holder} asks for {ask.floor}, hold {ask.hold_door}, {ask.robot}: "
-        if isinstance(answer, Accepted):
-            self._note(at, ask.lift, f"{word}accepted")
+        lift, holder = request.lift, request.holder
+        word = f"{holder} asks for {request.floor}, hold {request.hold_door}, {request.robot}: "
+        if refused is None:
+            self._note(at, lift, f"{word}accepted")
         else:
-            self._change(at, ask.lift, f"refuses {ask.holder}", f"{word}{answer.code}")
+            self._change(at, lift, f"refuses {holder}", f"{word}{refused.code}")
 
     def struck(self, at: float, struck: Struck) -> None:
         """Note a fault of the lift or of its wires, or of everything."""

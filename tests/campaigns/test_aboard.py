@@ -4,12 +4,14 @@ from collections.abc import Callable
 
 import pytest
 
-from lift_manager.domain.asking import Accepted, Ask, Refusal, Refused, RobotWord
-from lift_manager.domain.events import HandedOver, SessionEnded, SessionOpened
-from lift_manager.domain.service import EndReason
-from lift_manager.domain.state import Holder
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import FloorRequest
+from lift_manager.lift.events import HandedOver, SessionEnded, SessionOpened
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import EndReason, Holder
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.words import Mode
 from tests.campaigns.aboard import Aboard
 
@@ -60,7 +62,7 @@ def test_a_release_is_the_word_that_it_is_out() -> None:
 def test_who_wanted_no_more_than_to_be_where_the_car_is_now_is_out() -> None:
     def then(judge: Aboard) -> None:
         judge.looked(2.0, "lift", standing_at("L1"))
-        judge.asked(2.0, Ask("lift", R1, "L2", hold_door=False), Accepted())
+        judge.requested(2.0, FloorRequest("lift", R1, "L2", hold_door=False), None)
         judge.looked(3.0, "lift", standing_at("L2"))
         ends(judge, EndReason.ARRIVED)
 
@@ -68,18 +70,18 @@ def test_who_wanted_no_more_than_to_be_where_the_car_is_now_is_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ask", "at"),
+    ("last", "at"),
     [
-        (Ask("lift", R1, "L2", hold_door=False), "L1"),
-        (Ask("lift", R1, "L1", hold_door=True), "L1"),
-        (Ask("lift", R1, "L1", hold_door=False, robot=RobotWord.IN_PLACE), "L1"),
+        (FloorRequest("lift", R1, "L2", hold_door=False), "L1"),
+        (FloorRequest("lift", R1, "L1", hold_door=True), "L1"),
+        (FloorRequest("lift", R1, "L1", hold_door=False, robot=RobotWord.IN_PLACE), "L1"),
     ],
     ids=["the car is elsewhere", "the door is to be held", "it says that it is in the car"],
 )
-def test_an_arrival_is_not_believed_where(ask: Ask, at: str) -> None:
+def test_an_arrival_is_not_believed_where(last: FloorRequest, at: str) -> None:
     def then(judge: Aboard) -> None:
         judge.looked(2.0, "lift", standing_at("L3"))
-        judge.asked(2.0, ask, Accepted())
+        judge.requested(2.0, last, None)
         judge.looked(3.0, "lift", standing_at(at))
         ends(judge, EndReason.ARRIVED)
 
@@ -89,7 +91,8 @@ def test_an_arrival_is_not_believed_where(ask: Ask, at: str) -> None:
 def test_a_request_that_was_refused_is_no_word() -> None:
     def then(judge: Aboard) -> None:
         judge.looked(2.0, "lift", standing_at("L1"))
-        judge.asked(2.0, Ask("lift", R1, "L1", hold_door=False), Refused(Refusal.HELD, "held"))
+        refused = RequestRefused(Refusal.HELD, "held")
+        judge.requested(2.0, FloorRequest("lift", R1, "L1", hold_door=False), refused)
         ends(judge, EndReason.ARRIVED)
 
     assert len(found(then)) == 1

@@ -69,7 +69,7 @@ def test_a_minute_is_recorded_the_same_twice(name: str) -> None:
 def test_recordings_do_not_have_the_names_of_classes_or_the_ids_of_one_process() -> None:
     text = str(recorded(VISITED))
     assert "id-1" in text
-    for word in ("lift_manager", "domain", "object at", "Ask(", "Holder(", "<"):
+    for word in ("lift_manager", "runtime", "object at", "Request(", "Holder(", "<"):
         assert word not in text.replace("<=", ""), word
 
 

@@ -80,7 +80,7 @@ class Client:
     def __init__(self, world: World, hears: Hears) -> None:
         self._world = world
         self._hears = hears
-        self._manager: object = None
+        self._site: object = None
         self._app: Any = None
 
     async def post(self, path: str, body: Json, **query: str) -> tuple[int, Json]:
@@ -94,8 +94,8 @@ class Client:
     async def _call(
         self, method: str, path: str, body: Json, query: dict[str, str], *, quiet: bool = False
     ) -> tuple[int, Json]:
-        if self._manager is not self._world.manager:
-            self._manager, self._app = self._world.manager, make_app(self._world.manager)
+        if self._site is not self._world.site:
+            self._site, self._app = self._world.site, make_app(self._world.site)
         at = asyncio.get_running_loop().time()
         transport = httpx.ASGITransport(self._app, client=("127.0.0.1", 50000))
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:

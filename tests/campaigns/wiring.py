@@ -9,14 +9,16 @@ from typing import Any
 from drivers.model import FloorName
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.domain.asking import Ask
-from lift_manager.domain.events import Alarm, Event
-from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck, Witness
+from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
 from lift_manager.lab.world.world import World
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event
 from register_maps.load import Changes, LoadedMap, load
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault
@@ -96,7 +98,7 @@ class Seen:
     def struck(self, at: float, struck: Struck) -> None:
         """Nothing is struck here."""
 
-    def asked(self, at: float, ask: Ask, answer: object) -> None:
+    def requested(self, at: float, request: FloorRequest, refused: object) -> None:
         """Nothing about requests is looked at here."""
 
     @property
@@ -168,12 +170,11 @@ def play(
             for turn in range(round(lasts_s / asks_for_s)):
                 floor = names[(seed + turn) % len(names)]
                 for _ in range(asks_for_s):
-                    world.ask(Ask(LIFT, ROBOT, floor, hold_door=turn % 3 != 2))
+                    world.request(FloorRequest(LIFT, ROBOT, floor, hold_door=turn % 3 != 2))
                     await elapse(1.0)
                 if turn % 4 == 3:
-                    state = world.manager.state(LIFT)
-                    assert state is not None
-                    world.ask(Ask(LIFT, ROBOT, state.floor or floor, hold_door=False))
+                    here = world.site.state(LIFT).floor
+                    world.request(FloorRequest(LIFT, ROBOT, here or floor, hold_door=False))
                     await elapse(12.0)
             if restart is not None:
                 await restart

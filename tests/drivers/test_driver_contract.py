@@ -26,7 +26,7 @@ from drivers.model import (
 from register_maps.words import Side, Table
 from tests.drivers.linked import now
 from tests.drivers.rig import ended
-from tests.lift_manager.core.scripted import AT_L2, PLAIN, ScriptedDriver
+from tests.lift_manager.runtime.scripted import AT_L2, PLAIN, ScriptedDriver
 from tests.support.virtual_time import elapse, run_virtual
 from tests.support.written_maps import written_map
 

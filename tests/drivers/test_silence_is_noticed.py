@@ -13,11 +13,12 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings, LinkState
 from drivers.modbus.memory import MemoryDevice
 from drivers.model import Command, CommandKind, Result
-from lift_manager.core.lift import LiftTask
-from lift_manager.core.options import LiftOptions
-from lift_manager.domain.events import Event
-from lift_manager.domain.state import Quality
-from lift_manager.runtime.bus import Bus
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.state import Quality
+from lift_manager.runtime.actor import LiftActor
+from lift_manager.runtime.bus import Bus, Event
+from lift_manager.runtime.poll import LiftPoll
+from lift_manager.runtime.recorder import MemoryRecorder
 from register_maps.words import Side, Table
 from tests.drivers.caller import Caller
 from tests.drivers.linked import now, virtual
@@ -35,7 +36,7 @@ class Made:
     device: MemoryDevice
     link: Link
     lift: ModbusLift
-    task: LiftTask
+    actor: LiftActor
 
     async def until(self, true: Callable[[], bool]) -> float:
         """Wait for it; returns how long that took."""
@@ -47,7 +48,7 @@ class Made:
 
     @property
     def is_offline(self) -> bool:
-        return self.task.state().quality is Quality.OFFLINE
+        return self.actor.state().quality is Quality.OFFLINE
 
 
 @asynccontextmanager
@@ -57,14 +58,20 @@ async def polled(settings: LinkSettings) -> AsyncIterator[Made]:
     device.values[Table.DISCRETE].update({1: 1, 2: 1, 4: 1})
     link = Link(device.wire, settings, name="plc")
     lift = ModbusLift(compiled("two-stop-agv"), link, LiftSettings(name="lift", floors=FLOORS, control=True))
-    options = LiftOptions(
-        name="lift", floors=tuple(FLOORS), doors_at=dict.fromkeys(FLOORS, (Side.FRONT,)), control=True, poll_s=POLL_S
+    config = LiftConfig(
+        name="lift",
+        source=lift.source,
+        floors=tuple(FLOORS),
+        doors_at=dict.fromkeys(FLOORS, (Side.FRONT,)),
+        control=True,
+        capabilities=lift.capabilities,
+        poll_s=POLL_S,
     )
     bus: Bus[Event] = Bus()
-    task = LiftTask(lift, options, bus)
-    running = [asyncio.ensure_future(part) for part in (link.run(), task.drive(), task.run())]
+    actor = LiftActor(lift, config, bus, MemoryRecorder())
+    running = [asyncio.ensure_future(part) for part in (link.run(), lift.run(), LiftPoll(actor).run())]
     try:
-        yield Made(device, link, lift, task)
+        yield Made(device, link, lift, actor)
     finally:
         for part in running:
             part.cancel()

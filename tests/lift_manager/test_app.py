@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,16 +14,14 @@ from drivers.modbus.settings import LinkSettings
 from lift_manager import app
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.site import Site
-from lift_manager.core.journal import Hears, ShortJournal
-from lift_manager.core.memory import ShortMemory
-from lift_manager.core.options import LiftOptions
-from lift_manager.domain.asking import Accepted, Ask
-from lift_manager.domain.hours import RobotHours, read_hours
-from lift_manager.domain.journal import Row
-from lift_manager.domain.service import Remembered
-from lift_manager.domain.state import Holder, Quality
 from lift_manager.lab.plant import simulated_lift
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.hours import RobotHours, read_hours
+from lift_manager.lift.journal import Row
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import Quality
 from lift_manager.plain.signals import remember_sigterm
+from lift_manager.runtime.recorder import MemoryRecorder, SavedLift
 from lift_manager.web.server import listen
 from register_maps.load import load
 from register_maps.words import Door, Side
@@ -95,11 +93,11 @@ class Module:
 async def running(building: app.Building) -> AsyncIterator[None]:
     """Everything but the faces of a manager."""
     async with asyncio.TaskGroup() as tasks:
-        parts = [*(link.run() for link in building.links), *building.manager.drives(), building.manager.run()]
+        parts = [*(link.run() for link in building.links), *building.life.drives(), building.life.run()]
         work = [tasks.create_task(part) for part in parts]
-        await building.manager.first_look()
+        await building.life.first_look()
         yield
-        await building.manager.stop()
+        await building.life.stop()
         for task in work:
             task.cancel()
 
@@ -162,7 +160,7 @@ class Mute:
         writer.close()
 
 
-class SettledJournal(ShortJournal):
+class SettledJournal(MemoryRecorder):
     """Knows what was noted after the end had seen everything on the disk."""
 
     def __init__(self) -> None:
@@ -185,7 +183,7 @@ def test_an_end_with_a_poll_in_flight_notes_nothing_after_the_last_row_is_writte
         await plc.start()
         mute, journal, stop, ready = Mute(plc.port), SettledJournal(), asyncio.Event(), asyncio.Event()
         async with mute.serve() as port, asyncio.timeout(60), asyncio.TaskGroup() as tasks:
-            running = app.run(site_of(port), listen("127.0.0.1", 0), stop=stop, ready=ready.set, journal=journal)
+            running = app.run(site_of(port), listen("127.0.0.1", 0), stop=stop, ready=ready.set, recorder=journal)
             tasks.create_task(running)
             await ready.wait()
             mute.is_mute = True
@@ -218,26 +216,25 @@ def test_a_manager_that_only_watches_says_at_its_end_that_it_held_nothing(caplog
     assert "let go" not in caplog.text
 
 
-class BrokenMemory(ShortMemory):
-    """Has a bug."""
-
-    def keep(self, lift: str, remembered: Remembered) -> None:
-        raise ZeroDivisionError
-
-
-class WatchedJournal(ShortJournal):
+class WatchedRecorder(MemoryRecorder):
     """Knows whether it is still being written, and what was heard of the port, when the end waits for it."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, *, broken: bool) -> None:
         super().__init__()
         self._port = port
+        self._is_broken = broken
         self.is_written = False
         self.waited_while_written = False
 
-    async def run(self, hears: Hears) -> None:
+    def keep(self, lift: str, saved: SavedLift) -> None:
+        if self._is_broken:
+            raise ZeroDivisionError  # a bug
+        super().keep(lift, saved)
+
+    async def run(self, report: Callable[[str], None]) -> None:
         self.is_written = True
         try:
-            await super().run(hears)
+            await super().run(report)
         finally:
             self.is_written = False
 
@@ -253,36 +250,36 @@ class WatchedJournal(ShortJournal):
             await asyncio.sleep(0.01)
 
 
-async def ended_by_a_fire(memory: ShortMemory, *, broken: bool) -> WatchedJournal:
-    """Run a manager until a fire is to be kept in mind, and end it; with a broken memory it ends by itself."""
+async def ended_by_a_fire(*, broken: bool) -> WatchedRecorder:
+    """Run a manager until a fire is to be saved, and end it; with a broken recorder it ends by itself."""
     codec = compiled("generic-registers")
     face = simulated_lift(codec, {"L1": 1, "L2": 2})
     plc = SimulatedController({1: face})
     await plc.start()
     face.people(asyncio.get_running_loop().time(), Inputs(fire=True))
     with listen("127.0.0.1", 0) as sock:
-        journal, stop = WatchedJournal(sock.getsockname()[1]), asyncio.Event()
+        recorder, stop = WatchedRecorder(sock.getsockname()[1], broken=broken), asyncio.Event()
         if not broken:
             asyncio.get_running_loop().call_later(1.0, stop.set)
         try:
             async with asyncio.timeout(60):
                 site = site_of(plc.port)
-                await app.run(site, sock, stop=stop, ready=lambda: None, memory=memory, journal=journal)
+                await app.run(site, sock, stop=stop, ready=lambda: None, recorder=recorder)
         except* ZeroDivisionError:
             assert broken
         finally:
             await plc.stop()
-    return journal
+    return recorder
 
 
 @pytest.mark.parametrize("broken", [True, False])
 def test_what_people_say_is_written_until_the_end_also_after_a_bug_in_one_lift(
     caplog: pytest.LogCaptureFixture, *, broken: bool
 ) -> None:
-    memory = BrokenMemory() if broken else ShortMemory()
-    journal = asyncio.run(ended_by_a_fire(memory, broken=broken))
-    assert journal.waited_while_written
-    assert (memory.recall("lift").fire_since is None) is broken
+    recorder = asyncio.run(ended_by_a_fire(broken=broken))
+    assert recorder.waited_while_written
+    saved = recorder.recall("lift")
+    assert (saved is None or saved.record.fire_since is None) is broken
     assert "is not on the disk" not in caplog.text  # the port was closed meanwhile
 
 
@@ -311,6 +308,7 @@ controllers: {plc: {host: 127.0.0.1, map: seer-lps3-two-stop}}
 lifts:
   lift:
     controller: plc
+    display_name: Güteraufzug Süd / 2
     floors: {L1: 0, L2: 1}
     lease_s: 60
     max_session_hold_s: 100
@@ -351,13 +349,16 @@ def test_a_link_to_a_controller_that_serves_nobody_makes_no_sense() -> None:
 def test_what_a_site_says_about_a_lift_reaches_the_manager(tmp_path: Path) -> None:
     (tmp_path / "site.yaml").write_text(HANDSHAKE, "utf-8")
     loaded = load_site(tmp_path / "site.yaml")
-    assert app.lift_options("lift", loaded, (Side.FRONT,), 0.1) == LiftOptions(
+    config = app.build(loaded).site.config("lift")
+    assert config == LiftConfig(
         name="lift",
+        source=config.source,
+        capabilities=config.capabilities,
+        display_name="Güteraufzug Süd / 2",
         floors=("L1", "L2"),
         doors_at={"L1": (Side.FRONT,), "L2": (Side.FRONT,)},
         control=False,
         poll_s=0.5,
-        first_poll_s=0.1,
         lease_s=60,
         max_session_hold_s=100,
         infer_occupancy=True,
@@ -393,11 +394,9 @@ def test_a_lift_on_two_devices_is_seen_on_one_and_called_on_the_other(tmp_path: 
             building = app.build(load_site(path))
             assert len(building.links) == 2
             async with running(building):
-                state = building.manager.state("vip")
-                assert state is not None
+                state = building.site.state("vip")
                 assert (state.quality, state.floor, state.doors[Side.FRONT]) == (Quality.LIVE, "L1", Door.CLOSED)
-                ask = Ask("vip", Holder("test", "test"), "L2", hold_door=False)
-                assert isinstance(building.manager.request(ask), Accepted)
+                building.site.request("vip", Holder("test", "test"), "L2", hold_door=False)
                 while (press := await buttons.written.get())[4] == 0:
                     assert press[3] in (16, 17)  # the other two buttons are let go first
             # unit 3, function 5, third button (19 as printed, 18 on the wire), on

@@ -18,7 +18,7 @@ from typer.testing import CliRunner, Result
 
 from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
 from lift_manager.cli.main import app
-from lift_manager.domain.journal import Json, Row, RowKind
+from lift_manager.lift.journal import Json, Row, RowKind
 from lift_manager.store.chain import Stored
 from lift_manager.store.place import store_path
 from lift_manager.store.read import open_journal
@@ -35,7 +35,7 @@ SITE = {
     "timezone": "Asia/Singapore",
     "state": "kept",
     "controllers": {"plc": {"host": "127.0.0.1", "map": "generic-registers"}},
-    "lifts": {"east wing": {"controller": "plc", "floors": {"L1": 1, "L2": 2}}},
+    "lifts": {"east-wing": {"controller": "plc", "floors": {"L1": 1, "L2": 2}}},
 }
 NOON = datetime(2026, 11, 20, 4, 0, tzinfo=UTC)
 """In Singapore it is noon."""
@@ -92,8 +92,8 @@ def used(building: Building) -> Building:
     """Four rows of two days; a caller who means no good."""
     building.write(
         (NOON - timedelta(days=1), "manager", "", "", "a manager started"),
-        (NOON, "request", "east wing", "workshop:r1", "asks for L2"),
-        (NOON + timedelta(minutes=1), "alarm", "east wing", "rmf:=evil", EVIL),
+        (NOON, "request", "east-wing", "workshop:r1", "asks for L2"),
+        (NOON + timedelta(minutes=1), "alarm", "east-wing", "rmf:=evil", EVIL),
         (NOON + timedelta(hours=2), "person", "old lift", "M. Weber", "locked out: Türantrieb"),
         data={"floor": "Ü2", "evil": EVIL},
     )
@@ -107,7 +107,7 @@ def numbers(printed: str) -> list[int]:
 def test_the_rows_are_printed_by_the_clock_of_the_building(used: Building) -> None:
     lines = used.audit().splitlines()
     assert lines[0] == "     1  2026-11-19 12:00:00             manager               a manager started"
-    assert lines[1] == "     2  2026-11-20 12:00:00  east wing  request  workshop:r1  asks for L2"
+    assert lines[1] == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  asks for L2"
     assert lines[3].split() == [
         "4",
         "2026-11-20",
@@ -126,7 +126,7 @@ def test_the_rows_are_printed_by_the_clock_of_the_building(used: Building) -> No
 
 def test_rows_are_chosen(used: Building) -> None:
     for words, wanted in (
-        (("--lift", "east wing"), [2, 3]),
+        (("--lift", "east-wing"), [2, 3]),
         (("--kind", "alarm", "--kind", "person"), [3, 4]),
         (("--caller", "rmf"), [3]),
         (("--find", "TÜR"), [4]),
@@ -154,7 +154,7 @@ def test_how_long_ago_and_a_time_of_today_are_understood(building: Building) -> 
 def test_where_no_row_is_wanted_it_says_so_and_names_the_lifts(used: Building) -> None:
     done = called("audit", str(used.file), "--lift", "west")
     assert (done.exit_code, done.stdout) == (0, "")
-    assert done.stderr.strip() == "no row is of a lift 'west'; the lifts of this site are east wing"
+    assert done.stderr.strip() == "no row is of a lift 'west'; the lifts of this site are east-wing"
     assert called("audit", str(used.file), "--find", "nothing").stderr.strip() == "no row is like that"
     assert numbers(used.audit("--lift", "old lift")) == [4]
 
@@ -327,7 +327,7 @@ def test_a_broken_chain_is_told_and_ends_with_1(used: Building) -> None:
     assert done.exit_code == 1
     what = "row 2 does not follow row 1: it was changed, or stands in the place of another"
     assert done.stderr == f"{used.journal}: {what}\n"
-    assert done.stdout == "     2  2026-11-20 12:00:00  east wing  request  workshop:r1  asks for L1\n"
+    assert done.stdout == "     2  2026-11-20 12:00:00  east-wing  request  workshop:r1  asks for L1\n"
     used.sql("UPDATE rows SET text = x'00' WHERE seq = 2")
     assert "row 2 was changed: it has no text for its text" in used.audit("--verify", code=1)
 
@@ -390,15 +390,15 @@ def test_without_a_site_and_a_file_it_asks_for_one() -> None:
 
 def test_new_rows_are_followed_until_ctrl_c_also_over_a_cut_and_a_restart(used: Building) -> None:
     with Started() as start:
-        audit = start("audit", used.file, "--follow", "--lift", "east wing", "--last", "1")
+        audit = start("audit", used.file, "--follow", "--lift", "east-wing", "--last", "1")
         audit.says("HYPERLINK")
-        used.write((NOON, "link", "east wing", "", "first news"), (NOON, "link", "west", "", "not wanted"))
+        used.write((NOON, "link", "east-wing", "", "first news"), (NOON, "link", "west", "", "not wanted"))
         audit.says("first news")
         used.end()
-        used.write((NOON, "link", "east wing", "", "after a restart"))
+        used.write((NOON, "link", "east-wing", "", "after a restart"))
         audit.says("after a restart")
         used.sql("DELETE FROM rows WHERE seq <= 3")
-        used.write((NOON, "link", "east wing", "", "after a cut"))
+        used.write((NOON, "link", "east-wing", "", "after a cut"))
         audit.says("after a cut")
         audit.tell(signal.SIGINT)
         assert audit.ended() == 0
@@ -484,12 +484,12 @@ def test_what_is_seen_is_shown_as_it_is_and_the_rest_as_its_number() -> None:
 
 
 def test_the_row_of_an_event_is_found_by_the_id_that_the_log_has(building: Building) -> None:
-    building.write((NOON, "alarm", "east wing", "", "the door is blocked"), data={"event": "mi9x1k2a-42", "n": 1})
+    building.write((NOON, "alarm", "east-wing", "", "the door is blocked"), data={"event": "mi9x1k2a-42", "n": 1})
     building.write(
-        (NOON, "alarm", "east wing", "", 'no event: "event":"mi9x1k2a-42"'), data={"text": '"event":"mi9x1k2a-42"'}
+        (NOON, "alarm", "east-wing", "", 'no event: "event":"mi9x1k2a-42"'), data={"text": '"event":"mi9x1k2a-42"'}
     )
-    building.write((NOON, "alarm", "east wing", "", "another"), data={"event": "mi9x1k2a-421"})
-    building.write((NOON, "alarm", "east wing", "", "from before such ids"))
+    building.write((NOON, "alarm", "east-wing", "", "another"), data={"event": "mi9x1k2a-421"})
+    building.write((NOON, "alarm", "east-wing", "", "from before such ids"))
     assert numbers(building.audit("--event", "mi9x1k2a-42")) == [1]
     assert building.audit("--event", "mi9x1k2a-42").rstrip().endswith("the door is blocked  [mi9x1k2a-42]")
     assert building.audit("--event", "mi9x1k2a-4") == ""
@@ -500,7 +500,7 @@ def test_the_row_of_an_event_is_found_by_the_id_that_the_log_has(building: Build
 
 
 def test_a_wide_terminal_has_a_column_of_events(building: Building) -> None:
-    building.write((NOON, "alarm", "east wing", "", "the door is blocked"), data={"event": "mi9x1k2a-42"})
+    building.write((NOON, "alarm", "east-wing", "", "the door is blocked"), data={"event": "mi9x1k2a-42"})
     building.end()
     with open_journal(building.journal) as reader:
         rows = list(reader.rows())

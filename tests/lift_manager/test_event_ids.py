@@ -11,7 +11,7 @@ import pytest
 from lift_manager.app import Building, build
 from lift_manager.cli.logs import JsonFormatter
 from lift_manager.config.load import load_site
-from lift_manager.core.journal import Journal
+from lift_manager.runtime.recorder import Recorder
 from lift_manager.store.read import Wanted, event_of, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
@@ -28,10 +28,10 @@ SITE = {
 }
 
 
-def of_site(folder: Path, journal: Journal) -> Building:
+def of_site(folder: Path, recorder: Recorder) -> Building:
     file = folder / "site.yaml"
     file.write_text(json.dumps(SITE), "utf-8")  # JSON is YAML
-    return build(load_site(file), journal=journal)
+    return build(load_site(file), recorder=recorder)
 
 
 def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -39,15 +39,15 @@ def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pyte
 
     async def main() -> list[Message]:
         journal = opened(path, "one id", ["goods"], Limits(10, 10))
-        manager = of_site(tmp_path, journal).manager
-        recording = asyncio.ensure_future(manager.record())
-        async with serving(make_app(manager)) as port, listening(port) as stream:
+        site = of_site(tmp_path, journal).site
+        recording = asyncio.ensure_future(journal.run(site.report_disk))
+        async with serving(make_app(site)) as port, listening(port) as stream:
             await stream.begin()
             await stream.take(1)
-            manager.lock_out("goods", "A. Beck", "new ropes")
-            manager.end_lockout("goods", "A. Beck")
+            site.lock_out("goods", "A. Beck", "new ropes")
+            site.end_lockout("goods", "A. Beck")
             found = await stream.take(4)
-        await manager.settled()
+        await journal.settled()
         recording.cancel()
         await asyncio.gather(recording, return_exceptions=True)
         return found

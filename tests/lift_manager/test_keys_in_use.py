@@ -85,7 +85,7 @@ def test_a_robot_holds_the_lift_in_its_own_name_until_an_operator_takes_it(site:
     file.chmod(0o600)
     said = command(*words, "--key-file", file)
     assert said.startswith("M. Weber (key desk), 20")
-    assert "the session of workshop:amr-1 on east wing is over" in said
+    assert "the session of workshop:amr-1 on east-wing is over" in said
     assert "nobody holds" in command(*words, key=desk, code=1)
 
 
@@ -100,8 +100,8 @@ def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_p
 @each_row(
     ("words", "said"),
     [
-        (("--name", "amr", "--role", "robot"), "say which lifts this key may command: east wing"),
-        (("--name", "amr", "--role", "robot", "--lift", "west"), "no lift 'west'; there is east wing"),
+        (("--name", "amr", "--role", "robot"), "say which lifts this key may command: east-wing"),
+        (("--name", "amr", "--role", "robot", "--lift", "west"), "no lift 'west'; there is east-wing"),
         (("--name", "amr", "--role", "viewer", "--lift", LIFT), "is for every lift"),
         (("--name", "a:b", "--role", "viewer"), "letters, digits, spaces, points and hyphens"),
         (("--name", "", "--role", "viewer"), "letters, digits, spaces, points and hyphens"),

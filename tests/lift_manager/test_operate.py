@@ -18,7 +18,7 @@ from tests.support.programs import Program, Started, call, eventually, free_port
 from tests.support.rows import each_row
 
 NAME = "Main hospital"
-LIFT = "east wing"
+LIFT = "east-wing"
 OPEN = 2
 
 
@@ -48,7 +48,7 @@ class Site:
         server.start()
         start.callback(server.stop)
         lift = {"controller": "plc", "access": "control", "floors": {"L1": 1, "L2": 2}, "poll_s": 0.1}
-        lift["max_age_s"] = 10  # so that a busy computer takes no lift offline
+        lift |= {"display_name": "Ostflügel [2]", "max_age_s": 10}  # so that a busy computer takes no lift offline
         content = {
             "schema": 1,
             "name": NAME,
@@ -98,15 +98,21 @@ def test_a_fire_is_latched_until_somebody_acknowledges_it_also_when_the_manager_
     assert "still tells of a fire" in site.say("ack", LIFT, "--by", "M. Weber", code=1)
     site.controller.fire(False)
     told = eventually(lambda: message if "fire service" in (message := site.refuses()) else "")
-    assert "`lift-manager ack 'east wing' --by NAME`" in told
+    assert "`lift-manager ack east-wing --by NAME`" in told
     site.restart(signal.SIGKILL)
     assert "fire service" in site.refuses()
     assert "a fire at" in site.manager.err
     said = site.say("ack", LIFT, "--by", "M. Weber")
-    assert said.startswith("east wing: M. Weber acknowledged the fire, ")
+    assert said.startswith("east-wing: M. Weber acknowledged the fire, ")
     assert said.endswith("robots are taken again")
     assert site.refuses() == ""
     assert "nothing to acknowledge" in site.say("ack", LIFT, "--by", "M. Weber", code=1)
+
+
+def test_the_table_of_the_lifts_shows_what_people_call_them(site: Site) -> None:
+    head, line = site.say("lifts").splitlines()
+    assert head.split()[:4] == ["lift", "called", "floor", "door"]
+    assert line.split()[:4] == [LIFT, "Ostflügel", "[2]", "L1"]
 
 
 @pytest.mark.parametrize("which", [LIFT, "--all"])
@@ -119,18 +125,18 @@ def test_a_drain_is_begun_and_ended_by_a_named_person(site: Site, which: str) ->
 
 def test_a_lockout_is_told_to_robots_survives_a_restart_and_is_ended_by_a_named_person(site: Site) -> None:
     locked = site.say("lockout", LIFT, "--by", "M. Weber", "--reason", "new ropes")
-    assert locked.startswith("east wing: locked out by M. Weber since 20")
+    assert locked.startswith("east-wing: locked out by M. Weber since 20")
     assert locked.endswith(": new ropes")
     site.restart()
     told = site.refuses()
     assert "is locked out by M. Weber since 20" in told
-    assert "new ropes; a person ends it with `lift-manager lockout 'east wing' --by NAME --end`" in told
+    assert "new ropes; a person ends it with `lift-manager lockout east-wing --by NAME --end`" in told
     assert "end that one first" in site.say("lockout", LIFT, "--by", "A. Beck", "--reason", "cleaning", code=1)
     ended = site.say("lockout", LIFT, "--by", "A. Beck", "--end")
     assert ended.endswith("(new ropes) is ended by A. Beck")
     assert site.refuses() == ""
     assert "is not locked out" in site.say("lockout", LIFT, "--by", "A. Beck", "--end", code=1)
-    assert "the lifts are east wing" in site.say("lockout", "west", "--by", "A. Beck", "--end", code=1)
+    assert "the lifts are east-wing" in site.say("lockout", "west", "--by", "A. Beck", "--end", code=1)
 
 
 def test_a_damaged_state_stops_the_start_in_one_sentence(site: Site) -> None:

@@ -17,7 +17,7 @@ from lift_manager import app
 from lift_manager.config.load import load_site
 from lift_manager.web.app import make_app
 from lift_manager.web.tls import ServerCertificates, ServerTls
-from tests.lift_manager.web.fake import FakeManager, serving
+from tests.lift_manager.web.fake import FakeSite, serving
 from tests.support.certificates import Authority
 from tests.support.programs import run, run_each
 
@@ -82,7 +82,7 @@ def test_https_takes_renewed_files_while_it_runs(
     tls = ServerCertificates(ServerTls(shown.certificate, shown.key))
 
     async def main() -> None:
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             before = await certificate(port, authority)
             renewing = asyncio.create_task(app.renew(tls))
             authority.issue("api", "127.0.0.1")
@@ -112,7 +112,7 @@ def test_certificates_on_a_disk_that_hangs_hold_up_neither_polls_nor_clients_nor
             polls += 1
 
     async def main() -> None:
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             before = await certificate(port, authority)
             shown.certificate.unlink()
             os.mkfifo(shown.certificate)

@@ -10,10 +10,9 @@ import pytest
 import yaml
 
 from drivers.model import Command, CommandKind, Outcome, Result
-from lift_manager.domain.events import CommandEnded, SessionEnded, SessionOpened
-from lift_manager.domain.service import EndReason
-from lift_manager.domain.state import Holder
-from tests.lift_manager.metrics.measured import FakeManager, Rig, measured
+from lift_manager.lift.events import CommandEnded, SessionEnded, SessionOpened
+from lift_manager.lift.session import EndReason, Holder
+from tests.lift_manager.metrics.measured import Rig, measured
 from tests.support.rows import each_row
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -39,7 +38,8 @@ def exported() -> dict[str, set[str]]:
     robot = Holder("api", "robot")
 
     async def check(rig: Rig) -> None:
-        rig.manager.publish(
+        rig.site.refusals.count("lift", "held")
+        rig.publish(
             SessionOpened("lift", robot, "L1"),
             SessionEnded("lift", robot, EndReason.LEASE, "", None),
             CommandEnded("lift", Outcome(Command(CommandKind.GO_TO, "L1"), Result.REJECTED)),
@@ -47,7 +47,7 @@ def exported() -> dict[str, set[str]]:
         for name, of_name in (await rig.read()).items():
             found[name] = {label for labels in of_name for label, _ in labels}
 
-    measured(check, FakeManager(refused={("lift", "held"): 1}))
+    measured(check)
     return found
 
 

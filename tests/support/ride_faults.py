@@ -5,14 +5,16 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field, replace
 
-from lift_manager.core.memory import ShortMemory
-from lift_manager.domain.asking import Ask, Refusal, Refused
-from lift_manager.domain.ride import OVER, Guidance, Phase, Ride, RideLimits, RideWord
-from lift_manager.domain.state import Holder
 from lift_manager.lab.world.fault_names import fault_name
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import OVER, Guidance, Phase, Ride, RideLimits, RideWord
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.recorder import MemoryRecorder
 from simulator import faults as device
 from simulator.faults import Fault
 from simulator.modes import Key
+from tests.support.refusals import reply
 from tests.support.ride_rig import LOOK_S, QUICK, MortalPlant, Rig, Robot, Spoilt, rig
 from tests.support.trip_sites import Site, stops
 from tests.support.virtual_time import elapse
@@ -29,7 +31,7 @@ class Story:
     stack: AsyncExitStack
     limits: RideLimits = QUICK
     plant: MortalPlant = field(init=False)
-    memory: ShortMemory = field(default_factory=ShortMemory)
+    recorder: MemoryRecorder = field(default_factory=MemoryRecorder)
     robot: Robot = field(init=False)
     rig: Rig = field(init=False)
     alarms: list[str] = field(default_factory=list)
@@ -40,7 +42,7 @@ class Story:
 
     async def begin(self) -> None:
         self.plant = MortalPlant(self.site)
-        self.rig = await self.stack.enter_async_context(rig(self.plant, memory=self.memory))
+        self.rig = await self.stack.enter_async_context(rig(self.plant, recorder=self.recorder))
         self.rig.clear_s = self.clear_s
         start, destination = stops(self.site)
         self.robot = Robot(self.rig.begin(start, destination, limits=self.limits).id)
@@ -50,7 +52,7 @@ class Story:
         self._collect()
         await self.stack.aclose()
         await elapse(down_s)
-        self.rig = await self.stack.enter_async_context(rig(self.plant, memory=self.memory))
+        self.rig = await self.stack.enter_async_context(rig(self.plant, recorder=self.recorder))
         self.rig.clear_s = self.clear_s
         self.rig.made.aboard = self.robot.inside
 
@@ -161,13 +163,13 @@ async def _out_of_service(story: Story) -> None:
 
 
 async def _lockout(story: Story) -> None:
-    answer = story.rig.manager.lock_out("lift", "Ana", "oil")
+    answer = reply(lambda: story.rig.site.lock_out("lift", "Ana", "oil"))
     # a second lockout may come while the door of the first is still held for a robot in it
-    assert not isinstance(answer, Refused) or answer.code is Refusal.LOCKED_OUT, answer
+    assert not isinstance(answer, RequestRefused) or answer.code is Refusal.LOCKED_OUT, answer
 
 
 async def _force_release(story: Story) -> None:
-    story.rig.manager.force_release("lift", "Ana", "needed", at_once=True)
+    reply(lambda: story.rig.site.force_release("lift", "Ana", "needed", at_once=True))
     story.rig.invited_at = -math.inf  # a person who wants it at once has seen that nobody is in the door
 
 
@@ -196,8 +198,9 @@ async def _operator_cancels(story: Story) -> None:
 
 
 async def _other_asks(story: Story) -> None:
+    floor = next(iter(story.site.floors))
     for _ in range(5):
-        story.rig.made.task.request(Ask("lift", RMF, next(iter(story.site.floors)), hold_door=True))
+        reply(lambda: story.rig.site.request("lift", RMF, floor, hold_door=True))
         await story.go_on(1.0)
 
 

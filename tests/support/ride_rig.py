@@ -11,20 +11,23 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum, unique
 
-from lift_manager.core.manager import LiftManager
-from lift_manager.core.memory import Memory, ShortMemory
-from lift_manager.core.rides.engine import RideEngine
-from lift_manager.domain.asking import Refused
-from lift_manager.domain.events import Alarm, Occurrence, RideChanged
-from lift_manager.domain.ride import OVER, Guidance, Phase, Ride, RideLimits, RideRequest, RideWord
-from lift_manager.domain.state import Holder
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.session import Holder
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.rides.ride import OVER, Guidance, Phase, Ride, RideLimits, RideRequest, RideWord
+from lift_manager.runtime.bus import Occurrence
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.recorder import Recorder
+from lift_manager.runtime.rides import SiteRides
+from lift_manager.runtime.site import Site
 from register_maps import frames
 from simulator.controller import Inputs
 from simulator.faults import Fault
 from simulator.modes import Key
+from tests.support.refusals import refusal, reply
 from tests.support.trip import Trip, trip
 from tests.support.trip_simulator import SimulatedPlant
-from tests.support.virtual_time import elapse
+from tests.support.virtual_time import cancel_all, elapse
 
 NOON = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 FLEET = Holder("ride", "fleet")
@@ -94,8 +97,7 @@ class Rig:
 
     made: Trip
     plant: MortalPlant
-    manager: LiftManager
-    rides: RideEngine
+    site: Site
     told: list[Ride] = field(default_factory=list)
     alarms: list[str] = field(default_factory=list)
     lies: list[str] = field(default_factory=list)
@@ -112,10 +114,14 @@ class Rig:
     def now(self) -> float:
         return asyncio.get_running_loop().time()
 
+    @property
+    def rides(self) -> SiteRides:
+        return self.site.rides
+
     def begin(
         self, start: str, destination: str, *, robot: str = "amr-7", key: str = "", limits: RideLimits = QUICK
     ) -> Ride:
-        wish = RideRequest(
+        request = RideRequest(
             lifts=("lift",),
             any_lift=False,
             start=start,
@@ -125,33 +131,26 @@ class Rig:
             key=key,
             limits=limits,
         )
-        answer = self.rides.begin(wish)
-        assert not isinstance(answer, Refused), answer
-        return answer.ride
+        return self.rides.begin(request).ride
 
     def look(self, ride: str) -> Ride:
         """What the robot is told when it asks."""
         found = self.rides.ride(ride)
-        assert found is not None
         self.judge(found)
         return found
 
     def say(self, ride: str, word: RideWord) -> Ride:
-        answer = self.rides.word(ride, word, FLEET)
-        assert not isinstance(answer, Refused), answer
-        self.judge(answer)
-        return answer
+        reported = self.rides.report(ride, word, FLEET)
+        self.judge(reported)
+        return reported
 
-    def refuse(self, ride: str, word: RideWord) -> Refused:
-        answer = self.rides.word(ride, word, FLEET)
-        assert isinstance(answer, Refused), answer
-        return answer
+    def refuse(self, ride: str, word: RideWord) -> RequestRefused:
+        return refusal(lambda: self.rides.report(ride, word, FLEET))
 
     def cancel(self, ride: str, caller: Holder | None = FLEET) -> Ride:
-        answer = self.rides.cancel(ride, caller, "no order")
-        assert not isinstance(answer, Refused), answer
-        self.judge(answer)
-        return answer
+        cancelled = self.rides.cancel(ride, caller, "no order")
+        self.judge(cancelled)
+        return cancelled
 
     async def until(self, ride: str, true: Callable[[Ride], bool], within_s: float = 120.0) -> Ride:
         """Wait until a ride is like this."""
@@ -213,31 +212,20 @@ class Rig:
 
 @asynccontextmanager
 async def rig(
-    plant: MortalPlant, *, memory: Memory | None = None, start_s: float = 2.5, in_words: bool = True
+    plant: MortalPlant, *, recorder: Recorder | None = None, start_s: float = 2.5, in_words: bool = True
 ) -> AsyncIterator[Rig]:
     """The manager of one lift with its rides; its end is a `kill -9`."""
-    memory = memory or ShortMemory()
-    async with trip(plant.site, plant, memory=memory, start_s=0.0, in_words=in_words) as made:
-        manager = LiftManager([made.task], made.bus, memory)
-        rides = RideEngine(
-            manager,
-            lambda _: made.task.line,
-            manager.tap,
-            publish=made.bus.publish,
-            keep=lambda _, kept: made.task.note_rides(kept),
-            clock=clock,
-        )
-        found = Rig(made, plant, manager, rides)
-        with manager.tap(found.hear):
+    async with trip(plant.site, plant, recorder=recorder, start_s=0.0, in_words=in_words) as made:
+        site = Site([made.actor], made.bus, made.recorder, clock=clock)
+        found = Rig(made, plant, site)
+        with site.tap(found.hear):
             await elapse(0)
-            running = asyncio.ensure_future(rides.run())
+            running = asyncio.ensure_future(site.rides.run())
             await elapse(start_s)
             try:
                 yield found
             finally:
-                running.cancel()
-                (ended,) = await asyncio.gather(running, return_exceptions=True)
-                assert isinstance(ended, asyncio.CancelledError), ended
+                await cancel_all([running])
 
 
 @dataclass
@@ -274,9 +262,9 @@ class Robot:
             return told
         boarding = told.phase in (Phase.CALLED, Phase.BOARDING) or (told.phase is Phase.CLEARING)
         if self.inside and boarding:
-            made.rides.word(self.ride, RideWord.ENTERED, FLEET)
+            reply(lambda: made.rides.report(self.ride, RideWord.ENTERED, FLEET))
         elif not self.inside and told.phase in (Phase.RIDING, Phase.ALIGHTING, Phase.CLEARING):
-            made.rides.word(self.ride, RideWord.LEFT, FLEET)
+            reply(lambda: made.rides.report(self.ride, RideWord.LEFT, FLEET))
         return made.look(self.ride)
 
     async def ride_out(self, made: Rig, within_s: float = 600.0) -> Ride:

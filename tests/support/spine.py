@@ -1,4 +1,4 @@
-"""The whole spine on virtual time: simulated lift, in-memory wire, link, driver, lift task."""
+"""The whole spine on virtual time: simulated lift, in-memory wire, link, driver, actor, site."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
@@ -10,19 +10,17 @@ from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.modbus.units import Unit
-from lift_manager.core.journal import Journal, ShortJournal
-from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Memory, ShortMemory
-from lift_manager.core.options import LiftOptions
-from lift_manager.core.recording import LiftLog, RecordingBus
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
-from lift_manager.domain.hours import RobotHours
-from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.plant import default_floors, simulated_lift
 from lift_manager.lab.world.device import carry_out
-from lift_manager.runtime.bus import Bus
-from lift_manager.runtime.recorder import Clock
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.hours import RobotHours
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.actor import LiftActor
+from lift_manager.runtime.bus import Bus, Event
+from lift_manager.runtime.life import SiteLife
+from lift_manager.runtime.recorder import Clock, MemoryRecorder, Recorder
+from lift_manager.runtime.site import Site
 from register_maps import frames
 from register_maps.codec import Codec
 from register_maps.frames import Request
@@ -30,7 +28,7 @@ from simulator.controller import Inputs, Parameters
 from simulator.registers import Endpoint, Objection, RegisterFace
 from tests.support.session_calls import SessionCalls
 from tests.support.shipped_maps import compiled
-from tests.support.virtual_time import elapse, run_virtual
+from tests.support.virtual_time import cancel_all, elapse, run_virtual
 
 CALL = 16
 """The call register of generic-registers."""
@@ -88,32 +86,20 @@ class SimulatedDevice:
 
 @dataclass
 class Spine(SessionCalls):
-    """One lift from its shaft to its task."""
+    """One lift from its shaft to its site."""
 
     device: SimulatedDevice
-    task: LiftTask
+    actor: LiftActor
+    site: Site
+    life: SiteLife
+    recorder: Recorder
     bus: Bus[Event]
     driver: ModbusLift
     link: Link
     face: RegisterFace
     endpoints: Mapping[str, SimulatedDevice]
     """Further devices of the map, by name."""
-
-    @property
-    def state(self) -> LiftState:
-        return self.task.state()
-
-    def ask(self, floor: str, *, hold: bool = True, holder: Holder = WORKSHOP) -> Accepted | Refused:
-        return self.task.request(Ask(self.task.options.name, holder, floor, hold))
-
-    def accept(self, floor: str, *, hold: bool = True, holder: Holder = WORKSHOP) -> None:
-        answer = self.ask(floor, hold=hold, holder=holder)
-        assert answer == Accepted(), answer
-
-    def refuse(self, floor: str, *, hold: bool = True, holder: Holder = WORKSHOP) -> Refused:
-        answer = self.ask(floor, hold=hold, holder=holder)
-        assert isinstance(answer, Refused), answer
-        return answer
+    caller: Holder = WORKSHOP
 
     def people(self, inputs: Inputs) -> None:
         self.face.people(asyncio.get_running_loop().time(), inputs)
@@ -150,8 +136,7 @@ async def spine(
     between_sessions_s: float = 0.0,
     fire_release_delay_s: float = 0.0,
     robot_hours: RobotHours | None = None,
-    memory: Memory | None = None,
-    journal: Journal | None = None,
+    recorder: Recorder | None = None,
     clock: Clock | None = None,
     codec: Codec | None = None,
     really: Codec | None = None,
@@ -159,7 +144,7 @@ async def spine(
 ) -> AsyncIterator[Spine]:
     """One lift of a shipped map, or of `codec`, standing at its lowest floor above ground; `like` are settings of its controller, which is as `really` says.
 
-    A second one on the same `memory` is the lift after a restart of the manager. Sessions follow each other without a rest
+    A second one on the same `recorder` is the lift after a restart of the manager. Sessions follow each other without a rest
     unless a test wants one.
     """
     codec = codec or compiled(map_name)
@@ -185,16 +170,16 @@ async def spine(
         max_registers_per_read=source.link.max_registers_per_read,
         max_bits_per_read=source.link.max_bits_per_read,
     )
-    memory = memory or ShortMemory()
-    journal = journal or ShortJournal()
-    log = LiftLog("lift", journal, memory)
+    recorder = recorder or MemoryRecorder()
     driver = ModbusLift(codec, link, lift_settings, lines)
-    bus = RecordingBus(journal)
-    options = LiftOptions(
+    bus: Bus[Event] = Bus()
+    config = LiftConfig(
         name="lift",
+        source=driver.source,
         floors=tuple(named),
         doors_at=dict.fromkeys(named, driver.capabilities.doors),
         control=control,
+        capabilities=driver.capabilities,
         lease_s=lease_s,
         max_session_hold_s=max_session_hold_s,
         clear_s=clear_s,
@@ -204,16 +189,17 @@ async def spine(
         fire_release_delay_s=fire_release_delay_s,
         robot_hours=robot_hours,
     )
-    task = LiftTask(driver, options, bus, memory=memory, log=log, clock=clock)
-    running = [asyncio.ensure_future(work) for work in (*(one.run() for one in links), task.drive(), task.run())]
-    made = Spine(device, task, bus, driver, link, face, devices)
+    actor = LiftActor(driver, config, bus, recorder, clock=clock)
+    site = Site([actor], bus, recorder, clock=clock)
+    life = SiteLife(site, [actor])
+    works = (*(one.run() for one in links), *life.drives(), life.run())
+    running = [asyncio.create_task(work) for work in works]
+    made = Spine(device, actor, site, life, recorder, bus, driver, link, face, devices)
     await elapse(1.5)
     try:
         yield made
     finally:
-        for work in running:
-            work.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
+        await cancel_all(running)
 
 
 def on_spine(

@@ -1,10 +1,9 @@
-"""A whole robot trip: the real driver and lift task, on virtual time, over anything that answers Modbus/TCP frames.
+"""A whole robot trip: the real driver and actor, on virtual time, over anything that answers Modbus/TCP frames.
 
 Every state that is published on the way is compared with what the lift really did when it was read.
 """
 
 import asyncio
-from asyncio import Future
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -17,17 +16,22 @@ from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
 from drivers.modbus.units import Unit
 from drivers.model import Outcome, Result
-from lift_manager.core.lift import LiftTask
-from lift_manager.core.memory import Memory, ShortMemory
-from lift_manager.core.options import LiftOptions
-from lift_manager.domain.asking import Accepted, Ask, RobotWord
-from lift_manager.domain.events import Alarm, CommandEnded, Event, StateChanged
-from lift_manager.domain.service import Remembered
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
-from lift_manager.runtime.bus import Bus, Subscription
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.events import Alarm, CommandEnded
+from lift_manager.lift.inputs import LiftRequest
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.refusals import Accepted
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.actor import LiftActor, new_id
+from lift_manager.runtime.bus import Bus, Event, StateChanged, Subscription
+from lift_manager.runtime.poll import LiftPoll
+from lift_manager.runtime.recorder import MemoryRecorder, Recorder
+from tests.support.mortal import MortalRecorder
 from tests.support.proven import proven
 from tests.support.trip_sites import Site
-from tests.support.virtual_time import elapse, run_virtual
+from tests.support.virtual_time import cancel_all, elapse, run_virtual
 
 ANSWER_S = 0.004
 START_S = 2.5
@@ -82,35 +86,14 @@ class Exchange:
         return self.request[7] > 4
 
 
-class MortalMemory:
-    """The memory of one manager. Once that is killed it writes nothing more, whatever timer of it goes off later."""
-
-    def __init__(self, memory: Memory) -> None:
-        self._memory = memory
-        self.killed = False
-
-    @property
-    def trouble(self) -> str:
-        return self._memory.trouble
-
-    def written(self, lift: str) -> Future[None] | None:
-        return self._memory.written(lift)
-
-    def recall(self, lift: str) -> Remembered:
-        return self._memory.recall(lift)
-
-    def keep(self, lift: str, remembered: Remembered) -> None:
-        if not self.killed:
-            self._memory.keep(lift, remembered)
-
-
 @dataclass
 class Trip:
     """One robot on one lift."""
 
     site: Site
     plant: Plant
-    task: LiftTask
+    actor: LiftActor
+    recorder: Recorder
     driver: ModbusLift
     exchanges: list[Exchange]
     in_words: bool
@@ -127,7 +110,7 @@ class Trip:
 
     @property
     def state(self) -> LiftState:
-        return self.task.state()
+        return self.actor.state()
 
     @property
     def invites(self) -> bool:
@@ -136,7 +119,8 @@ class Trip:
 
     def ask(self, floor: str, word: RobotWord | None = None, *, hold: bool = True) -> None:
         """Ask, and be accepted."""
-        answer = self.task.request(Ask("lift", ROBOT, floor, hold, word if self.in_words else None))
+        request = LiftRequest(ROBOT, floor, hold, word if self.in_words else None, new_id=new_id())
+        answer = self.actor.handle(request)
         assert answer == Accepted(), answer
 
     async def until(self, true: Callable[[LiftState], bool], *, asking: str = "", within_s: float = 60.0) -> None:
@@ -263,13 +247,13 @@ async def trip(
     *,
     in_words: bool = True,
     poll_s: float = 0.2,
-    memory: Memory | None = None,
+    recorder: Recorder | None = None,
     start_s: float = START_S,
     door_proven: bool = False,
 ) -> AsyncIterator[Trip]:
     """One lift of a site whose devices are those of a plant, polled for `start_s`; `door_proven` by a trip before this one.
 
-    Its end is a `kill -9`; the next one with the same plant and `memory` is the manager after a restart.
+    Its end is a `kill -9`; the next one with the same plant and `recorder` is the manager after a restart.
     """
     source = site.codec.map
     exchanges: list[Exchange] = []
@@ -296,32 +280,31 @@ async def trip(
     )
     driver = ModbusLift(site.codec, own.link, lift_settings, lines)
     bus: Bus[Event] = Bus()
-    options = LiftOptions(
+    config = LiftConfig(
         name="lift",
+        source=driver.source,
         floors=tuple(site.floors),
         doors_at=dict.fromkeys(site.floors, driver.capabilities.doors),
         control=True,
+        capabilities=driver.capabilities,
         poll_s=max(poll_s, source.link.min_poll_s),
         infer_occupancy=not in_words,
         between_sessions_s=0,
     )
-    kept = proven(("lift",), driver.capabilities, memory) if door_proven else memory
-    own_memory = MortalMemory(kept or ShortMemory())
-    task = LiftTask(driver, options, bus, memory=own_memory)
-    made = Trip(site, plant, task, driver, exchanges, in_words, bus)
-    running = [asyncio.ensure_future(work) for work in (*(link.run() for link in links), task.drive(), task.run())]
+    saved = proven(("lift",), driver.capabilities, recorder) if door_proven else recorder or MemoryRecorder()
+    own_recorder = MortalRecorder(saved)
+    actor = LiftActor(driver, config, bus, own_recorder)
+    made = Trip(site, plant, actor, own_recorder, driver, exchanges, in_words, bus)
+    polls = LiftPoll(actor)
+    running = [asyncio.ensure_future(work) for work in (*(link.run() for link in links), driver.run(), polls.run())]
     await elapse(start_s)
     with bus.listen() as heard:
         running += [asyncio.ensure_future(work) for work in (made.watch(heard), made.look())]
         try:
             yield made
         finally:
-            own_memory.killed = True
-            for one in running:
-                one.cancel()
-            ended = await asyncio.gather(*running, return_exceptions=True)
-            failed = [error for error in ended if not isinstance(error, asyncio.CancelledError)]
-            assert not failed, failed
+            own_recorder.killed = True
+            await cancel_all(running)
             assert heard.lost == 0
 
 

@@ -1,5 +1,8 @@
 """Virtual time for tests; see `lift_manager.lab.virtual_time`."""
 
+import asyncio
+from collections.abc import Iterable
+
 from lift_manager.lab.virtual_time import (
     DeadlockError,
     LeftoverTaskError,
@@ -18,6 +21,17 @@ __all__ = [
     "UnhandledError",
     "VirtualTimeError",
     "VirtualTimeLoop",
+    "cancel_all",
     "elapse",
     "run_virtual",
 ]
+
+
+async def cancel_all(running: Iterable[asyncio.Task[None]]) -> None:
+    """Cancel what runs; raise what it has failed with."""
+    tasks = tuple(running)
+    for task in tasks:
+        task.cancel()
+    for result in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(result, Exception):
+            raise result

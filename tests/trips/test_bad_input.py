@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 import pytest
 
 from drivers.modbus.memory import MemoryDevice
-from lift_manager.domain.asking import Ask, Refusal, Refused
-from lift_manager.domain.state import Quality, RobotDoor
+from lift_manager.lift.inputs import LiftRequest
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.refusals import Refusal, Refused
+from lift_manager.lift.state import Quality
 from register_maps.words import Motion, Table
 from tests.support.trip import ROBOT, Trip, Truth, on_trip
 from tests.support.trip_sites import site_of
@@ -138,7 +140,7 @@ def test_a_controller_that_serves_less_than_its_map_says_is_offline_for_that_rea
             assert f"the controller serves less than map {name} says: {refused}" in state.reason
             assert (state.robot_door, state.floor, state.motion) == (RobotDoor.MOVING, None, Motion.UNKNOWN)
             await elapse(1)
-        answer = made.task.request(Ask("lift", ROBOT, "L1", hold_door=True))
+        answer = made.actor.handle(LiftRequest(ROBOT, "L1", hold_door=True))
         assert isinstance(answer, Refused)
         assert answer.code is Refusal.OFFLINE
         assert refused in answer.message

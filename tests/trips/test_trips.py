@@ -14,7 +14,7 @@ import pytest
 
 from drivers.modbus.writes import block_write, timed_pulse
 from drivers.model import Command, CommandKind, Proof
-from lift_manager.domain.state import RobotDoor
+from lift_manager.lift.observation import RobotDoor
 from register_maps import frames
 from register_maps.codec import compile_map
 from register_maps.frames import Request

@@ -59,7 +59,7 @@ def plan_lifts(wishes: Sequence[Mapping[str, Any]], near: Path) -> tuple[LiftPla
     names = [plan.name for plan in plans]
     for name in names:
         if names.count(name) > 1:
-            raise BenchError(f"two lifts have the name {name!r}; write @pytest.mark.lift('another name', ...)")
+            raise BenchError(f"two lifts have the name {name!r}; write @pytest.mark.lift('another-name', ...)")
     return plans
 
 

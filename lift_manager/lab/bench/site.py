@@ -8,28 +8,32 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from socket import socket
-from typing import Any
+from typing import Any, TypeVar
 
 from drivers.model import FloorName, Outcome
 from lift_manager import app
 from lift_manager.config.load import load_site
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
-from lift_manager.domain.events import Event, StateChanged
-from lift_manager.domain.service import Acknowledged, Lockout, LockoutEnded
-from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.bench.errors import BenchError, NeverSeen
-from lift_manager.lab.bench.log import Log, Logged, NotingFacade
+from lift_manager.lab.bench.log import Log, Logged
 from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.simulator import HOST, WITHIN_S, LiftSimulator, Plant
 from lift_manager.lab.bench.thread import LoopThread
 from lift_manager.lab.bench.wire import ModbusFaults, Wires
-from lift_manager.runtime.bus import Subscription
+from lift_manager.lift.events import Acknowledged, Restriction, RestrictionEnded
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.refusals import Accepted, Refused
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event, StateChanged, Subscription
+from lift_manager.runtime.errors import RequestRefused
 from lift_manager.web.app import make_app
 from lift_manager.web.server import listen, serve
 from register_maps.errors import MapFileError
 
 FACE = "bench"
 """The face through which a test asks for somebody."""
+
+Reply = TypeVar("Reply")
 
 StateCondition = Callable[[LiftState], bool]
 EventCondition = Callable[[Event | Refused], bool]
@@ -51,22 +55,22 @@ class RunningSite:
         self.port = 0
         self._plants = plants
         self._building = app.build(loaded)
-        self.manager = self._building.manager
-        self.facade = NotingFacade(self.manager, self.log)
+        self.site = self._building.site
+        self.site.refusals.on_raised.append(self.log.add)
         self._running: list[asyncio.Task[None]] = []
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
         """Drive the lifts and serve the API. Raises whatever a part of the manager raised."""
-        manager = self.manager
-        with listen(HOST, 0) as sock, manager.listen() as events:
+        life = self._building.life
+        with listen(HOST, 0) as sock, self.site.listen() as events:
             self.port = sock.getsockname()[1]
             async with asyncio.TaskGroup() as tasks:
-                parts = [*(link.run() for link in self._building.links), *manager.drives(), manager.run()]
+                parts = [*(link.run() for link in self._building.links), *life.drives(), life.run()]
                 self._running += [tasks.create_task(part) for part in (*parts, self._listen(events))]
                 with suppress(TimeoutError):
                     async with asyncio.timeout(app.FIRST_LOOK_S):
-                        await manager.first_look()
+                        await life.first_look()
                 self._running.append(tasks.create_task(self._serve(sock)))
                 yield
                 self._cancel()
@@ -76,7 +80,7 @@ class RunningSite:
         released = False
         with suppress(TimeoutError):
             async with asyncio.timeout(app.RELEASE_WITHIN_S):
-                await self.manager.stop()
+                await self._building.life.stop()
                 released = True
         self._cancel()
         await asyncio.wait(self._running)
@@ -84,7 +88,7 @@ class RunningSite:
 
     async def reached(self, lift: str, condition: StateCondition, within_s: float) -> LiftState:
         """Return the first state for which the condition holds. Raises NeverSeen."""
-        with self.manager.listen() as events:
+        with self.site.listen() as events:
             try:
                 async with asyncio.timeout(within_s):
                     while True:
@@ -110,7 +114,7 @@ class RunningSite:
                 raise NeverSeen(f"not told within {within_s:g} s; there was {told}") from None
 
     async def _serve(self, sock: socket) -> None:
-        await serve(make_app(self.facade), sock)
+        await serve(make_app(self.site), sock)
 
     async def _listen(self, events: Subscription[Event]) -> None:
         while True:
@@ -125,7 +129,7 @@ class RunningSite:
     def _instead(self, lift: str, within_s: float) -> str:
         lines = [
             f"{lift}: what was waited for did not come within {within_s:g} s",
-            f"published: {self.manager.state(lift)}",
+            f"published: {self.site.state(lift)}",
             f"really: {self._plants[lift].look()}",
             *(f"told: {entry.what}" for entry in self.log.entries if entry.lift == lift),
         ]
@@ -138,7 +142,7 @@ class LiftSite:
     def __init__(
         self, site: RunningSite, simulators: Mapping[str, LiftSimulator], faults: ModbusFaults, thread: LoopThread
     ) -> None:
-        self._site = site
+        self._running = site
         self._simulators = simulators
         self._faults = faults
         self._thread = thread
@@ -146,7 +150,7 @@ class LiftSite:
     @property
     def address(self) -> str:
         """Where the manager is, such as `http://127.0.0.1:40123`."""
-        return f"http://{HOST}:{self._site.port}"
+        return f"http://{HOST}:{self._running.port}"
 
     @property
     def url(self) -> str:
@@ -171,50 +175,48 @@ class LiftSite:
     def state(self, lift: str | None = None) -> LiftState:
         """Return what the manager publishes about a lift at this moment."""
         name = self._named(lift)
-        state = self._thread.call(lambda: self._site.manager.state(name))
-        assert state is not None  # noqa: S101  the name was looked up among the lifts of this site
-        return state
+        return self._thread.call(lambda: self._running.site.state(name))
 
     def wait_for(self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None) -> LiftState:
         """Return the first state from here on for which the condition holds. Raises NeverSeen, which fails the test.
 
         The condition is asked whenever the state changes in more than its age, on another thread; it may not wait.
         """
-        return self._thread.run(self._site.reached(self._named(lift), condition, within_s), within_s=within_s)
+        return self._thread.run(self._running.reached(self._named(lift), condition, within_s), within_s=within_s)
 
     async def when(
         self, condition: StateCondition, *, within_s: float = WITHIN_S, lift: str | None = None
     ) -> LiftState:
         """Wait as `wait_for` does, for an asyncio test, whose loop goes on meanwhile."""
-        return await self._thread.run_async(self._site.reached(self._named(lift), condition, within_s))
+        return await self._thread.run_async(self._running.reached(self._named(lift), condition, within_s))
 
     def wait_for_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> Logged:
         """Return the first event of this test, also a past one, for which the condition holds. Raises NeverSeen."""
-        return self._thread.run(self._site.told(condition, within_s), within_s=within_s)
+        return self._thread.run(self._running.told(condition, within_s), within_s=within_s)
 
     async def when_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> Logged:
         """Wait as `wait_for_event` does, for an asyncio test."""
-        return await self._thread.run_async(self._site.told(condition, within_s))
+        return await self._thread.run_async(self._running.told(condition, within_s))
 
     @property
     def events(self) -> tuple[Logged, ...]:
         """Sessions, outcomes, alarms, advice, refusals and people's words, oldest first."""
-        return self._thread.call(lambda: tuple(self._site.log.entries))
+        return self._thread.call(lambda: tuple(self._running.log.entries))
 
     @property
     def alarms(self) -> tuple[str, ...]:
         """What a person should know of, in words."""
-        return self._thread.call(lambda: self._site.log.alarms)
+        return self._thread.call(lambda: self._running.log.alarms)
 
     @property
     def refusals(self) -> tuple[Refused, ...]:
         """Every answer no, to whoever asked."""
-        return self._thread.call(lambda: self._site.log.refusals)
+        return self._thread.call(lambda: self._running.log.refusals)
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
         """What became of the commands to the lifts."""
-        return self._thread.call(lambda: self._site.log.outcomes)
+        return self._thread.call(lambda: self._running.log.outcomes)
 
     # -- what others do
 
@@ -228,8 +230,8 @@ class LiftSite:
         lift: str | None = None,
     ) -> Accepted | Refused:
         """Ask for the car in the name of somebody who is not a client of the workshop API."""
-        ask = Ask(self._named(lift), Holder(FACE, by), floor, hold_door=hold_door, robot=robot)
-        return self._thread.call(lambda: self._site.facade.request(ask))
+        name, holder = self._named(lift), Holder(FACE, by)
+        return self._reply(lambda: self._running.site.request(name, holder, floor, hold_door=hold_door, robot=robot))
 
     @contextmanager
     def held(self, floor: FloorName, *, by: str = "another robot", lift: str | None = None) -> Iterator[None]:
@@ -245,21 +247,30 @@ class LiftSite:
     def acknowledge(self, *, by: str, lift: str | None = None) -> Acknowledged | Refused:
         """Let a person say that they have checked the lift, after a fire or with a robot that may be aboard."""
         name = self._named(lift)
-        return self._thread.call(lambda: self._site.facade.acknowledge(name, by))
+        return self._reply(lambda: self._running.site.acknowledge(name, by))
 
-    def lock_out(self, *, by: str, reason: str, lift: str | None = None) -> Lockout | Refused:
+    def lock_out(self, *, by: str, reason: str, lift: str | None = None) -> Restriction | Refused:
         """Let a person keep robots off."""
         name = self._named(lift)
-        return self._thread.call(lambda: self._site.facade.lock_out(name, by, reason))
+        return self._reply(lambda: self._running.site.lock_out(name, by, reason))
 
-    def end_lockout(self, *, by: str, lift: str | None = None) -> LockoutEnded | Refused:
+    def end_lockout(self, *, by: str, lift: str | None = None) -> RestrictionEnded | Refused:
         """Let a person let robots on again."""
         name = self._named(lift)
-        return self._thread.call(lambda: self._site.facade.end_lockout(name, by))
+        return self._reply(lambda: self._running.site.end_lockout(name, by))
 
     def stop(self) -> bool:
         """Let the manager end as when it is told to; returns whether every output was seen to be let go. Its port then refuses."""
-        return self._thread.run(self._site.stop(), within_s=app.RELEASE_WITHIN_S)
+        return self._thread.run(self._running.stop(), within_s=app.RELEASE_WITHIN_S)
+
+    def _reply(self, request: Callable[[], Reply]) -> Reply | Refused:
+        def reply() -> Reply | Refused:
+            try:
+                return request()
+            except RequestRefused as error:
+                return Refused(error.code, error.message, error.blocking)
+
+        return self._thread.call(reply)
 
     def _named(self, lift: str | None) -> str:
         lifts = ", ".join(self.lifts)

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from lift_manager.config.site import AnyFloor, Clear, Given, Seconds, Text, Wait
-from lift_manager.domain.asking import RobotWord
 from lift_manager.lab.scenario.vocabulary import WantedDoor
+from lift_manager.lift.occupancy import RobotWord
 from register_maps.words import Side
 from simulator.state import SameFloorCall
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from lift_manager.domain.asking import Ask, RobotWord
-from lift_manager.domain.state import Holder, RobotDoor
 from lift_manager.lab.scenario.matching import Match
 from lift_manager.lab.scenario.schema import Inputs as Pressed
 from lift_manager.lab.scenario.schema import Robot
 from lift_manager.lab.scenario.steps import Planned
-from lift_manager.lab.scenario.trace import Entry, Recorder, answer_fields, holder_of
+from lift_manager.lab.scenario.trace import Entry, Recorder, holder_of, reply_fields
 from lift_manager.lab.scenario.vocabulary import Person, RobotDoes, WantedDoor
+from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lab.world.world import World
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.errors import RequestRefused
 from simulator.people import People
 from simulator.state import Inputs
 
@@ -102,29 +105,29 @@ class Stage:
             self._say(planned)
 
     async def _request(self, planned: Planned) -> None:
-        step, request = planned.step, planned.step.request
-        assert request is not None  # noqa: S101  the step is a request
-        opens = request.door is WantedDoor.OPEN
-        ask = Ask(planned.lift, holder_of(request.holder), request.floor, opens, request.robot)
+        step, given = planned.step, planned.step.request
+        assert given is not None  # noqa: S101  the step is a request
+        opens = given.door is WantedDoor.OPEN
+        request = FloorRequest(planned.lift, holder_of(given.holder), given.floor, opens, given.robot)
         if step.every_s is None:
-            self._world.ask(ask)
+            self._world.request(request)
             return
         try:
             async with asyncio.timeout(step.for_s):
-                await self._repeat(ask, step.every_s, planned.parts.until)
+                await self._repeat(request, step.every_s, planned.parts.until)
         except TimeoutError:
             return
 
-    async def _repeat(self, ask: Ask, every_s: float, until: Match | None) -> None:
+    async def _repeat(self, request: FloorRequest, every_s: float, until: Match | None) -> None:
         async with asyncio.TaskGroup() as tasks:
-            asking = tasks.create_task(self._ask_for_ever(ask, every_s))
+            repeating = tasks.create_task(self._repeat_until_cancelled(request, every_s))
             if until is not None:
-                await self._until(ask.lift, until)
-                asking.cancel()
+                await self._until(request.lift, until)
+                repeating.cancel()
 
-    async def _ask_for_ever(self, ask: Ask, every_s: float) -> None:
+    async def _repeat_until_cancelled(self, request: FloorRequest, every_s: float) -> None:
         while True:
-            self._world.ask(ask)
+            self._world.request(request)
             await asyncio.sleep(every_s)
 
     async def _spoil(self, planned: Planned) -> None:
@@ -175,26 +178,31 @@ class Stage:
         self._world.set_inputs(lift, changed)
 
     def _say(self, planned: Planned) -> None:
-        manager, step, lift = self._world.manager, planned.step, planned.lift
-        if step.acknowledge is not None:
-            says, by, answer = Person.ACKNOWLEDGE, step.acknowledge.by, manager.acknowledge(lift, step.acknowledge.by)
-            self._note(lift, says, by, answer)
-        elif step.lock_out is not None:
-            locked = manager.lock_out(lift, step.lock_out.by, step.lock_out.reason)
-            self._note(lift, Person.LOCK_OUT, step.lock_out.by, locked)
-        elif step.end_lockout is not None:
-            ended = manager.end_lockout(lift, step.end_lockout.by)
-            self._note(lift, Person.END_LOCKOUT, step.end_lockout.by, ended)
-        elif step.drain is not None:
-            drained = manager.begin_drain(lift, step.drain.by, step.drain.reason)
-            self._note(lift, Person.DRAIN, step.drain.by, drained)
-        elif step.end_drain is not None:
-            over = manager.end_drain(lift, step.end_drain.by)
-            self._note(lift, Person.END_DRAIN, step.end_drain.by, over)
+        site, step, lift = self._world.site, planned.step, planned.lift
+        if (one := step.acknowledge) is not None:
+            by = one.by
+            self._decide(lift, Person.ACKNOWLEDGE, by, lambda: site.acknowledge(lift, by))
+        elif (lockout := step.lock_out) is not None:
+            by, reason = lockout.by, lockout.reason
+            self._decide(lift, Person.LOCK_OUT, by, lambda: site.lock_out(lift, by, reason))
+        elif (one := step.end_lockout) is not None:
+            by = one.by
+            self._decide(lift, Person.END_LOCKOUT, by, lambda: site.end_lockout(lift, by))
+        elif (drain := step.drain) is not None:
+            by, reason = drain.by, drain.reason
+            self._decide(lift, Person.DRAIN, by, lambda: site.begin_drain(lift, by, reason))
+        elif (one := step.end_drain) is not None:
+            by = one.by
+            self._decide(lift, Person.END_DRAIN, by, lambda: site.end_drain(lift, by))
 
-    def _note(self, lift: str, says: Person, by: str, answer: object) -> None:
+    def _decide(self, lift: str, says: Person, by: str, decide: Callable[[], object]) -> None:
+        refused = None
+        try:
+            decide()
+        except RequestRefused as error:
+            refused = error
         now = asyncio.get_running_loop().time()
-        self._recorder.note(now, lift, "person", {"says": says, "by": by, **answer_fields(answer)})
+        self._recorder.note(now, lift, "person", {"says": says, "by": by, **reply_fields(refused)})
 
 
 def _together(pressed: Iterable[Inputs]) -> Inputs:
@@ -237,24 +245,24 @@ class _Ride:
             word = None
         if robot.releases:
             left = RobotWord.LEFT if word is not None else None
-            self._world.ask(Ask(self._lift, self._holder, robot.to, hold_door=False, robot=left))
+            self._world.request(FloorRequest(self._lift, self._holder, robot.to, hold_door=False, robot=left))
 
     async def _until_open(self, floor: str, word: RobotWord | None) -> None:
         while True:
-            self._world.ask(Ask(self._lift, self._holder, floor, hold_door=True, robot=word))
+            self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True, robot=word))
             for _ in range(round(ASKS_EVERY_S / LOOKS_EVERY_S)):
                 await asyncio.sleep(LOOKS_EVERY_S)
                 if self._invited(self._holder, floor):
                     return
 
     def _invited(self, holder: Holder, floor: str) -> bool:
-        state = self._world.manager.state(self._lift)
-        return state is not None and (state.holder, state.floor, state.robot_door) == (holder, floor, RobotDoor.OPEN)
+        state = self._world.site.state(self._lift)
+        return (state.holder, state.floor, state.robot_door) == (holder, floor, RobotDoor.OPEN)
 
     async def _walk(self, floor: str) -> None:
         left_s = self._robot.boards_s
         while left_s > 0:
-            self._world.ask(Ask(self._lift, self._holder, floor, hold_door=True))
+            self._world.request(FloorRequest(self._lift, self._holder, floor, hold_door=True))
             await asyncio.sleep(min(ASKS_EVERY_S, left_s))
             left_s -= ASKS_EVERY_S
 

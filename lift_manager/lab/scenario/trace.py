@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from typing import assert_never
 
 from drivers.model import FloorName
-from lift_manager.domain import events
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
-from lift_manager.domain.state import Holder, LiftState
 from lift_manager.lab.scenario.vocabulary import KINDS
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lift import events
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.runtime.bus import Event, StateChanged
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.words import Side
 from simulator.faults import Fault
 from simulator.wire_faults import Exchange
@@ -123,16 +125,16 @@ class Recorder:
             kind, fields = found
             self.note(at, event.lift, kind, fields)
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """Note a request with its answer."""
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """Note a request with its reply."""
         fields = {
-            "holder": ask.holder,
-            "floor": ask.floor,
-            "door": "open" if ask.hold_door else "closed",
-            "robot": ask.robot,
-            **answer_fields(answer),
+            "holder": request.holder,
+            "floor": request.floor,
+            "door": "open" if request.hold_door else "closed",
+            "robot": request.robot,
+            **reply_fields(refused),
         }
-        self.note(at, ask.lift, "request", fields)
+        self.note(at, request.lift, "request", fields)
 
     def struck(self, at: float, struck: Struck) -> None:
         """Note a fault; one on a wire is one of every lift behind it."""
@@ -156,11 +158,11 @@ class Recorder:
         return {"command": name, "floor": floor}
 
 
-def answer_fields(answer: object) -> Mapping[str, object]:
-    """Return what an answer of the manager says."""
-    if isinstance(answer, Refused):
-        return {"accepted": False, "code": answer.code, "message": answer.message}
-    return {"accepted": True}
+def reply_fields(refused: RequestRefused | None) -> Mapping[str, object]:
+    """Return what a reply of the manager says; None is a request that was taken."""
+    if refused is None:
+        return {"accepted": True}
+    return {"accepted": False, "code": refused.code, "message": refused.message}
 
 
 def changes(entries: Iterable[Entry]) -> Iterator[tuple[Entry, Mapping[str, Value]]]:
@@ -239,15 +241,13 @@ def _event_fields(event: Event) -> tuple[str, Mapping[str, object]] | None:
         case events.Alarm(text=text, holder=holder):
             return "alarm", {"text": text, "holder": holder}
         case (
-            events.StateChanged()
-            | events.LockedOut()
-            | events.LockoutOver()
-            | events.DrainBegun()
-            | events.DrainOver()
-            | events.PersonAcknowledged()
-            | events.ReleasedByPerson()
-            | events.RequestFollowed()
-            | events.RideChanged()
+            StateChanged()
+            | events.RestrictionBegun()
+            | events.RestrictionEnded()
+            | events.Acknowledged()
+            | events.ForceReleased()
+            | events.CommandFollowed()
+            | RideChanged()
         ):
             return None  # of these the states, and the answers to people, are entries of their own
         case _:

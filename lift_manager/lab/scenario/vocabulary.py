@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from enum import StrEnum, unique
 
 from drivers.model import Proof, Result
-from lift_manager.domain.asking import Refusal, RobotWord
-from lift_manager.domain.service import Advice, EndReason
-from lift_manager.domain.state import Quality, RobotDoor
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name, kind_name
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import Advice, EndReason
+from lift_manager.lift.state import Quality
 from register_maps.words import Door, Mode, Motion, Side
 from simulator.wire_faults import WIRE_FAULTS
 

@@ -19,10 +19,8 @@ from pathlib import Path
 from random import Random
 from typing import TypeVar
 
-from lift_manager.core.journal import Hears
-from lift_manager.domain.journal import Row
-from lift_manager.domain.service import Remembered
-from lift_manager.store.adapter import RecordMemory
+from lift_manager.lift.journal import Row
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import Committer
 from lift_manager.store.outage import commit_failed
 from lift_manager.store.store import MemoryStore, Noted, Tended
@@ -118,10 +116,10 @@ class _OneManagersStore:
         self.dropped = False
         self._disk = disk
 
-    def load(self) -> Mapping[str, Remembered]:
+    def load(self) -> Mapping[str, SavedLift]:
         return self._disk.store.load()
 
-    def commit(self, records: Mapping[str, Remembered], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
         if self.dropped:
             return False
         tend = self._disk.store.commit(records, rows)
@@ -203,8 +201,8 @@ class DiskJobs:
         self._begin_next()
 
 
-class DiskJournal:
-    """The Journal of one manager on a simulated disk, and its memory; another manager needs another one."""
+class DiskRecorder:
+    """The Recorder of one manager on a simulated disk; another manager needs another one."""
 
     def __init__(self, disk: SimulatedDisk) -> None:
         self._disk = disk
@@ -213,7 +211,6 @@ class DiskJournal:
         self._jobs = DiskJobs(disk)
         jobs = None if disk.instant else lambda: self._jobs
         self._committer = Committer(self._store, _WHERE, self._store.load(), jobs=jobs)
-        self.memory = RecordMemory(self._committer)
 
     @property
     def trouble(self) -> str:
@@ -221,11 +218,10 @@ class DiskJournal:
         return self._committer.trouble
 
     @property
-    def unwritten(self) -> Mapping[str, Remembered]:
+    def unwritten(self) -> Mapping[str, SavedLift]:
         """What a restart would forget, by lift."""
-        there = self._disk.store.records
-        newest = self._committer.unwritten
-        return {lift: record for lift, record in newest.items() if record != there.get(lift, Remembered())}
+        there, newest = self._disk.store.records, self._committer.unwritten
+        return {lift: saved for lift, saved in newest.items() if saved != there.get(lift, SavedLift())}
 
     def drop(self) -> None:
         """Write nothing any more: its manager is killed."""
@@ -234,23 +230,35 @@ class DiskJournal:
         self._jobs.kill()
         self._killed = True
 
+    def recall(self, lift: str) -> SavedLift | None:
+        """Return what was kept last."""
+        return self._committer.recall(lift)
+
+    def keep(self, lift: str, saved: SavedLift) -> None:
+        """Commit this soon."""
+        self._committer.keep(lift, saved)
+
     def note(self, row: Row) -> None:
-        """Have this written down."""
+        """Commit this soon."""
         self._hear(row)
         self._committer.note(row)
 
     def before(self, row: Row) -> Future[str | None]:
-        """Have this written down, and answer within a bounded time."""
+        """Commit this, and answer within a bounded time."""
         if not self.trouble:
             self._hear(row)
         return self._committer.before(row)
 
-    async def run(self, hears: Hears) -> None:
+    def written(self, lift: str) -> Future[None] | None:
+        """Return what is done once everything kept of a lift so far is committed."""
+        return self._committer.written(lift)
+
+    async def run(self, report: Callable[[str], None]) -> None:
         """Commit until cancelled."""
-        await self._committer.run(hears)
+        await self._committer.run(report)
 
     async def settled(self) -> None:
-        """Return once everything noted so far is committed."""
+        """Return once everything so far is committed."""
         await self._committer.settled()
 
     def _hear(self, row: Row) -> None:

@@ -12,15 +12,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
-from lift_manager.domain.events import CommandEnded, Event, HandedOver
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, Wrong
 from lift_manager.lab.world.shown import Untrue, untrue
 from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
 from lift_manager.lab.world.wanted import is_wanted
-from lift_manager.lab.world.witness import RESTART, Struck
+from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
+from lift_manager.lift.events import CommandEnded, HandedOver
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from lift_manager.web.workshop import DOOR_OPEN, state_data
 from register_maps.frames import parse_request
 from register_maps.words import Mode
@@ -138,13 +142,13 @@ class _Watched:
     foreign: dict[str, float] = field(default_factory=dict)
     """What somebody else presses, and until when that is an excuse."""
     claims: deque[_Claim] = field(default_factory=deque)
-    asks: dict[Holder, tuple[Ask, Ask]] = field(default_factory=dict)
+    requests: dict[Holder, tuple[FloorRequest, FloorRequest]] = field(default_factory=dict)
     """The last request of each holder that was accepted, and the last one before it for another floor."""
     in_place_at: dict[Holder, float] = field(default_factory=dict)
-    """When a robot of each holder last said that it is inside, in words or by asking for another floor."""
+    """When a robot of each holder last said that it is inside, in words or by requesting another floor."""
     floor: FloorName | None = None
     """Of the last request that was accepted, and since when it is that one."""
-    floor_asked_at: float = -math.inf
+    floor_since: float = -math.inf
     troubles: int = 0
     """Faults that are present, on the lift and on its wires."""
     troubled_until: float = -math.inf
@@ -258,8 +262,10 @@ class Oracle:
 
     def heard(self, at: float, event: Event) -> None:
         """See whether what is said to be confirmed has happened, and by what; know whose requests a session goes on with."""
-        if isinstance(event, HandedOver) and (asks := self._lifts[event.lift].asks.get(event.holder)) is not None:
-            self._lifts[event.lift].asks[event.to] = asks
+        if isinstance(event, HandedOver):
+            requests = self._lifts[event.lift].requests
+            if event.holder in requests:
+                requests[event.to] = requests[event.holder]
         if isinstance(event, CommandEnded) and event.outcome.result is Result.CONFIRMED:
             watched, outcome = self._lifts[event.lift], event.outcome
             proofs = watched.about.shows.proofs.get(outcome.command.kind)
@@ -269,18 +275,18 @@ class Oracle:
             pressed_at = watched.pressed_at.get(outcome.command.name, at - KEPT_S)
             watched.claims.append((at, pressed_at, outcome))
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Know what each holder wants, and since when: no press for that floor is older."""
-        if not isinstance(answer, Accepted):
+        if refused is not None:
             return
-        watched = self._lifts[ask.lift]
-        if ask.floor != watched.floor:
-            watched.floor, watched.floor_asked_at = ask.floor, at
-        last, before = watched.asks.get(ask.holder, (ask, ask))
-        if ask.robot is RobotWord.IN_PLACE or ask.floor != last.floor:
+        watched, holder = self._lifts[request.lift], request.holder
+        if request.floor != watched.floor:
+            watched.floor, watched.floor_since = request.floor, at
+        last, before = watched.requests.get(holder, (request, request))
+        if request.robot is RobotWord.IN_PLACE or request.floor != last.floor:
             # one without words says by its next floor that it is inside
-            watched.in_place_at[ask.holder] = at
-        watched.asks[ask.holder] = ask, before if last.floor == ask.floor else last
+            watched.in_place_at[holder] = at
+        watched.requests[holder] = request, before if last.floor == request.floor else last
 
     def struck(self, at: float, struck: Struck) -> None:
         """Know what cannot be detected, and how soon the rest must be."""
@@ -300,10 +306,10 @@ class Oracle:
         watched = self._lifts[lift]
         return not watched.troubles and at - watched.clean_since > for_s
 
-    def ask_of(self, lift: str, holder: Holder) -> Ask | None:
+    def request_of(self, lift: str, holder: Holder) -> FloorRequest | None:
         """Return the last request of a holder that was accepted."""
-        asks = self._lifts[lift].asks.get(holder)
-        return None if asks is None else asks[0]
+        requests = self._lifts[lift].requests.get(holder)
+        return None if requests is None else requests[0]
 
     def is_foreign(self, lift: str, command: str, at: float) -> bool:
         """Whether somebody else writes this command, or did of late."""
@@ -488,12 +494,12 @@ class Oracle:
         if state.quality is Quality.LIVE and (truth.mode in about.shows.modes or truth.bars & about.shows.bars):
             return False
         on_s = at - watched.on_since[name, floor]
-        asks = watched.asks.get(state.holder)
-        if asks is None:
-            # it was asked for over a face whose requests nobody tells the judge
+        requests = watched.requests.get(state.holder)
+        if requests is None:
+            # it was requested over a face of which the judge learns nothing
             return not name.startswith("hold_door") or on_s <= about.max_session_hold_s
         owed = watched.pressed_at.get("robot_in_place", -math.inf) < watched.in_place_at.get(state.holder, -math.inf)
-        return is_wanted(about, name, floor, truth, asks, on_s=on_s, owes_word=owed)
+        return is_wanted(about, name, floor, truth, requests, on_s=on_s, owes_word=owed)
 
     def _claimed(self, lift: str, watched: _Watched, at: float, claim: _Claim) -> None:
         claimed_at, pressed_at, outcome = claim
@@ -508,7 +514,7 @@ class Oracle:
             # the register has the call, and in that mode the lift does not look at it
             self.let_pass(lift, "confirmed without effect", untold(mode))
             return
-        since = min(pressed_at, watched.floor_asked_at)
+        since = min(pressed_at, watched.floor_since)
         only = MISREAD if by_motion else None
         name = outcome.command.name
         finding = Finding(claimed_at, lift, "confirmed without effect", text, Wrong.EFFECT)

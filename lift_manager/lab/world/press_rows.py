@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from drivers.modbus.steps import StepKind
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.state import LiftState
 from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.vocabulary import CALLS
 from simulator.wire_faults import Exchange
 
@@ -46,8 +46,8 @@ class PressRows:
                 self._oracle.find(at, lift, "pressed before its row", text)
             self._fresh.discard(key)
             self._pressed.add(key)
-        kept = self._disk.store.records.get(lift)
-        if commands & CALLS_OF_SESSIONS and (kept is None or kept.session is None):
+        saved = self._disk.store.records.get(lift)
+        if commands & CALLS_OF_SESSIONS and (saved is None or saved.record.session is None):
             text = f"{', '.join(sorted(commands))}, and a restart would not know for whom"
             self._oracle.find(at, lift, "pressed before its session", text)
 
@@ -63,7 +63,7 @@ class PressRows:
     def heard(self, at: float, event: Event) -> None:
         """Nothing about events is judged here."""
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Nothing about requests is judged here."""
 
     def struck(self, at: float, struck: Struck) -> None:

@@ -10,23 +10,27 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.model import FloorName, Result
-from lift_manager.domain.asking import Accepted, Ask, Refused, RobotWord
-from lift_manager.domain.events import (
+from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, Wrong
+from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
+from lift_manager.lab.world.truth import Truth
+from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, Forgot, Struck
+from lift_manager.lift.events import (
+    Acknowledged,
     CommandEnded,
-    Event,
     HandedOver,
-    LockedOut,
-    LockoutOver,
-    PersonAcknowledged,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
     SessionEnded,
     SessionOpened,
     SessionRestored,
 )
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
-from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, Wrong
-from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
-from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.frames import parse_request
 from register_maps.words import Mode
 from simulator.faults import PowerLoss
@@ -72,8 +76,8 @@ class _Book:
     """When the lift was last in a mode without robots, or kept them off."""
     live_at: float = -math.inf
     restarted_at: float = -math.inf
-    asked_since: dict[Holder, set[FloorName]] | None = None
-    """Who has asked for the lift since the last restart, was accepted, and where to; None without a restart."""
+    requested_since: dict[Holder, set[FloorName]] | None = None
+    """Who has requested the lift since the last restart, was accepted, and where to; None without a restart."""
     stopping: bool = False
     floor: FloorName | None = None
     """Of the last request that was accepted."""
@@ -213,11 +217,11 @@ class Rules:
                     # the instant at which the event is heard may be a turn of the loop later than the end
                     book.rests_until = at + book.about.between_sessions_s - 0.01
                 book.pressed_something = False
-            case PersonAcknowledged(lift=lift):
+            case Acknowledged(lift=lift):
                 self._acknowledged(at, lift, self._books[lift])
-            case LockedOut(lift=lift):
+            case RestrictionBegun(lift=lift, restriction=begun) if begun.kind is RestrictionKind.LOCKOUT:
                 self._books[lift].locked_since = at
-            case LockoutOver(lift=lift):
+            case RestrictionEnded(lift=lift, restriction=over) if over.kind is RestrictionKind.LOCKOUT:
                 self._books[lift].locked_since = math.inf
             case CommandEnded(lift=lift, outcome=outcome) if outcome.result is not Result.CONFIRMED:
                 standing = self._books[lift].standing_calls
@@ -227,33 +231,33 @@ class Rules:
             case _:
                 pass
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """See whether this may be accepted; letting go always may."""
-        book = self._books[ask.lift]
-        if not isinstance(answer, Accepted):
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """See whether this may be accepted; a release always may."""
+        book, holder, floor = self._books[request.lift], request.holder, request.floor
+        if refused is not None:
             return
-        if ask.floor != book.floor or not ask.hold_door:
-            # the release that follows may wait behind a slow answer, and its holder may ask for the floor again meanwhile
-            book.gave_up_at[ask.holder] = at
-        if ask.floor != book.floor:
-            book.floor = ask.floor
+        if floor != book.floor or not request.hold_door:
+            # the release that follows may wait behind a slow answer, and its holder may request the floor again meanwhile
+            book.gave_up_at[holder] = at
+        if floor != book.floor:
+            book.floor = floor
             book.calls.clear()
-            index = book.index(ask.floor)
+            index = book.index(floor)
             book.standing_calls = {call: since for call, since in book.standing_calls.items() if call[1] == index}
         truth = book.truth
         told_by_doors = book.about.shows.floor_by is FloorBy.DOOR
         here = None if truth is None else truth.open_at if told_by_doors else truth.at
         # a session that stays wants the lift also without its door
-        lets_go = not (ask.hold_door or ask.stays) and truth is not None and here in (ask.floor, None)
-        # between floors it is a call, if the manager has not seen the car where it is let go of; a robot inside lets go of nothing
+        releases = not (request.hold_door or request.stays) and truth is not None and here in (floor, None)
+        # between floors it is a call, if the manager has not seen the car where it is released; a robot inside releases nothing
         between = truth is not None and here is None
-        if book.asked_since is not None and (not lets_go or between or ask.robot is RobotWord.IN_PLACE):
-            book.asked_since.setdefault(ask.holder, set()).add(ask.floor)
-        if lets_go or ask.robot is not None:
+        if book.requested_since is not None and (not releases or between or request.robot is RobotWord.IN_PLACE):
+            book.requested_since.setdefault(holder, set()).add(floor)
+        if releases or request.robot is not None:
             return
-        if ask.hold_door:  # without, a floor that the car has just left may be let go of as well
-            # what a person said in this very instant may not have been heard yet
-            book.doubts.append((at, ask.holder, book.session))
+        if request.hold_door:  # without, a floor that the car has just left may be released as well
+            # what a person did in this very instant may not be known yet
+            book.doubts.append((at, holder, book.session))
 
     def struck(self, at: float, struck: Struck) -> None:
         """Forget what a manager that is killed forgets; what people said is not among it."""
@@ -269,7 +273,7 @@ class Rules:
         if struck.fault == RESTART:
             for book in self._books.values():
                 # the session may go on, and is told then
-                book.session, book.floor, book.restarted_at, book.asked_since = None, None, at, {}
+                book.session, book.floor, book.restarted_at, book.requested_since = None, None, at, {}
                 book.rests_until = -math.inf
                 book.calls.clear()
                 book.doubts.clear()
@@ -277,10 +281,10 @@ class Rules:
     @staticmethod
     def _was_asked_for(book: _Book, name: str) -> bool:
         """Whether the holder, or whoever takes the lift now, has asked for this since the last restart; for a call, for its floor."""
-        if book.asked_since is None:
+        if book.requested_since is None:
             return True
-        asked = book.asked_since
-        floors = asked.get(book.session, set()) if book.session is not None else set().union(*asked.values())
+        since = book.requested_since
+        floors = since.get(book.session, set()) if book.session is not None else set().union(*since.values())
         index = dict(book.truth.given).get(name) if book.truth is not None else None
         if name.partition(".")[0] not in _CALLS or index is None:
             return bool(floors)
@@ -323,9 +327,9 @@ class Rules:
         if truth is None or book.invited is None or at - book.invited_at >= book.about.clear_s - SAME_INSTANT_S:
             return
         holder, floor = book.invited
-        ask = self._oracle.ask_of(lift, holder)
-        asked_for_it = book.gave_up_at.get(holder, -math.inf) > book.invited_at
-        gave_up = ask is None or ask.floor != floor or not ask.hold_door or asked_for_it
+        request = self._oracle.request_of(lift, holder)
+        requested_it = book.gave_up_at.get(holder, -math.inf) > book.invited_at
+        gave_up = request is None or request.floor != floor or not request.hold_door or requested_it
         sudden = (
             at - book.mode_at < MODE_LEFT_S
             or not math.isinf(book.fire_since)
@@ -367,9 +371,10 @@ class Rules:
             if book.invited is not None and book.invited[0] == event.holder:
                 # the robot in the door is the new holder's, who speaks for it from here on
                 book.invited = event.to, book.invited[1]
-            if book.asked_since is not None and (ask := self._oracle.ask_of(event.lift, event.holder)) is not None:
-                # its holder was heard by this very word, and the session goes on with what it wants
-                book.asked_since.setdefault(event.to, set()).add(ask.floor)
+            request = self._oracle.request_of(event.lift, event.holder)
+            if book.requested_since is not None and request is not None:
+                # its holder has said so itself, and the session goes on with what it wants
+                book.requested_since.setdefault(event.to, set()).add(request.floor)
         else:
             book.session, book.pressed_something = event.holder, isinstance(event, SessionRestored)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from lift_manager.domain.state import LiftState, RobotDoor
 from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Shows, Wrong
 from lift_manager.lab.world.truth import Truth
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.state import LiftState
 from register_maps.words import Door, Mode, Motion, Side
 
 Untrue = tuple[str, str, Wrong]

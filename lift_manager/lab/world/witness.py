@@ -5,16 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event
-from lift_manager.domain.state import LiftState
+from drivers.model import FloorName
 from lift_manager.lab.world.truth import Truth
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from simulator.wire_faults import Exchange
 
 RESTART = "restart"
 """What a world strikes when the manager is killed and started again."""
 STOP = "stop"
 """And before its orderly end, which releases robot mode too, wherever the car is: nobody is left to do it later."""
+
+
+@dataclass(frozen=True, slots=True)
+class FloorRequest:
+    """What a caller that knows no sessions requests of a lift, in the judge's own words."""
+
+    lift: str
+    holder: Holder
+    floor: FloorName
+    hold_door: bool
+    robot: RobotWord | None = None
+    stays: bool = False
+    """Its session goes on until it is ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +68,8 @@ class Witness(Protocol):
     def heard(self, at: float, event: Event) -> None:
         """What the manager sends out, states apart."""
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """A request to the manager, with the answer."""
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """A request to the manager, and why it was refused; None where it was taken."""
 
     def struck(self, at: float, struck: Struck) -> None:
         """A fault began or ended."""

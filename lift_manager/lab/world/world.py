@@ -20,18 +20,20 @@ from lift_manager import app
 from lift_manager.config.devices import devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Controller
-from lift_manager.core.manager import LiftManager
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Occurrence, StateChanged
-from lift_manager.domain.state import LiftState
 from lift_manager.lab.plant import simulated_lift
 from lift_manager.lab.world.decoding import Outputs, Raw
 from lift_manager.lab.world.device import Device, MemoryController
-from lift_manager.lab.world.disk import DiskFault, DiskJournal, SimulatedDisk
+from lift_manager.lab.world.disk import DiskFault, DiskRecorder, SimulatedDisk
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
-from lift_manager.lab.world.witness import RESTART, STOP, Forgot, Struck, Witness
+from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, Forgot, Struck, Witness
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.actor import LiftActor
+from lift_manager.runtime.bus import Occurrence, StateChanged
+from lift_manager.runtime.errors import RequestRefused
+from lift_manager.runtime.life import SiteLife
 from lift_manager.runtime.recorder import Clock
+from lift_manager.runtime.site import Site
 from register_maps.codec import Codec, compile_map
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
@@ -146,27 +148,41 @@ class World:
         """Whether every output was seen to be let go at the end."""
         self.disk = disk or SimulatedDisk(keep=JOURNAL_ROWS)
         """It outlives every manager."""
-        self._journal = DiskJournal(self.disk)
         self._clock = clock or office_hours
         self._program: list[asyncio.Task[None]] = []
         """The manager, task by task."""
         self._hearing = ExitStack()
         """What it publishes is told at once for as long as this lasts."""
-        self.manager: LiftManager
+        self.site: Site
         """As every face sees it; another one after a restart."""
+        self.actors: Mapping[str, LiftActor]
+        """What carries out each lift; others after a restart."""
         self.links: tuple[Link, ...]
+        self._life: SiteLife
+        self._recorder: DiskRecorder
         self._tasks: asyncio.TaskGroup
         self._build()
 
     # -- what a scenario does
 
-    def ask(self, ask: Ask) -> Accepted | Refused:
-        """Ask the manager, as a face does."""
-        answer = self.manager.request(ask)
+    def request(self, request: FloorRequest) -> RequestRefused | None:
+        """Request something of the manager, as a face does; return why it was refused, None where it was taken."""
+        refused = None
+        try:
+            self.site.request(
+                request.lift,
+                request.holder,
+                request.floor,
+                hold_door=request.hold_door,
+                robot=request.robot,
+                stays=request.stays,
+            )
+        except RequestRefused as error:
+            refused = error
         now = _now()
         for witness in self._witnesses:
-            witness.asked(now, ask, answer)
-        return answer
+            witness.requested(now, request, refused)
+        return refused
 
     def begin(self, lift: str, fault: Fault) -> None:
         """Let something go wrong with a lift or its controller."""
@@ -230,10 +246,10 @@ class World:
             try:
                 yield self
                 self._struck(Struck("manager", STOP, began=True), ())
-                await self.manager.clear_doors()
+                await self._life.clear_doors()
                 with suppress(TimeoutError):
                     async with asyncio.timeout(app.RELEASE_WITHIN_S):
-                        await self.manager.stop()
+                        await self._life.stop()
                         self.released = True
                 self._look(self.lifts)
             finally:
@@ -251,9 +267,9 @@ class World:
             controller.hang_up()
         self._hearing.close()
         self._struck(Struck("manager", RESTART, began=True), ())
-        if forgotten := tuple(self._journal.unwritten):
+        if forgotten := tuple(self._recorder.unwritten):
             self._struck(Struck("disk", Forgot(forgotten), began=True), ())
-        self._journal.drop()
+        self._recorder.drop()
         self._build()
         self._start()
 
@@ -263,21 +279,19 @@ class World:
             faults.done.clear()
 
     def _build(self) -> None:
-        # a manager of its own memory: what a killed one still hears of its presses changes nothing on the disk
-        self._journal = DiskJournal(self.disk)
-        building = app.build(
-            self.loaded, make_wire=self._wire, memory=self._journal.memory, journal=self._journal, clock=self._clock
-        )
-        self.manager = building.manager
-        self.links = building.links
+        # a recorder of its own: what a killed manager still learns of its presses changes nothing on the disk
+        self._recorder = DiskRecorder(self.disk)
+        building = app.build(self.loaded, self._wire, recorder=self._recorder, clock=self._clock)
+        self.site, self._life, self.links = building.site, building.life, building.links
+        self.actors = {actor.config.name: actor for actor in building.actors}
 
     def _start(self) -> None:
         # nothing is missed between one manager and the next: a word of a person that is not heard is missed for the rest of the day
-        self._hearing.enter_context(self.manager.tap(self._heard))
+        self._hearing.enter_context(self.site.tap(self._heard))
         self._ask_for_states()
-        parts = [*(link.run() for link in self.links), *self.manager.drives(), self.manager.run()]
+        parts = [*(link.run() for link in self.links), *self._life.drives(), self._life.run()]
         if not self.disk.instant:
-            parts.append(self.manager.record())
+            parts.append(self._recorder.run(self.site.report_disk))
         self._program = [self._tasks.create_task(part) for part in parts]
 
     def _heard(self, said: Occurrence) -> None:
@@ -290,9 +304,7 @@ class World:
     def _ask_for_states(self) -> None:
         now = _now()
         for name in self.lifts:
-            state = self.manager.state(name)
-            if state is not None:
-                self._told(now, name, state)
+            self._told(now, name, self.site.state(name))
 
     def _told(self, now: float, lift: str, state: LiftState) -> None:
         for witness in self._witnesses:

@@ -11,6 +11,7 @@ from lift_manager.api.events import (
     AlarmEvent,
     CommandEvent,
     PersonEvent,
+    PersonWord,
     RequestEvent,
     RideEvent,
     SessionEvent,
@@ -18,27 +19,26 @@ from lift_manager.api.events import (
 )
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
-from lift_manager.domain import ride as rides
-from lift_manager.domain.events import (
+from lift_manager.lift.events import (
+    Acknowledged,
     Advised,
     Alarm,
     CommandEnded,
-    DrainBegun,
-    DrainOver,
-    Event,
+    CommandFollowed,
+    ForceReleased,
     HandedOver,
-    LockedOut,
-    LockoutOver,
-    PersonAcknowledged,
-    ReleasedByPerson,
-    RequestFollowed,
-    RideChanged,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
     SessionEnded,
     SessionOpened,
     SessionRestored,
-    StateChanged,
 )
-from lift_manager.domain.state import Holder, LiftState, Quality
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.rides import ride as rides
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.runtime.bus import Event, StateChanged
 
 Shown = StateEvent | SessionEvent | AdviceEvent | CommandEvent | RequestEvent | RideEvent | AlarmEvent | PersonEvent
 
@@ -55,18 +55,11 @@ def shown(event: Event, max_age_s: float, by_s: float = 0.0) -> Shown:
             return StateEvent(lift=lift.unread(lift.age_s, _too_old(max_age_s)) if is_old else lift)
         case SessionOpened() | SessionRestored() | HandedOver() | SessionEnded() as about:
             return _session(about)
-        case (
-            LockedOut()
-            | LockoutOver()
-            | DrainBegun()
-            | DrainOver()
-            | PersonAcknowledged()
-            | ReleasedByPerson() as about
-        ):
+        case RestrictionBegun() | RestrictionEnded() | Acknowledged() | ForceReleased() as about:
             return _person(about)
         case Advised(lift, holder, advice, text):
             return AdviceEvent(lift=lift, holder=str(holder), advice=advice, text=text)
-        case CommandEnded() | RequestFollowed() as about:
+        case CommandEnded() | CommandFollowed() as about:
             return _outcome(about)
         case Alarm(lift, text, holder):
             return AlarmEvent(lift=lift, text=text, holder=_name(holder))
@@ -134,30 +127,24 @@ def _session(event: SessionOpened | SessionRestored | HandedOver | SessionEnded)
             assert_never(event)
 
 
-def _person(
-    event: LockedOut | LockoutOver | DrainBegun | DrainOver | PersonAcknowledged | ReleasedByPerson,
-) -> PersonEvent:
+def _person(event: RestrictionBegun | RestrictionEnded | Acknowledged | ForceReleased) -> PersonEvent:
     match event:
-        case LockedOut(lift, lockout):
-            return PersonEvent(lift=lift, what="locked_out", by=lockout.by, text=lockout.reason, at=lockout.since)
-        case LockoutOver(lift, ended):
-            text = f"the lockout by {ended.lockout.by}: {ended.lockout.reason}"
-            return PersonEvent(lift=lift, what="lockout_over", by=ended.by, text=text, at=ended.at)
-        case DrainBegun(lift, drain):
-            return PersonEvent(lift=lift, what="drain_begun", by=drain.by, text=drain.reason, at=drain.since)
-        case DrainOver(lift, ended):
-            text = f"the drain by {ended.drain.by}: {ended.drain.reason}"
-            return PersonEvent(lift=lift, what="drain_over", by=ended.by, text=text, at=ended.at)
-        case PersonAcknowledged(lift, said):
-            return PersonEvent(lift=lift, what="acknowledged", by=said.by, text=" and ".join(said.what), at=said.at)
-        case ReleasedByPerson(lift, released):
-            text = f"{released.holder}: {released.reason}"
-            return PersonEvent(lift=lift, what="released", by=released.by, text=text, at=released.at)
+        case RestrictionBegun(lift, made):
+            what: PersonWord = "locked_out" if made.kind is RestrictionKind.LOCKOUT else "drain_begun"
+            return PersonEvent(lift=lift, what=what, by=made.by, text=made.reason, at=made.since)
+        case RestrictionEnded(lift, by, at, made):
+            what = "lockout_over" if made.kind is RestrictionKind.LOCKOUT else "drain_over"
+            text = f"the {made.kind} by {made.by}: {made.reason}"
+            return PersonEvent(lift=lift, what=what, by=by, text=text, at=at)
+        case Acknowledged(lift, by, at, causes):
+            return PersonEvent(lift=lift, what="acknowledged", by=by, text=" and ".join(causes), at=at)
+        case ForceReleased(lift, by, at, reason, holder):
+            return PersonEvent(lift=lift, what="released", by=by, text=f"{holder}: {reason}", at=at)
         case _:
             assert_never(event)
 
 
-def _outcome(event: CommandEnded | RequestFollowed) -> CommandEvent | RequestEvent:
+def _outcome(event: CommandEnded | CommandFollowed) -> CommandEvent | RequestEvent:
     match event:
         case CommandEnded(lift, outcome, holder):
             return CommandEvent(
@@ -168,14 +155,14 @@ def _outcome(event: CommandEnded | RequestFollowed) -> CommandEvent | RequestEve
                 proof=outcome.proof,
                 reason=outcome.reason,
             )
-        case RequestFollowed(lift, request):
+        case CommandFollowed(lift, status):
             return RequestEvent(
                 lift=lift,
-                holder=str(request.holder),
-                do=request.do,
-                floor=request.floor,
-                status=request.status,
-                reason=request.reason,
+                holder=str(status.holder),
+                do=status.kind,
+                floor=status.floor,
+                status=status.state,
+                reason=status.reason,
             )
         case _:
             assert_never(event)

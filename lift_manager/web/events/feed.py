@@ -9,15 +9,17 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from lift_manager.api.events import Lost, Snapshot
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
-from lift_manager.core.facade import EventSource, LiftFacade
-from lift_manager.domain import ride as rides
-from lift_manager.domain.events import Event, Occurrence, RideChanged, StateChanged
-from lift_manager.domain.state import Quality
+from lift_manager.lift.state import Quality
+from lift_manager.rides import ride as rides
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.runtime.bus import Event, Occurrence, StateChanged
+from lift_manager.runtime.errors import NotFound
+from lift_manager.runtime.site import Site
 from lift_manager.web.events import sse
 from lift_manager.web.events.encoding import ages, invites_for_s, shown
 from lift_manager.web.events.readers import Places, Reader
@@ -30,13 +32,6 @@ MaxAge = Callable[[str], float]
 """Returns the `max_age_s` of a lift."""
 FRESH_S = 0.25
 """Ages and times left in an event are at most so much older than the moment at which it is handed to a connection."""
-
-
-class Source(LiftFacade, EventSource, Protocol):
-    """What event streams want to know of a manager; a part of its Facade."""
-
-    def ride(self, ride: str) -> rides.Ride | None: ...
-    def rides(self) -> tuple[rides.Ride, ...]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +94,8 @@ class _Taken(NamedTuple):
 class Feed:
     """One for an application. It begins to listen with the first reader, and goes on for those that come back."""
 
-    def __init__(self, source: Source, places: Places) -> None:
-        self._source = source
+    def __init__(self, site: Site, places: Places) -> None:
+        self._site = site
         self._places = places
         self._kept: deque[Heard] = deque(maxlen=KEPT)
         self._everything: dict[Reader, None] = {}
@@ -114,7 +109,6 @@ class Feed:
         """By the number of the event that tells of another lift for a ride: how that lift was then."""
         self._taken: dict[tuple[About, bool], _Taken] = {}
         """The snapshots of the last moment: a hundred readers that come back at once cost one."""
-        self._max_ages: dict[str, float] = {}
         self._listening: ExitStack | None = None
 
     @contextmanager
@@ -150,8 +144,8 @@ class Feed:
     def _listen(self) -> None:
         if self._listening is None:
             self._listening = ExitStack()
-            self._riding = {ride.id: ride.lift for ride in self._source.rides() if ride.phase not in rides.OVER}
-            self._listening.enter_context(self._source.tap(self._hear))
+            self._riding = {ride.id: ride.lift for ride in self._site.rides.all() if ride.phase not in rides.OVER}
+            self._listening.enter_context(self._site.tap(self._hear))
 
     def _hear(self, occurrence: Occurrence) -> None:
         event = occurrence.event
@@ -160,8 +154,9 @@ class Feed:
             lifts = (event.lift, left)
         heard = Heard(occurrence.id, occurrence.at, event, lifts, self._max_age_s)
         self._keep(heard)
-        if len(lifts) > 1 and (state := self._source.state(event.lift)) is not None:
-            now_there = Heard("", occurrence.at, StateChanged(event.lift, state), lifts, self._max_age_s)
+        if len(lifts) > 1:
+            there = StateChanged(event.lift, self._site.state(event.lift))
+            now_there = Heard("", occurrence.at, there, lifts, self._max_age_s)
             self._moved[heard.number] = now_there
             for reader in self._of_ride.get(heard.ride, ()):
                 reader.put(now_there)
@@ -195,8 +190,15 @@ class Feed:
     def _lift_of(self, ride: str) -> str:
         if ride in self._riding:
             return self._riding[ride]
-        known = self._source.ride(ride)
-        return "" if known is None else known.lift
+        found = self._find(ride)
+        return "" if found is None else found.lift
+
+    def _find(self, ride: str) -> rides.Ride | None:
+        """Return a ride; None for one that is not known any more."""
+        try:
+            return self._site.rides.ride(ride)
+        except NotFound:
+            return None
 
     def _keep(self, heard: Heard) -> None:
         if len(self._kept) == KEPT:
@@ -207,7 +209,7 @@ class Feed:
 
     def _missed(self, last_id: str, about: About) -> list[Heard] | None:
         """Return what came after an event; None where that cannot be told."""
-        number, newest = number_of(last_id, self._source.boot), self._source.newest
+        number, newest = number_of(last_id, self._site.boot), self._site.newest
         if number is None or number > newest or not self._reaches(number):
             return None
         return self._after(number, about)
@@ -246,40 +248,34 @@ class Feed:
         if taken is None or taken.good_until < now or taken.at <= since or not self._reaches(taken.number):
             self._taken = {key: kept for key, kept in self._taken.items() if kept.good_until >= now}
             said = self._take(about, lost=lost)
-            wire = sse.event("snapshot", said, f"{self._source.boot}-{self._source.newest}")
+            wire = sse.event("snapshot", said, f"{self._site.boot}-{self._site.newest}")
             left_s = (lift.max_age_s - (lift.age_s or 0.0) for lift in said.lifts if lift.quality is Quality.LIVE)
-            self._taken[about, lost] = _Taken(wire, self._source.newest, now, now + min([FRESH_S, *left_s]))
+            self._taken[about, lost] = _Taken(wire, self._site.newest, now, now + min([FRESH_S, *left_s]))
             return wire, []
         return taken.wire, self._after(taken.number, about)
 
     def _reaches(self, number: int) -> bool:
         """Whether everything after this event is kept."""
-        return number == self._source.newest or (bool(self._kept) and self._kept[0].number <= number + 1)
+        return number == self._site.newest or (bool(self._kept) and self._kept[0].number <= number + 1)
 
     def _take(self, about: About, *, lost: bool) -> Snapshot:
-        source = self._source
-        source.freshen()
+        site = self._site
+        site.freshen()
         if about.ride is not None:
-            named = source.ride(about.ride)
+            named = self._find(about.ride)
             found: tuple[rides.Ride, ...] = () if named is None else (named,)
             lifts: tuple[str, ...] = tuple(ride.lift for ride in found)
         else:
-            lifts = source.lift_names() if about.lift is None else (about.lift,)
-            found = tuple(ride for ride in source.rides() if ride.phase not in rides.OVER and ride.lift in lifts)
-        states = ((lift, source.state(lift)) for lift in lifts)
+            lifts = site.lift_names() if about.lift is None else (about.lift,)
+            found = tuple(ride for ride in site.rides.all() if ride.phase not in rides.OVER and ride.lift in lifts)
         return Snapshot(
-            lifts=tuple(Lift.of(state, max_age_s=self._max_age_s(lift)) for lift, state in states if state is not None),
+            lifts=tuple(Lift.of(site.state(lift), max_age_s=self._max_age_s(lift)) for lift in lifts),
             rides=tuple(Ride.of(ride) for ride in found),
             lost=lost,
         )
 
     def _max_age_s(self, lift: str) -> float:
-        if lift not in self._max_ages:
-            described = self._source.describe(lift)
-            if described is None:
-                return 0.0
-            self._max_ages[lift] = described.able.max_age_s
-        return self._max_ages[lift]
+        return self._site.config(lift).capabilities.max_age_s
 
 
 def number_of(event_id: str, boot: str) -> int | None:

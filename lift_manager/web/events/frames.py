@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
 from lift_manager.api.events import Frame, Lost
-from lift_manager.core.facade import FrameSource
-from lift_manager.domain.description import WireFrame
+from lift_manager.runtime.links import FrameSource, WireFrame
 from lift_manager.web.events import sse
 from lift_manager.web.events.readers import Entry, Places, Reader
 from register_maps import frames

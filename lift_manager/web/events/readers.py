@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from lift_manager.domain.keys import Key
+from lift_manager.api.keys import Key
 from lift_manager.web.events.sse import HEARTBEAT
 
 QUEUE_LENGTH = 256

@@ -11,19 +11,21 @@ from pydantic.json_schema import SkipJsonSchema
 from starlette.responses import Response
 
 from lift_manager.api.events import Links
-from lift_manager.core.facade import FrameSource
-from lift_manager.domain.keys import Keys
+from lift_manager.api.keys import Keys
+from lift_manager.runtime.errors import NotFound
+from lift_manager.runtime.links import FrameSource
+from lift_manager.runtime.site import Site
 from lift_manager.web.access import caller
 from lift_manager.web.body import shown
-from lift_manager.web.callers import Site, no_other_computer
+from lift_manager.web.callers import ServedSite, no_other_computer
 from lift_manager.web.errors import RequestError
-from lift_manager.web.events.feed import About, Feed, Source
+from lift_manager.web.events.feed import About, Feed
 from lift_manager.web.events.frames import FrameFeed
 from lift_manager.web.events.readers import Places
 from lift_manager.web.events.sse import MEDIA_TYPE
 from lift_manager.web.events.stream import EventStream
 from lift_manager.web.json_route import JsonRoute
-from lift_manager.web.openapi import ANY_NAME, errors_of
+from lift_manager.web.openapi import errors_of
 from lift_manager.web.query import require_once
 
 TAG = "events"
@@ -78,10 +80,10 @@ def _stream(example: str, errors: dict[int, str]) -> dict[int | str, dict[str, A
 class Streams:
     """The open streams of one application, and what they are fed from."""
 
-    def __init__(self, source: Source, frames: FrameSource | None, most: int) -> None:
+    def __init__(self, site: Site, frames: FrameSource | None, most: int) -> None:
         """At most so many streams are open at a time."""
         self.places = Places(most)
-        self.events = Feed(source, self.places)
+        self.events = Feed(site, self.places)
         self.links = () if frames is None else frames.link_names()
         self.frames = None if frames is None else FrameFeed(frames, self.places)
 
@@ -92,7 +94,6 @@ _LIMIT = {"maxLength": 200}
 """Said, not checked: nothing of that length is known here."""
 Text = str | SkipJsonSchema[None]
 _OTHER_COMPUTER = "Another computer asked a site without keys (`other_computer`)."
-_FULL = "Too many event streams are open, in all or by this key (`too_many_streams`)."
 
 
 @router.get(
@@ -110,7 +111,7 @@ _FULL = "Too many event streams are open, in all or by this key (`too_many_strea
 )
 async def events(
     request: Request,
-    site: Site,
+    site: ServedSite,
     lift: Annotated[Text, Query(description="Only what concerns this lift.", json_schema_extra=_LIMIT)] = None,
     ride: Annotated[
         Text,
@@ -139,9 +140,12 @@ async def events(
         raise RequestError("malformed", text, field="ride")
     if lift is not None and lift not in site.lift_names():
         raise RequestError("unknown_lift", f"no lift {shown(lift)}; the lifts are {', '.join(site.lift_names())}")
-    if ride is not None and site.ride(ride) is None:
-        text = f"no ride {shown(ride)}; it ended too long ago to be remembered, or there was none"
-        raise RequestError("unknown_ride", text)
+    if ride is not None:
+        try:
+            site.rides.ride(ride)
+        except NotFound as refused:
+            text = f"no ride {shown(ride)}; it ended too long ago to be remembered, or there was none"
+            raise RequestError("unknown_ride", text) from refused
     streams: Streams = request.app.state.streams
     # the header is newer: a client that reconnects sends the same address again
     reading = partial(streams.events.reader, About(lift, ride), last_event_id or after or None, _admits(request))
@@ -173,7 +177,7 @@ async def frames(
         str,
         Path(
             description="A link of the site, as `GET /api/v1/links` names it, percent-encoded.",
-            json_schema_extra={"pattern": ANY_NAME},
+            json_schema_extra={"pattern": r"^[^\n]+$"},  # it may hold a slash
             examples=["plc"],
         ),
     ],

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager
 
-from starlette.responses import Response
+from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from lift_manager.domain.keys import Key
+from lift_manager.api.keys import Key
 from lift_manager.web.answers import answer
 from lift_manager.web.ending import ending_of
 from lift_manager.web.errors import RequestError
@@ -31,8 +30,7 @@ class EventStream(Response):
         self, places: Places, reading: Callable[[], AbstractContextManager[Reader]], key: Key | None = None
     ) -> None:
         """`reading` opens what is to be sent; it takes a place of `places`. `key` is whose stream it is."""
-        super().__init__(headers=HEADERS, media_type=MEDIA_TYPE)
-        del self.headers["content-length"]
+        super().__init__(headers=HEADERS)
         self._places = places
         self._reading = reading
         self._key = key
@@ -46,18 +44,10 @@ class EventStream(Response):
             await answer(scope["path"], error)(scope, receive, send)
             return
         with self._places.counted(self._key), self._reading() as reader, ending_of(scope).heard(reader.end):
-            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
-            async with asyncio.TaskGroup() as tasks:
-                watching = tasks.create_task(_until_gone(receive, reader))
-                while (sent := await reader.next()) is not None:
-                    await send({"type": "http.response.body", "body": sent, "more_body": True})
-                    # waits until the connection has room again: what comes next is made when it is sent, not before
-                    await send({"type": "http.response.body", "body": b"", "more_body": True})
-                watching.cancel()
-            await send({"type": "http.response.body", "body": b"", "more_body": False})
+            await StreamingResponse(_sent(reader), headers=HEADERS, media_type=MEDIA_TYPE)(scope, receive, send)
 
 
-async def _until_gone(receive: Receive, reader: Reader) -> None:
-    while (await receive())["type"] != "http.disconnect":
-        pass
-    reader.end()
+async def _sent(reader: Reader) -> AsyncIterator[bytes]:
+    while (sent := await reader.next()) is not None:
+        yield sent
+        yield b""  # waits until the connection has room again: what comes next is made when it is sent, not before

@@ -15,8 +15,9 @@ from lift_manager.api.events import AnyEvent, RideEvent, Snapshot, StateEvent
 from lift_manager.api.lifts import Lift, Lifts, Restricted
 from lift_manager.api.problem import Problem
 from lift_manager.api.rides import Ride
-from lift_manager.domain.ride import Guidance, Phase
-from lift_manager.domain.state import Quality, RobotDoor
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.state import Quality
+from lift_manager.rides.ride import Guidance, Phase
 from register_maps.words import Door, Mode, Motion, Side
 
 AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)

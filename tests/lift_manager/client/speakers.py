@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from lift_manager.api.rides import RideRequest
 from lift_manager.api.sessions import CommandRequest
 from lift_manager.client import LiftManagerClient, Refused
-from lift_manager.domain.ride import RideWord
+from lift_manager.rides.ride import RideWord
 
 Said = dict[str, Any]
 """An answer as JSON; a refusal is its problem+json."""

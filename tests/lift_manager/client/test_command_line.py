@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.asking import RobotWord
 from lift_manager.lab.bench import LiftSite
+from lift_manager.lift.occupancy import RobotWord
 from tests.support.programs import LIFT_MANAGER, Started, call, free_port, run
 
 pytestmark = pytest.mark.lift("main", speed=5)

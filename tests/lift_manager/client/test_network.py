@@ -12,7 +12,7 @@ import pytest
 from lift_manager.client import ClientError, Disconnected, LiftManagerClient, NotAManager, Unreachable
 from lift_manager.web.app import make_app
 from lift_manager.web.tls import ServerCertificates, ServerTls
-from tests.lift_manager.web.fake import FakeManager, serving
+from tests.lift_manager.web.fake import FakeSite, serving
 from tests.support.certificates import Authority
 from tests.support.programs import free_port
 
@@ -120,7 +120,7 @@ def test_https_is_believed_by_its_ca_alone(tmp_path: Path) -> None:
     tls = ServerCertificates(ServerTls(shown.certificate, shown.key))
 
     async def main() -> None:
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             url = f"https://127.0.0.1:{port}"
             own = ssl.create_default_context(cafile=str(authority.file))
             for believed in (authority.file, str(authority.file), own):

@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
+from lift_manager.api.keys import Secret
 from lift_manager.api.rides import RideRequest
 from lift_manager.client import (
     ClientError,
@@ -19,9 +20,8 @@ from lift_manager.client import (
     Stale,
     Unreachable,
 )
-from lift_manager.domain.keys import Secret
-from lift_manager.domain.ride import Phase, RideWord
-from lift_manager.domain.state import Quality
+from lift_manager.lift.state import Quality
+from lift_manager.rides.ride import Phase, RideWord
 from register_maps.words import Mode
 from tests.lift_manager.client.manager import IDLE, LIFT, QUEUED, URL, Manager, no, said
 from tests.support.virtual_time import run_virtual

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lift_manager.client import LiftManagerClient, RideInHand, Step
-from lift_manager.domain.ride import Guidance
+from lift_manager.rides.ride import Guidance
 from tests.support.programs import Program, Started, free_port
 
 PORT = r"127\.0\.0\.1:(\d+)"

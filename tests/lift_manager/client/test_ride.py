@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from lift_manager.client import LiftManagerClient, NotFound, Refused, RideInHand, Step, Unreachable
-from lift_manager.domain.ride import Guidance, Phase
+from lift_manager.rides.ride import Guidance, Phase
 from tests.lift_manager.client.manager import LIFT, URL, Manager, no
 from tests.support.virtual_time import elapse, run_virtual
 

@@ -14,7 +14,7 @@ import pytest
 from lift_manager.cli.keyboard import Answer, pressed
 from lift_manager.cli.ride import SIGNALS, Rider
 from lift_manager.client import LiftManagerClient, Step
-from lift_manager.domain.ride import Guidance, Phase
+from lift_manager.rides.ride import Guidance, Phase
 from tests.lift_manager.client.manager import IDLE, LIFT, QUEUED, URL, Manager, said
 from tests.support.virtual_time import elapse, run_virtual
 

@@ -10,8 +10,8 @@ import pytest
 from lift_manager.api.events import SessionEvent
 from lift_manager.api.sessions import Command, Over, Session
 from lift_manager.client import Held, LiftManagerClient, Refused, SessionLost, open_at
-from lift_manager.domain.service import Advice, EndReason
-from lift_manager.domain.session_requests import Status
+from lift_manager.lift.commands import CommandState
+from lift_manager.lift.session import Advice, EndReason
 from tests.lift_manager.client.manager import AT, IDLE, LIFT, OPEN, URL, Manager, no, said
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -212,7 +212,7 @@ def test_a_manager_that_was_started_again_hears_the_holder_at_once() -> None:
 def test_a_command_is_waited_for_and_asked_for_only_once() -> None:
     async def main() -> None:
         manager = a_manager()
-        done = PENDING.model_copy(update={"status": Status.CONFIRMED})
+        done = PENDING.model_copy(update={"status": CommandState.CONFIRMED})
         answers = iter([PENDING, PENDING, done])
 
         def command(request: httpx.Request) -> httpx.Response:

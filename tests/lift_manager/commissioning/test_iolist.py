@@ -30,15 +30,15 @@ controllers:
   relay: {{host: 192.0.2.13, map: waveshare-relay}}
   machine room: {{host: 192.0.2.14, unit_id: 9}}
 lifts:
-  Bed lift:
+  bed-lift:
     controller: plc
     access: control
     floors: {{B1: -1, "1": 1, '{EVIL}': 2}}
     offset: {{holding: 100}}
-  "+Goods/1":
+  "Goods.1":
     controller: coils
     floors: {{G: 0, "1": 1}}
-  "+goods*1":
+  "goods.1":
     controller: agv
     parameters: {{first_input: 200}}
     floors: {{4F: 0, 5F: 1}}
@@ -71,7 +71,7 @@ def point(found: IoList, name: str, signal: str) -> IoPoint:
 
 
 def test_a_register_is_a_line_with_both_addresses_its_values_and_its_floors(found: IoList) -> None:
-    assert point(found, "Bed lift", "car_floor") == IoPoint(
+    assert point(found, "bed-lift", "car_floor") == IoPoint(
         signal="car_floor",
         meaning="the floor at which the car stands, or which it passed last",
         direction=FROM_LIFT,
@@ -89,7 +89,7 @@ def test_a_register_is_a_line_with_both_addresses_its_values_and_its_floors(foun
 
 
 def test_a_command_is_a_line_with_its_times_and_what_becomes_of_it(found: IoList) -> None:
-    assert point(found, "Bed lift", "hold_door.front") == IoPoint(
+    assert point(found, "bed-lift", "hold_door.front") == IoPoint(
         signal="hold_door.front",
         meaning="opens the front door and keeps it open, as the door-open button does",
         direction=TO_LIFT,
@@ -112,7 +112,7 @@ def test_a_command_is_a_line_with_its_times_and_what_becomes_of_it(found: IoList
 
 
 def test_every_contact_of_a_signal_is_a_line_of_its_own(found: IoList) -> None:
-    told = {point.signal: point for point in lift(found, "+Goods/1").points}
+    told = {point.signal: point for point in lift(found, "Goods.1").points}
     assert [name for name in told if name.startswith("car_floor")] == [
         "car_floor: floor G",
         "car_floor: floor 1",
@@ -130,14 +130,14 @@ def test_every_contact_of_a_signal_is_a_line_of_its_own(found: IoList) -> None:
 
 
 def test_a_normally_closed_contact_says_what_a_broken_wire_reads_as(found: IoList) -> None:
-    assert point(found, "+Goods/1", "fire").contact == "NC: opens (0) for yes; a broken wire reads as yes"
-    assert point(found, "+Goods/1", "overload").contact == "NO: closes (1) for yes"
-    assert point(found, "Bed lift", "fire").wire == "105 bit 0"
+    assert point(found, "Goods.1", "fire").contact == "NC: opens (0) for yes; a broken wire reads as yes"
+    assert point(found, "Goods.1", "overload").contact == "NO: closes (1) for yes"
+    assert point(found, "bed-lift", "fire").wire == "105 bit 0"
 
 
 def test_parameters_move_the_addresses_and_stand_in_the_facts(found: IoList) -> None:
-    assert point(found, "+goods*1", "fault").printed == "discrete:205"
-    assert ("Parameters", "first_input = 200, first_output = 0") in lift(found, "+goods*1").facts
+    assert point(found, "goods.1", "fault").printed == "discrete:205"
+    assert ("Parameters", "first_input = 200, first_output = 0") in lift(found, "goods.1").facts
 
 
 def test_a_second_device_is_named_with_its_unit_id_and_whoever_has_to_agree(found: IoList) -> None:
@@ -153,7 +153,7 @@ def test_a_second_device_is_named_with_its_unit_id_and_whoever_has_to_agree(foun
 
 
 def test_the_facts_of_a_lift_are_its_controller_map_fingerprint_and_floors(found: IoList) -> None:
-    assert lift(found, "Bed lift").facts == (
+    assert lift(found, "bed-lift").facts == (
         ("Controller", "plc: 192.0.2.10, port 502, unit id 1"),
         ("Map", "generic-registers (template): Generic lift controller, everything in holding registers"),
         ("Fingerprint of the map (sha256)", load("generic-registers").sha256),
@@ -163,7 +163,7 @@ def test_the_facts_of_a_lift_are_its_controller_map_fingerprint_and_floors(found
         ("Fire", "visible (fire, mode word)"),
         ("The car is at a floor by", "level signal"),
     )
-    facts = dict(lift(found, "+Goods/1").facts)
+    facts = dict(lift(found, "Goods.1").facts)
     assert facts["Access"] == "monitor: nothing is written"
     assert facts["Written as a whole"] == "coil 0 to 7 on the wire, FC15"
     assert dict(lift(found, "Pushed").facts)["Changed by the site"] == (
@@ -172,7 +172,7 @@ def test_the_facts_of_a_lift_are_its_controller_map_fingerprint_and_floors(found
 
 
 def test_the_cover_has_every_caution_of_the_site(found: IoList) -> None:
-    assert any(line.startswith("+goods*1: fire is not visible on this interface") for line in found.cautions)
+    assert any(line.startswith("goods.1: fire is not visible on this interface") for line in found.cautions)
 
 
 def table(found: IoList, name: str) -> list[list[str]]:
@@ -189,11 +189,11 @@ def cells(book: Workbook, sheet: str) -> list[list[str]]:
 
 
 def test_the_workbook_has_a_cover_and_one_sheet_per_lift_whatever_a_lift_is_called(book: Workbook) -> None:
-    assert book.sheetnames == ["Cover", "Bed lift", "+Goods 1", "+goods 1 2", "Pushed"]
+    assert book.sheetnames == ["Cover", "bed-lift", "Goods.1", "goods.1 2", "Pushed"]
 
 
 def test_a_sheet_of_the_workbook_has_every_line_as_text_and_room_to_sign(book: Workbook, found: IoList) -> None:
-    for sheet, name in zip(book.sheetnames[1:], ["Bed lift", "+Goods/1", "+goods*1", "Pushed"], strict=True):
+    for sheet, name in zip(book.sheetnames[1:], ["bed-lift", "Goods.1", "goods.1", "Pushed"], strict=True):
         assert cells(book, sheet) == table(found, name)
         assert {cell.data_type for row in book[sheet].iter_rows() for cell in row if cell.value is not None} == {"s"}
         assert [cell.value for cell in book[sheet][1]][-3:] == ["Tested by", "Date", "Result"]
@@ -231,7 +231,7 @@ def test_every_sheet_is_set_up_for_a4_landscape(book: Workbook) -> None:
         # one character of a column is 7 dots of 1/96 inch in Excel, and 277 mm are left between the margins
         millimetres = sum(column.width for column in sheet.column_dimensions.values()) * 7 / 96 * 25.4
         assert millimetres <= 277 / 0.8
-    bed = book["Bed lift"]
+    bed = book["bed-lift"]
     assert bed.print_title_rows == "$1:$1"
     assert bed.freeze_panes == "C2"
     assert bed.oddHeader is not None
@@ -259,12 +259,12 @@ def test_the_csv_file_is_one_table_that_a_spreadsheet_opens_as_utf_8(found: IoLi
     assert rows[0] == [*as_csv.HEAD, *COLUMNS]
     assert len(rows) == 1 + sum(len(lift.points) for lift in found.lifts)
     assert rows[1][:4] == [
-        "Bed lift",
+        "bed-lift",
         "plc: 192.0.2.10, port 502, unit id 1",
         "generic-registers",
         load("generic-registers").sha256,
     ]
-    assert rows[1][4:] == table(found, "Bed lift")[1]
+    assert rows[1][4:] == table(found, "bed-lift")[1]
 
 
 def test_no_cell_of_the_csv_file_begins_like_a_formula(found: IoList) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.modbus.settings import LinkSettings
 from lift_manager.config.devices import Device, devices, strictest
-from lift_manager.core.options import LiftOptions
+from lift_manager.lift.config import LiftConfig
 from register_maps.schema import LinkDefaults
 from tests.lift_manager.config.site_files import (
     GENERIC,
@@ -19,6 +19,7 @@ from tests.lift_manager.config.site_files import (
     my_map,
     said,
 )
+from tests.lift_manager.runtime.scripted import PLAIN
 
 TWO_DEVICES = """\
 schema: 1
@@ -219,8 +220,8 @@ def test_an_age_limit_that_the_slowest_allowed_poll_cannot_keep_is_refused_at_th
 
 def test_what_a_lift_leaves_unsaid_is_what_the_manager_takes_for_it(tmp_path: Path) -> None:
     lift = load(tmp_path, TWO_STOP).site.lifts["goods"]
-    options = LiftOptions(name="goods", floors=(), doors_at={}, control=False)
+    config = LiftConfig(name="goods", source="by hand", floors=(), doors_at={}, control=False, capabilities=PLAIN)
     own = ("robot_hours", "between_sessions_s", "fire_release_delay_s")
     for name in ("lease_s", "max_session_hold_s", "infer_occupancy", "board_min_s", *own):
-        assert getattr(lift, name) == getattr(options, name), name
-    assert load(tmp_path, TWO_STOP).poll_s("goods") == options.poll_s
+        assert getattr(lift, name) == getattr(config, name), name
+    assert load(tmp_path, TWO_STOP).poll_s("goods") == config.poll_s

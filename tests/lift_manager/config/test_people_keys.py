@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from lift_manager import app
-from lift_manager.domain.hours import RobotHours, read_hours
-from register_maps.words import Side
+from lift_manager.app import lift_config
+from lift_manager.lift.hours import RobotHours, read_hours
 from tests.lift_manager.config.site_files import GENERIC, findings, load, said
+from tests.lift_manager.runtime.scripted import AT_L2, PLAIN, ScriptedDriver
 from tests.support.rows import each_row
 
 FLOORS = "    floors: {B1: -1, L1: 1, L2: 2}\n"
@@ -23,9 +23,9 @@ def test_what_is_said_reaches_the_lift(tmp_path: Path) -> None:
         with_line(lines),
         ("name: A building\n", "name: A building\ntimezone: Asia/Singapore\nstate: kept\n"),
     )
-    options = app.lift_options("main", loaded, (Side.FRONT,), 0.0)
-    assert options.robot_hours == RobotHours((read_hours("Mon-Fri 20:00-06:00"), read_hours("Sat-Sun 00:00-24:00")))
-    assert (options.between_sessions_s, options.fire_release_delay_s) == (0, 2)
+    config = lift_config("main", loaded, ScriptedDriver(PLAIN, AT_L2))
+    assert config.robot_hours == RobotHours((read_hours("Mon-Fri 20:00-06:00"), read_hours("Sat-Sun 00:00-24:00")))
+    assert (config.between_sessions_s, config.fire_release_delay_s) == (0, 2)
     assert (loaded.site.timezone, loaded.site.state) == ("Asia/Singapore", "kept")
 
 

@@ -78,6 +78,40 @@ def test_a_floor_name_that_yaml_would_misread_is_fine_in_quotes(tmp_path: Path) 
     assert list(loaded.site.lifts["main"].floors) == ["B1", "1", "on", "NO", "2024-01-01"]
 
 
+@each_row("name", ["east", "B-2_goods.1", "_", "7", "x" * 64])
+def test_a_lift_may_be_named_by_letters_digits_and_three_signs(tmp_path: Path, name: str) -> None:
+    assert list(load(tmp_path, GENERIC, ("  main:", f'  "{name}":')).site.lifts) == [name]
+
+
+@each_row(
+    "name", ["", "east wing", "east/wing", "Güter", "電梯", ".", "..", "-x", ".x", "x" * 65, "a:b", "x\\n", "\\u202ex"]
+)
+def test_another_name_of_a_lift_is_refused_with_the_rule_and_the_way_to_keep_it_for_people(
+    tmp_path: Path, name: str
+) -> None:
+    found = findings(tmp_path, GENERIC, ("  main:", f'  "{name}":'), ("L2: 2", "L2: 1"))
+    named, floor = found
+    assert named.key.startswith("lifts.")
+    for words in ("1 to 64 characters", "letters", "digits", "`-`, `_` and `.`", "begins with", "`display_name`"):
+        assert words in named.message
+    assert str(named).isprintable()
+    assert "floor L1 already" in floor.message, "it hides no other mistake"
+
+
+@each_row("text", ["Güteraufzug Süd / 2", "電梯 1", "x", "x" * 64, "\u0645\u06cc\u200c\u062e a\u00a0b"])
+def test_people_may_call_a_lift_by_any_printable_text(tmp_path: Path, text: str) -> None:
+    lift = load(tmp_path, GENERIC, ("access: control", f'access: control\n    display_name: "{text}"')).site.lifts[
+        "main"
+    ]
+    assert lift.display_name == text
+
+
+@each_row("text", ["", " ", "x" * 65, "a\\nb", "a\\u2028b", "a\\u202eb", "a\\u0085b"])
+def test_what_is_not_one_printable_line_is_no_display_name(tmp_path: Path, text: str) -> None:
+    (found,) = findings(tmp_path, GENERIC, ("access: control", f'access: control\n    display_name: "{text}"'))
+    assert (found.line, found.key) == (9, "lifts.main.display_name")
+
+
 # What is wrong, the edits that make it so, and everything that is said about it.
 Mistake = tuple[str, list[tuple[str, str]], list[Said]]
 

@@ -1,4 +1,4 @@
-"""A simulated disk that is slow, full or hangs, and what the memory and the journal on it say and keep."""
+"""A simulated disk that is slow, full or hangs, and what the recorder on it says and keeps."""
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -6,24 +6,25 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.service import Remembered
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.disk import DiskFault, DiskJobs, DiskJournal, Pace, SimulatedDisk
+from lift_manager.lab.world.disk import DiskFault, DiskJobs, DiskRecorder, Pace, SimulatedDisk
 from lift_manager.lab.world.world import BEGAN_AT
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.lift.record import DurableRecord
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import ANSWER_S, LINGER_S
 
 ROW = Row(RowKind.PRESS, "go_to L2 is to be pressed", "lift", data={"command": "go_to"})
 REQUEST = Row(RowKind.REQUEST, "asks for L2", "lift")
-FIRE = Remembered(fire_since=BEGAN_AT)
+FIRE = SavedLift(DurableRecord(fire_since=BEGAN_AT))
 QUICK = Pace(0.01, 0.01)
 
 
 @asynccontextmanager
-async def running(journal: DiskJournal) -> AsyncIterator[list[str]]:
+async def running(recorder: DiskRecorder) -> AsyncIterator[list[str]]:
     """Let it write; gives what it tells about trouble."""
     told: list[str] = []
-    task = asyncio.ensure_future(journal.run(told.append))
+    task = asyncio.ensure_future(recorder.run(told.append))
     await elapse(0.1)
     try:
         yield told
@@ -64,9 +65,9 @@ def test_a_commit_takes_the_same_time_however_many_there_were_before_it() -> Non
 
 def test_a_press_waits_for_its_commit_and_no_longer() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        async with running(journal):
-            answer = journal.before(ROW)
+        recorder = DiskRecorder(disk)
+        async with running(recorder):
+            answer = recorder.before(ROW)
             await elapse(0.005)
             assert (answer.done(), disk.rows) == (False, [])
             await elapse(0.006)
@@ -79,13 +80,13 @@ def test_a_press_shares_the_commit_of_the_request_that_led_to_it() -> None:
     commits: list[list[Row]] = []
 
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        async with running(journal):
+        recorder = DiskRecorder(disk)
+        async with running(recorder):
             disk.on_committed.append(lambda rows: commits.append(list(rows)))
-            journal.memory.keep("lift", FIRE)
-            journal.note(REQUEST)
+            recorder.keep("lift", FIRE)
+            recorder.note(REQUEST)
             await elapse(LINGER_S / 2)
-            answer = journal.before(ROW)
+            answer = recorder.before(ROW)
             await elapse(0.011)
             assert answer.result() is None
             assert disk.store.records == {"lift": FIRE}
@@ -96,9 +97,9 @@ def test_a_press_shares_the_commit_of_the_request_that_led_to_it() -> None:
 
 def test_what_no_press_waits_for_is_committed_a_moment_later() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        async with running(journal):
-            journal.note(REQUEST)
+        recorder = DiskRecorder(disk)
+        async with running(recorder):
+            recorder.note(REQUEST)
             await elapse(LINGER_S + 0.011)
             assert disk.rows == [REQUEST]
 
@@ -107,40 +108,39 @@ def test_what_no_press_waits_for_is_committed_a_moment_later() -> None:
 
 def test_a_full_disk_refuses_presses_with_its_reason_and_takes_the_rows_once_there_is_room() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        async with running(journal) as told:
+        recorder = DiskRecorder(disk)
+        async with running(recorder) as told:
             disk.begin(DiskFault.FULL)
-            refused = journal.before(ROW)
+            refused = recorder.before(ROW)
             await elapse(0.1)
             assert "No space left on device" in (refused.result() or "")
-            assert journal.before(ROW).result() == journal.trouble == told[0]
+            assert recorder.before(ROW).result() == recorder.trouble == told[0]
             disk.end(DiskFault.FULL)
             await elapse(60)
             assert told[1:] == [""]
-            assert (journal.trouble, disk.rows[0]) == ("", ROW)
+            assert (recorder.trouble, disk.rows[0]) == ("", ROW)
 
     on_disk(check)
 
 
 def test_a_disk_that_hangs_is_trouble_after_a_bounded_time_and_commits_once_it_goes_on() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        memory = journal.memory
-        async with running(journal) as told:
+        recorder = DiskRecorder(disk)
+        async with running(recorder) as told:
             disk.begin(DiskFault.HANGS)
-            memory.keep("lift", FIRE)
-            answer = journal.before(ROW)
+            recorder.keep("lift", FIRE)
+            answer = recorder.before(ROW)
             await elapse(ANSWER_S - 0.01)
-            assert (answer.done(), memory.trouble) == (False, "")
+            assert (answer.done(), recorder.trouble) == (False, "")
             await elapse(0.1)
             assert "did not reach" in (answer.result() or "")
-            assert "has not answered" in journal.trouble == memory.trouble
+            assert "has not answered" in recorder.trouble
             assert len(told) == 1
-            assert memory.recall("lift") == FIRE
+            assert recorder.recall("lift") == FIRE
             assert disk.store.records == {}
             disk.end(DiskFault.HANGS)
             await elapse(60)
-            assert (journal.trouble, memory.trouble, memory.written("lift")) == ("", "", None)
+            assert (recorder.trouble, recorder.written("lift")) == ("", None)
             assert (disk.store.records, disk.rows[0]) == ({"lift": FIRE}, ROW)
 
     on_disk(check)
@@ -148,30 +148,30 @@ def test_a_disk_that_hangs_is_trouble_after_a_bounded_time_and_commits_once_it_g
 
 def test_what_a_killed_manager_had_not_committed_is_forgotten() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        async with running(journal):
+        recorder = DiskRecorder(disk)
+        async with running(recorder):
             disk.begin(DiskFault.HANGS)
-            journal.memory.keep("lift", FIRE)
-            journal.note(ROW)
+            recorder.keep("lift", FIRE)
+            recorder.note(ROW)
             await elapse(1)
-            journal.drop()
-        assert journal.unwritten == {"lift": FIRE}
-        journal.memory.keep("lift", FIRE)
-        journal.note(ROW)
+            recorder.drop()
+        assert recorder.unwritten == {"lift": FIRE}
+        recorder.keep("lift", FIRE)
+        recorder.note(ROW)
         disk.end(DiskFault.HANGS)
-        assert DiskJournal(disk).memory.recall("lift") == Remembered()
+        assert DiskRecorder(disk).recall("lift") is None
 
     assert on_disk(check).rows == []
 
 
 def test_what_a_killed_manager_says_later_changes_nothing_on_an_instant_disk() -> None:
     async def check(disk: SimulatedDisk) -> None:
-        journal = DiskJournal(disk)
-        journal.memory.keep("lift", FIRE)
-        assert journal.before(ROW).result() is None
-        journal.drop()
-        journal.memory.keep("lift", Remembered())
-        journal.note(ROW)
+        recorder = DiskRecorder(disk)
+        recorder.keep("lift", FIRE)
+        assert recorder.before(ROW).result() is None
+        recorder.drop()
+        recorder.keep("lift", SavedLift())
+        recorder.note(ROW)
 
     disk = on_disk(check, pace=None)
     assert (disk.store.records, disk.rows) == ({"lift": FIRE}, [ROW])

@@ -6,13 +6,16 @@ import contextlib
 import pytest
 
 from drivers.model import FloorName
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Alarm, Event
-from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck, Witness
+from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
 from lift_manager.lab.world.world import World
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from simulator.faults import ForeignWriter
 from simulator.state import Parameters
 from simulator.wire_faults import Exchange
@@ -60,7 +63,7 @@ class Watcher(Witness):
     def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
         pass
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         pass
 
     def struck(self, at: float, struck: Struck) -> None:
@@ -74,7 +77,7 @@ class Watcher(Witness):
 async def asks(world: World, floor: FloorName) -> None:
     """Want the door held at a floor, as the workshop's adapter does."""
     while True:
-        world.ask(Ask(LIFT, ROBOT, floor, hold_door=True))
+        world.request(FloorRequest(LIFT, ROBOT, floor, hold_door=True))
         await asyncio.sleep(1)
 
 

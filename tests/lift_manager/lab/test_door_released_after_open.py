@@ -10,16 +10,19 @@ import pytest
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.domain.asking import Ask, Refused
-from lift_manager.domain.events import Occurrence, RideChanged, StateChanged
-from lift_manager.domain.ride import Guidance, RideLimits, RideRequest
-from lift_manager.domain.session_requests import Do, OpenSession, SessionRequest
-from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.witness import STOP
+from lift_manager.lab.world.witness import STOP, FloorRequest
 from lift_manager.lab.world.world import World
+from lift_manager.lift.commands import CommandRequest, CommandType
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.rides.ride import Guidance, RideLimits, RideRequest
+from lift_manager.runtime.bus import Occurrence, StateChanged
 from register_maps.load import load
 from tests.lift_manager.lab.test_world import Recorder, is_open_at, until
+from tests.support.refusals import reply
 
 CLEAR_S, RMF_CLEAR_S = 10.0, 30.0
 LIMIT_S = 120.0
@@ -44,10 +47,8 @@ class Watched:
 
     def look(self) -> None:
         now = asyncio.get_running_loop().time()
-        state = self.world.manager.state("lift")
-        assert state is not None
-        self.see(now, state)
-        for ride in self.world.manager.rides():
+        self.see(now, self.world.site.state("lift"))
+        for ride in self.world.site.rides.all():
             if ride.guidance in (Guidance.ENTER, Guidance.LEAVE):
                 self.invited_at = now
         held = HOLD in self.world.lifts["lift"].truth.obeyed
@@ -94,7 +95,7 @@ def in_world(check: Callable[[Watched], Awaitable[None]], **lift: object) -> Non
         world = World(site(**lift), ())
         watched = Watched(world)
         async with world.running():
-            with world.manager.tap(watched.hear):
+            with world.site.tap(watched.hear):
                 await elapse(2)
                 await check(watched)
 
@@ -116,31 +117,28 @@ def repeated(say: Callable[[], object], every_s: float) -> Iterator[None]:
 
 
 def workshop(watched: Watched) -> Callable[[], object]:
-    ask = Ask("lift", Holder("workshop", "workshop"), "L2", hold_door=True)
-    return lambda: watched.world.ask(ask)
+    request = FloorRequest("lift", Holder("workshop", "workshop"), "L2", hold_door=True)
+    return lambda: watched.world.request(request)
 
 
 def rmf(watched: Watched) -> Callable[[], object]:
-    ask = Ask("lift", Holder("rmf", "fleet/r1"), "L2", hold_door=True, stays=True)
-    return lambda: watched.world.ask(ask)
+    request = FloorRequest("lift", Holder("rmf", "fleet/r1"), "L2", hold_door=True, stays=True)
+    return lambda: watched.world.request(request)
 
 
 def session(watched: Watched) -> Callable[[], object]:
-    manager, holder = watched.world.manager, Holder("api", "amr-7")
-    begun = manager.open_session(OpenSession("lift", holder))
-    assert not isinstance(begun, Refused)
-    wish = SessionRequest(lift="lift", session=begun.session.id, holder=holder, do=Do.GO_TO, floor="L2")
-    assert not isinstance(manager.ask_within(wish), Refused)
-    return lambda: manager.renew_session("lift", begun.session.id, holder, None)
+    site, holder = watched.world.site, Holder("api", "amr-7")
+    session = site.open_session("lift", holder).session.id
+    site.command("lift", CommandRequest(session=session, holder=holder, kind=CommandType.GO_TO, floor="L2"))
+    return lambda: reply(lambda: site.renew_session("lift", session, holder, None))
 
 
 def ride(watched: Watched) -> Callable[[], object]:
     limits = RideLimits(boarding_s=1800, alighting_s=1800)
-    wish = RideRequest(
+    request = RideRequest(
         lifts=("lift",), any_lift=False, start="L2", destination="L3", caller=Holder("ride", "amr-7"), limits=limits
     )
-    begun = watched.world.manager.begin_ride(wish)
-    assert not isinstance(begun, Refused)
+    watched.world.site.rides.begin(request)
     return lambda: None
 
 
@@ -179,9 +177,10 @@ def test_a_ride_that_is_given_up_with_its_door_open_does_not_release_it_at_once(
     async def check(watched: Watched) -> None:
         limits = RideLimits(boarding_s=20, alighting_s=20)
         caller = Holder("ride", "amr-7")
-        wish = RideRequest(lifts=("lift",), any_lift=False, start="L2", destination="L3", caller=caller, limits=limits)
-        begun = watched.world.manager.begin_ride(wish)
-        assert not isinstance(begun, Refused)
+        request = RideRequest(
+            lifts=("lift",), any_lift=False, start="L2", destination="L3", caller=caller, limits=limits
+        )
+        watched.world.site.rides.begin(request)
         released_at, open_at, invited_at = await watched.until_released()
         # it said `enter`, then `leave` while nobody said whether the robot is inside
         assert invited_at > 0
@@ -201,11 +200,11 @@ def test_a_manager_that_ends_withdraws_open_at_once_and_releases_the_door_three_
         world = World(site(), (seen,))
         async with world.running():
             await elapse(2)
-            world.ask(Ask("lift", Holder("workshop", "workshop"), "L2", hold_door=True))
+            world.request(FloorRequest("lift", Holder("workshop", "workshop"), "L2", hold_door=True))
             await until(world, is_open_at("L2"))
             await elapse(5)
             if locked_out:  # its ten seconds are more than a process that ends has left
-                world.manager.lock_out("lift", "the guard", "new ropes")
+                world.site.lock_out("lift", "the guard", "new ropes")
         assert world.released
 
     run_virtual(main)

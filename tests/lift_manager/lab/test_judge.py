@@ -7,17 +7,18 @@ from dataclasses import replace
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.domain.asking import Accepted, Ask
-from lift_manager.domain.events import CommandEnded, HandedOver, SessionOpened, SessionRestored
-from lift_manager.domain.state import Holder, LiftState, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, Wrong
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.wanted import is_wanted
-from lift_manager.lab.world.witness import RESTART, Struck
+from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
 from lift_manager.lab.world.world import World
+from lift_manager.lift.events import CommandEnded, HandedOver, SessionOpened, SessionRestored
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState
 from register_maps import frames
 from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import faults as device
@@ -60,7 +61,7 @@ def write(world: World, request: frames.Request) -> None:
 
 
 async def locked_out(world: World) -> None:
-    world.manager.lock_out(LIFT, "guard", "moving")
+    world.site.lock_out(LIFT, "guard", "moving")
     await elapse(3)
 
 
@@ -149,7 +150,7 @@ def failed_write(at: float) -> Exchange:
 def test_a_close_button_that_stays_on_is_not_wanted_by_a_robot_that_asks_for_an_open_door() -> None:
     async def check(world: World) -> None:
         for _ in range(20):
-            world.ask(Ask(LIFT, WORKSHOP, world.lifts[LIFT].floors[0], hold_door=True))
+            world.request(FloorRequest(LIFT, WORKSHOP, world.lifts[LIFT].floors[0], hold_door=True))
             world.lifts[LIFT].face.write(Table.COIL, 20, (1,), asyncio.get_running_loop().time())
             await elapse(1)
 
@@ -170,7 +171,7 @@ def test_an_output_is_wanted_for_what_its_holder_asked_for(
 ) -> None:
     oracle = judge()
     oracle.looked(0.0, "lift", replace(SHUT, given=(given,)))
-    oracle.asked(0.0, Ask("lift", ROBOT, "L1", hold_door=hold_door), Accepted())
+    oracle.requested(0.0, FloorRequest("lift", ROBOT, "L1", hold_door=hold_door), None)
     oracle.published(0.0, "lift", state(robot_door=RobotDoor.MOVING))
     polled(oracle, 5.0, replace(SHUT, given=(given,)), since=0.2)
     assert ("output on too long" in found(oracle)) is is_found
@@ -317,12 +318,12 @@ def test_a_hold_that_stands_in_the_register_and_fell_by_the_controllers_own_watc
     async def check(world: World) -> None:
         floor = world.lifts[LIFT].floors[1]
         for _ in range(20):
-            world.ask(Ask(LIFT, WORKSHOP, floor, hold_door=True))
+            world.request(FloorRequest(LIFT, WORKSHOP, floor, hold_door=True))
             await elapse(1)
         assert "hold_door.front" in world.lifts[LIFT].truth.obeyed
         world.spoil("plc", wire.DropRequest(on=wire.Target(access=wire.Access.WRITES)))
         for _ in range(8):
-            world.ask(Ask(LIFT, WORKSHOP, floor, hold_door=True))
+            world.request(FloorRequest(LIFT, WORKSHOP, floor, hold_door=True))
             await elapse(1)
         truth = world.lifts[LIFT].truth
         assert "hold_door.front" in truth.commands
@@ -343,7 +344,7 @@ def restarted(*, by: Holder, floor: str) -> list[str]:
     rules.heard(0.5, SessionOpened("lift", ROBOT, "L2"))
     rules.struck(1.2, Struck("manager", RESTART, began=True))
     rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
-    rules.asked(4.3, Ask("lift", by, floor, hold_door=True), Accepted())
+    rules.requested(4.3, FloorRequest("lift", by, floor, hold_door=True), None)
     rules.looked(4.4, "lift", replace(SHUT, at="L1", given=(("go_to", 1),)))
     rules.pressed(4.4, "lift", frozenset({"go_to"}))
     return [rule for rule in found(oracle) if rule.startswith("pressed")]
@@ -359,7 +360,7 @@ def test_after_a_restart_only_the_holder_frees_presses_and_only_for_the_floor_th
 def test_after_a_restart_a_holder_that_hands_its_session_over_was_heard(*, hands_over: bool) -> None:
     oracle = judge()
     rules = Rules(oracle)
-    oracle.asked(1.0, Ask("lift", ROBOT, "L2", hold_door=True), Accepted())
+    oracle.requested(1.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
     rules.struck(1.2, Struck("manager", RESTART, began=True))
     rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
     if hands_over:
@@ -373,15 +374,15 @@ def test_after_a_restart_a_holder_that_hands_its_session_over_was_heard(*, hands
 def test_a_call_that_the_lift_still_has_is_not_pressed_again_after_a_restart(*, has_call: bool) -> None:
     oracle = judge()
     rules = Rules(oracle)
-    ask = Ask("lift", ROBOT, "L2", hold_door=True)
+    request = FloorRequest("lift", ROBOT, "L2", hold_door=True)
     called = replace(SHUT, at="L1", calls=frozenset({"L2"}), given=(("go_to", 1),))
     rules.heard(0.5, SessionOpened("lift", ROBOT, "L2"))
-    rules.asked(0.5, ask, Accepted())
+    rules.requested(0.5, request, None)
     rules.looked(0.6, "lift", called)
     rules.pressed(0.6, "lift", frozenset({"go_to"}))
     rules.struck(4.0, Struck("manager", RESTART, began=True))
     rules.heard(4.0, SessionRestored("lift", ROBOT, "L2", ""))
-    rules.asked(5.0, ask, Accepted())
+    rules.requested(5.0, request, None)
     rules.looked(5.1, "lift", called if has_call else replace(called, calls=frozenset()))
     rules.pressed(5.1, "lift", frozenset({"go_to"}))
     assert found(oracle) == (["pressed again after a restart"] if has_call else [])
@@ -404,21 +405,26 @@ def test_a_visible_fire_gives_a_hold_no_more_time_because_its_session_ends(*, se
 
 
 @each_row(
-    ("clear_s", "ask", "truth", "rules_broken"),
+    ("clear_s", "request", "truth", "rules_broken"),
     [
-        (10.0, Ask("lift", ROBOT, "L2", hold_door=True), STANDS_OPEN, ["the door fell while a robot was invited"]),
-        (0.0, Ask("lift", ROBOT, "L2", hold_door=True), STANDS_OPEN, []),
-        (10.0, Ask("lift", ROBOT, "L1", hold_door=True), STANDS_OPEN, []),
-        (10.0, Ask("lift", ROBOT, "L2", hold_door=False), STANDS_OPEN, []),
-        (10.0, Ask("lift", ROBOT, "L2", hold_door=True), replace(STANDS_OPEN, mode=Mode.FIRE), []),
+        (
+            10.0,
+            FloorRequest("lift", ROBOT, "L2", hold_door=True),
+            STANDS_OPEN,
+            ["the door fell while a robot was invited"],
+        ),
+        (0.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), STANDS_OPEN, []),
+        (10.0, FloorRequest("lift", ROBOT, "L1", hold_door=True), STANDS_OPEN, []),
+        (10.0, FloorRequest("lift", ROBOT, "L2", hold_door=False), STANDS_OPEN, []),
+        (10.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), replace(STANDS_OPEN, mode=Mode.FIRE), []),
     ],
 )
 def test_a_door_that_we_let_fall_on_a_robot_that_was_invited_is_found(
-    clear_s: float, ask: Ask, truth: object, rules_broken: list[str]
+    clear_s: float, request: FloorRequest, truth: object, rules_broken: list[str]
 ) -> None:
     oracle = judge(holds=FRONT, clear_s=clear_s)
     rules = Rules(oracle)
-    oracle.asked(0.0, ask, Accepted())
+    oracle.requested(0.0, request, None)
     rules.looked(1.0, "lift", HELD)
     rules.published(4.0, "lift", state(age_s=0.0))
     rules.looked(5.0, "lift", truth)  # type: ignore[arg-type]  # a Truth
@@ -431,9 +437,9 @@ def test_a_release_that_its_holder_asked_for_may_come_after_the_next_request() -
     rules = Rules(oracle)
 
     def asks(at: float, floor: str) -> None:
-        ask = Ask("lift", ROBOT, floor, hold_door=True)
-        oracle.asked(at, ask, Accepted())
-        rules.asked(at, ask, Accepted())
+        request = FloorRequest("lift", ROBOT, floor, hold_door=True)
+        oracle.requested(at, request, None)
+        rules.requested(at, request, None)
 
     asks(0.0, "L2")
     rules.looked(1.0, "lift", HELD)
@@ -451,6 +457,6 @@ def test_a_call_that_keeps_the_door_open_stays_until_the_lift_is_told_of_the_rob
 ) -> None:
     about = replace(judge(blocks=frozenset()).judges["lift"], handshake=True)
     owed = said_at is not None
-    ask = Ask("lift", ROBOT, "L1", hold_door=True)
-    wanted = is_wanted(about, "call", 1, SHUT, (ask, replace(ask, floor="L3")), on_s=9.0, owes_word=owed)
+    request = FloorRequest("lift", ROBOT, "L1", hold_door=True)
+    wanted = is_wanted(about, "call", 1, SHUT, (request, replace(request, floor="L3")), on_s=9.0, owes_word=owed)
     assert wanted is owed

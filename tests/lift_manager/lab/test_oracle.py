@@ -5,12 +5,14 @@ from dataclasses import replace
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.domain.events import CommandEnded
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.world.judged import Excuse, Judged, Shows, Wrong
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
+from lift_manager.lift.events import CommandEnded
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
 from register_maps import frames
 from register_maps.words import Mode, Motion, Side, Table
 from simulator.faults import FrozenHeartbeat, FrozenRegisters, InMode, LostPress, ReopeningDoor

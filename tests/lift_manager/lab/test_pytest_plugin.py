@@ -14,12 +14,13 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.domain.asking import Accepted, Refused
-from lift_manager.domain.events import Alarm, CommandEnded, SessionEnded
-from lift_manager.domain.service import Acknowledged, EndReason, Lockout, LockoutEnded
-from lift_manager.domain.state import Quality, RobotDoor
 from lift_manager.lab.bench import Bench, BenchError, LiftSimulator, LiftSite, ModbusFaults, NeverSeen
 from lift_manager.lab.scenario.faults import DEVICE_FAULTS, READY, WIRE
+from lift_manager.lift.events import Acknowledged, Alarm, CommandEnded, Restriction, RestrictionEnded, SessionEnded
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.refusals import Accepted, Refused
+from lift_manager.lift.session import EndReason
+from lift_manager.lift.state import Quality
 from register_maps.words import Door, Mode, Side
 from simulator.faults import InMode, Overload, StuckDoor, WrongFloor
 from simulator.wire_faults import Access, DropRequest, LateAnswer, Target
@@ -263,9 +264,9 @@ def test_a_lift_that_somebody_holds_is_free_again_afterwards(lift_site: LiftSite
 
 
 def test_a_person_locks_the_lift_out_and_in_again(lift_site: LiftSite) -> None:
-    assert isinstance(lift_site.lock_out(by="Li", reason="moving house"), Lockout)
+    assert isinstance(lift_site.lock_out(by="Li", reason="moving house"), Restriction)
     assert isinstance(lift_site.ask("L2"), Refused)
-    assert isinstance(lift_site.end_lockout(by="Li"), LockoutEnded)
+    assert isinstance(lift_site.end_lockout(by="Li"), RestrictionEnded)
     assert isinstance(lift_site.ask("L2"), Accepted)
 
 

@@ -1,30 +1,39 @@
 """The judge of who gets the lift finds each way to put a robot before people, or one robot before another."""
 
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import pytest
 
-from lift_manager.domain.asking import Accepted, Ask, RobotWord
-from lift_manager.domain.events import (
+from lift_manager.lab.world.judged import Excuse, FloorBy, Shows, Wrong
+from lift_manager.lab.world.oracle import Oracle
+from lift_manager.lab.world.rules import Rules
+from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
+from lift_manager.lift.events import (
+    Acknowledged,
+    Cause,
     HandedOver,
-    LockedOut,
-    LockoutOver,
-    PersonAcknowledged,
+    Restriction,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
     SessionEnded,
     SessionOpened,
     SessionRestored,
 )
-from lift_manager.domain.service import EndReason
-from lift_manager.domain.state import Holder, LiftState
-from lift_manager.lab.world.judged import Excuse, FloorBy, Shows, Wrong
-from lift_manager.lab.world.oracle import Oracle
-from lift_manager.lab.world.rules import Rules
-from lift_manager.lab.world.witness import RESTART, Struck
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import EndReason, Holder
+from lift_manager.lift.state import LiftState
 from register_maps.words import Mode
 from simulator.faults import Fault, PowerLoss, Stopped
 from tests.lift_manager.lab.test_oracle import DRIVES, HELD, ROBOT, SHUT, STANDS_OPEN, judge, polled, state
 
 OTHER = Holder("fleet", "r2")
+NOON = datetime(2026, 1, 5, 12, tzinfo=UTC)
+ROPES = Restriction(RestrictionKind.LOCKOUT, "the guard", "new ropes", NOON)
+LOCKED_OUT = RestrictionBegun("lift", ROPES)
+LOCKOUT_OVER = RestrictionEnded("lift", "the guard", NOON, ROPES)
+ACKNOWLEDGED = Acknowledged("lift", "the guard", NOON, (Cause.FIRE,))
 
 
 def book(**about: object) -> tuple[Oracle, Rules]:
@@ -46,8 +55,8 @@ def ended(reason: EndReason = EndReason.RELEASED) -> SessionEnded:
     return SessionEnded("lift", ROBOT, reason, "", None)
 
 
-def ask(floor: str = "L1", holder: Holder = ROBOT) -> Ask:
-    return Ask("lift", holder, floor, hold_door=True)
+def request(floor: str = "L1", holder: Holder = ROBOT) -> FloorRequest:
+    return FloorRequest("lift", holder, floor, hold_door=True)
 
 
 def on_fire() -> LiftState:
@@ -57,13 +66,13 @@ def on_fire() -> LiftState:
 def test_a_robot_that_is_let_in_after_a_fire_is_found_until_a_person_has_looked() -> None:
     oracle, rules = book()
     rules.published(1.0, "lift", on_fire())
-    rules.asked(9.0, ask(), Accepted())
+    rules.requested(9.0, request(), None)
     rules.looked(9.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["let in after a fire"]
-    rules.asked(10.0, ask(), Accepted())
-    rules.heard(10.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.requested(10.0, request(), None)
+    rules.heard(10.0, ACKNOWLEDGED)
     rules.looked(10.2, "lift", STANDS_OPEN)
-    rules.asked(19.0, ask(), Accepted())
+    rules.requested(19.0, request(), None)
     rules.looked(19.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["let in after a fire"]
 
@@ -72,7 +81,7 @@ def test_a_press_after_a_fire_is_found_over_a_restart_too() -> None:
     oracle, rules = book()
     rules.published(1.0, "lift", on_fire())
     rules.struck(3.0, Struck("manager", RESTART, began=True))
-    rules.asked(8.0, ask(), Accepted())
+    rules.requested(8.0, request(), None)
     rules.pressed(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["pressed after a fire"]
 
@@ -81,19 +90,19 @@ def test_a_fire_that_is_acknowledged_while_it_is_on_is_found() -> None:
     oracle, rules = book()
     rules.looked(0.9, "lift", replace(STANDS_OPEN, mode=Mode.FIRE))
     rules.published(1.0, "lift", on_fire())
-    rules.heard(2.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.heard(2.0, ACKNOWLEDGED)
     assert found(oracle) == ["acknowledged while on"]
 
 
 def test_whoever_is_let_in_or_presses_in_a_lockout_is_found() -> None:
     oracle, rules = book()
-    rules.heard(1.0, LockedOut("lift", None))  # type: ignore[arg-type]  # who it was is not read
-    rules.asked(9.0, ask(), Accepted())
+    rules.heard(1.0, LOCKED_OUT)
+    rules.requested(9.0, request(), None)
     rules.looked(9.1, "lift", STANDS_OPEN)
     rules.pressed(9.1, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["let in despite a lockout", "pressed in a lockout"]
-    rules.heard(10.0, LockoutOver("lift", None))  # type: ignore[arg-type]  # who it was is not read
-    rules.asked(12.0, ask(), Accepted())
+    rules.heard(10.0, LOCKOUT_OVER)
+    rules.requested(12.0, request(), None)
     rules.looked(12.1, "lift", STANDS_OPEN)
     assert len(found(oracle)) == 2
 
@@ -105,17 +114,17 @@ def test_an_invitation_behind_a_fire_that_nobody_has_acknowledged_is_found() -> 
     assert found(oracle) == []
     rules.published(9.0, "lift", state(holder=None))
     assert found(oracle) == ["said open after a fire"]
-    rules.heard(10.0, PersonAcknowledged("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.heard(10.0, ACKNOWLEDGED)
     rules.published(19.0, "lift", state(holder=None))
     assert found(oracle) == ["said open after a fire"]
 
 
 def test_an_invitation_behind_a_lockout_is_found_until_it_is_over() -> None:
     oracle, rules = book()
-    rules.heard(1.0, LockedOut("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.heard(1.0, LOCKED_OUT)
     rules.published(9.0, "lift", state(holder=None))
     assert found(oracle) == ["said open in a lockout"]
-    rules.heard(10.0, LockoutOver("lift", None))  # type: ignore[arg-type]  # who it was is not read
+    rules.heard(10.0, LOCKOUT_OVER)
     rules.published(19.0, "lift", state(holder=None))
     assert found(oracle) == ["said open in a lockout"]
 
@@ -123,7 +132,7 @@ def test_an_invitation_behind_a_lockout_is_found_until_it_is_over() -> None:
 def test_two_holders_are_found_whether_or_not_a_session_is_opened_for_the_second() -> None:
     oracle, rules = book()
     rules.heard(1.0, opened())
-    rules.asked(2.0, ask(holder=OTHER), Accepted())
+    rules.requested(2.0, request(holder=OTHER), None)
     rules.looked(2.2, "lift", STANDS_OPEN)
     assert found(oracle) == ["two holders"]
     rules.heard(3.0, opened(OTHER))
@@ -133,7 +142,7 @@ def test_two_holders_are_found_whether_or_not_a_session_is_opened_for_the_second
 def test_a_lift_that_changes_hands_between_two_turns_of_the_loop_has_one_holder() -> None:
     oracle, rules = book()
     rules.heard(1.0, opened())
-    rules.asked(2.0, ask(holder=OTHER), Accepted())
+    rules.requested(2.0, request(holder=OTHER), None)
     rules.heard(2.0, ended())
     rules.heard(2.0, opened(OTHER))
     rules.looked(2.2, "lift", STANDS_OPEN)
@@ -163,10 +172,10 @@ def test_the_same_call_that_is_pressed_again_at_once_is_found_unless_another_flo
     oracle, rules = book()
     called = replace(DRIVES, given=(("go_to", 1),))
     rules.looked(1.0, "lift", called)
-    rules.asked(1.0, ask("L2"), Accepted())
+    rules.requested(1.0, request("L2"), None)
     rules.pressed(1.0, "lift", frozenset({"go_to"}))
-    rules.asked(1.5, ask("L1"), Accepted())
-    rules.asked(1.6, ask("L2"), Accepted())
+    rules.requested(1.5, request("L1"), None)
+    rules.requested(1.6, request("L2"), None)
     rules.pressed(1.7, "lift", frozenset({"go_to"}))
     assert found(oracle) == []
     rules.pressed(2.0, "lift", frozenset({"go_to"}))
@@ -216,7 +225,7 @@ def test_a_lift_that_nobody_holds_may_stand_open_by_itself() -> None:
 
 def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> None:
     oracle, rules = book()
-    rules.asked(1.0, ask(), Accepted())
+    rules.requested(1.0, request(), None)
     rules.heard(1.0, opened())
     rules.pressed(1.1, "lift", frozenset({"go_to"}))
     rules.struck(3.0, Struck("manager", RESTART, began=True))
@@ -224,7 +233,7 @@ def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> 
     assert found(oracle) == []
     rules.pressed(4.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
-    rules.asked(5.0, ask(), Accepted())
+    rules.requested(5.0, request(), None)
     rules.pressed(6.0, "lift", frozenset({"hold_door.front"}))
     assert found(oracle) == ["pressed by a restart"]
 
@@ -233,7 +242,7 @@ def test_a_robot_that_says_it_is_inside_has_asked_for_the_lift() -> None:
     oracle, rules = book()
     rules.looked(2.0, "lift", STANDS_OPEN)
     rules.struck(3.0, Struck("manager", RESTART, began=True))
-    rules.asked(5.0, replace(ask("L2"), hold_door=False, robot=RobotWord.IN_PLACE), Accepted())
+    rules.requested(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.IN_PLACE), None)
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == []
 
@@ -242,7 +251,7 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
     oracle, rules = book()
     rules.looked(2.0, "lift", STANDS_OPEN)
     rules.struck(3.0, Struck("manager", RESTART, began=True))
-    rules.asked(5.0, replace(ask("L2"), hold_door=False, robot=RobotWord.LEFT), Accepted())
+    rules.requested(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.LEFT), None)
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
 
@@ -255,14 +264,14 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
 def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | None, findings: list[str]) -> None:
     oracle, rules = book(excuses={"stopped": Excuse(frozenset({Wrong.EFFECT, Wrong.OUTPUT}), None)})
     called = replace(SHUT, calls=frozenset({"L1"}), given=(("go_to", 0),))
-    rules.asked(1.0, ask(), Accepted())
+    rules.requested(1.0, request(), None)
     rules.looked(1.1, "lift", called)
     rules.pressed(1.1, "lift", frozenset({"go_to"}))
     if fault is not None:
         for witness in (oracle, rules):
             witness.struck(2.0, Struck("lift", fault, began=True))
     rules.struck(3.0, Struck("manager", RESTART, began=True))
-    rules.asked(4.0, ask(), Accepted())
+    rules.requested(4.0, request(), None)
     rules.looked(9.0, "lift", called)
     rules.pressed(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == findings
@@ -273,7 +282,7 @@ def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the
     oracle, rules = book()
     rules.looked(2.0, "lift", STANDS_OPEN)
     rules.struck(3.0, Struck("manager", RESTART, began=True))
-    rules.asked(5.0, replace(ask("L2"), hold_door=False, stays=True), Accepted())
+    rules.requested(5.0, replace(request("L2"), hold_door=False, stays=True), None)
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == []
 
@@ -285,7 +294,7 @@ def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_t
     oracle, rules = book(shows=Shows(floor_by=FloorBy.DOOR if told_by_doors else FloorBy.SWITCH))
     rules.looked(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
     rules.struck(3.0, Struck("manager", RESTART, began=True))
-    rules.asked(5.0, replace(ask("L2"), hold_door=False), Accepted())
+    rules.requested(5.0, replace(request("L2"), hold_door=False), None)
     rules.pressed(6.0, "lift", frozenset({"call"}))
     assert found(oracle) == ([] if told_by_doors else ["pressed by a restart"])
 

@@ -9,16 +9,18 @@ import pytest
 
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event, LockedOut, LockoutOver
-from lift_manager.domain.state import Holder, LiftState, Quality, RobotDoor
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck, Witness
+from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
 from lift_manager.lab.world.world import World, WorldError
-from lift_manager.runtime.bus import QUEUE_LENGTH
+from lift_manager.lift.events import RestrictionBegun, RestrictionEnded, RestrictionKind
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
+from lift_manager.runtime.bus import QUEUE_LENGTH, Event
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.load import load
 from register_maps.words import Mode
 from simulator.faults import InMode, PowerLoss, SlotKept, StuckDoor
@@ -38,7 +40,7 @@ class Recorder:
         self.states: list[tuple[float, LiftState]] = []
         self.exchanges: list[Exchange] = []
         self.events: list[Event] = []
-        self.asks: list[tuple[Ask, Accepted | Refused]] = []
+        self.requests: list[tuple[FloorRequest, RequestRefused | None]] = []
         self.faults: list[tuple[float, Struck]] = []
 
     def looked(self, at: float, lift: str, truth: Truth) -> None:
@@ -56,8 +58,8 @@ class Recorder:
     def heard(self, at: float, event: Event) -> None:
         self.events.append(event)
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        self.asks.append((ask, answer))
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        self.requests.append((request, refused))
 
     def struck(self, at: float, struck: Struck) -> None:
         self.faults.append((at, struck))
@@ -93,8 +95,7 @@ async def until(world: World, true: Callable[[LiftState], bool], lift: str = "li
     began = loop.time()
     async with asyncio.timeout(60):
         while True:
-            state = world.manager.state(lift)
-            if state is not None and true(state):
+            if true(world.site.state(lift)):
                 return loop.time() - began
             await elapse(0.05)
 
@@ -106,7 +107,7 @@ def is_open_at(floor: str) -> Callable[[LiftState], bool]:
 def test_a_robot_rides_and_everything_about_it_is_told_to_the_witnesses() -> None:
     async def check(world: World) -> None:
         await elapse(2)
-        assert world.ask(Ask("lift", ROBOT, "L3", hold_door=True)) == Accepted()
+        assert world.request(FloorRequest("lift", ROBOT, "L3", hold_door=True)) is None
         await until(world, is_open_at("L3"))
 
     seen = in_world(check)
@@ -114,7 +115,7 @@ def test_a_robot_rides_and_everything_about_it_is_told_to_the_witnesses() -> Non
     assert any("go_to" in commands for _, commands in seen.presses)
     assert any(is_open_at("L3")(state) for _, state in seen.states)
     assert {type(event).__name__ for event in seen.events} >= {"SessionOpened", "CommandEnded", "SessionEnded"}
-    assert seen.asks == [(Ask("lift", ROBOT, "L3", hold_door=True), Accepted())]
+    assert seen.requests == [(FloorRequest("lift", ROBOT, "L3", hold_door=True), None)]
     assert all(exchange.honest for exchange in seen.exchanges)
     assert seen.truths[-1][1].given == ()  # everything was let go at the end
 
@@ -150,8 +151,7 @@ def test_a_slot_that_is_kept_lets_nobody_in() -> None:
         world.begin("lift", PowerLoss())
         world.end("lift", PowerLoss())
         await elapse(10)
-        state = world.manager.state("lift")
-        assert state is not None
+        state = world.site.state("lift")
         assert state.quality is Quality.OFFLINE
         world.end("lift", SlotKept())
         await until(world, lambda state: state.quality is Quality.LIVE)
@@ -175,8 +175,7 @@ def test_several_lifts_may_stand_behind_one_controller_as_units() -> None:
         await until(world, lambda state: state.quality is Quality.LIVE, "west")
         world.begin("east", InMode(Mode.FIRE))
         await until(world, lambda state: state.mode is Mode.FIRE, "east")
-        state = world.manager.state("west")
-        assert state is not None
+        state = world.site.state("west")
         assert state.mode is Mode.NORMAL
 
     in_world(check, "east", "west")
@@ -200,7 +199,7 @@ def test_the_same_seed_tells_the_same_story() -> None:
     async def check(world: World) -> None:
         world.populate("lift", People(seed=5, floors=3))
         world.spoil("plc", HalfOpen(probability=0.02, times=1))
-        world.ask(Ask("lift", ROBOT, "L2", hold_door=True))
+        world.request(FloorRequest("lift", ROBOT, "L2", hold_door=True))
         await elapse(60)
 
     def story(seen: Recorder) -> list[object]:
@@ -211,66 +210,64 @@ def test_the_same_seed_tells_the_same_story() -> None:
 
 def test_what_a_killed_manager_still_hears_of_changes_nothing_that_the_next_one_finds() -> None:
     async def check(world: World) -> None:
-        world.manager.lock_out("lift", "somebody", "ropes")
-        killed = world.manager
+        world.site.lock_out("lift", "somebody", "ropes")
+        killed = world.site
         await world.restart()
         killed.end_lockout("lift", "somebody")
         await world.restart()
-        remembered = world.manager.remembered("lift")
-        assert remembered is not None
-        assert remembered.lockout is not None
+        durable = world.site.durable("lift")
+        assert durable.restriction(RestrictionKind.LOCKOUT) is not None
 
     in_world(check)
 
 
 def test_no_word_of_a_person_is_missed_around_a_restart() -> None:
     async def check(world: World) -> None:
-        world.manager.lock_out("lift", "somebody", "ropes")
+        world.site.lock_out("lift", "somebody", "ropes")
         restarting = asyncio.ensure_future(world.restart())
         await asyncio.sleep(0)
-        world.manager.end_lockout("lift", "somebody")
+        world.site.end_lockout("lift", "somebody")
         await restarting
-        world.manager.lock_out("lift", "somebody", "more ropes")
+        world.site.lock_out("lift", "somebody", "more ropes")
 
     seen = in_world(check)
-    words = [type(event) for event in seen.events if isinstance(event, LockedOut | LockoutOver)]
-    assert words == [LockedOut, LockoutOver, LockedOut]
+    words = [type(event) for event in seen.events if isinstance(event, RestrictionBegun | RestrictionEnded)]
+    assert words == [RestrictionBegun, RestrictionEnded, RestrictionBegun]
 
 
 def test_a_witness_is_told_of_more_at_once_than_any_listener_can_keep() -> None:
     async def check(world: World) -> None:
         for _ in range(QUEUE_LENGTH):
-            world.manager.lock_out("lift", "somebody", "ropes")
-            world.manager.end_lockout("lift", "somebody")
+            world.site.lock_out("lift", "somebody", "ropes")
+            world.site.end_lockout("lift", "somebody")
 
     seen = in_world(check)
-    assert sum(isinstance(event, LockoutOver) for event in seen.events) == QUEUE_LENGTH
+    assert sum(isinstance(event, RestrictionEnded) for event in seen.events) == QUEUE_LENGTH
 
 
 @pytest.mark.parametrize("heard", [False, True])
 def test_a_hold_that_a_controller_loses_after_a_restart_is_pressed_again_only_for_a_holder_that_was_heard(
     *, heard: bool
 ) -> None:
-    ask = Ask("lift", ROBOT, "L2", hold_door=True)
+    request = FloorRequest("lift", ROBOT, "L2", hold_door=True)
     oracle = judge_of(site("lift"))
 
     async def check(world: World) -> None:
         await elapse(2)
-        world.ask(ask)
+        world.request(request)
         await until(world, is_open_at("L2"))
         await world.restart()
         await until(world, is_open_at("L2"))
         if heard:
-            assert world.ask(ask) == Accepted()
+            assert world.request(request) is None
             await elapse(1)
         world.begin("lift", PowerLoss())
         await elapse(4)
         world.end("lift", PowerLoss())
         await elapse(5)
-        state = world.manager.state("lift")
-        assert state is not None
+        state = world.site.state("lift")
         assert (state.holder, state.robot_door is RobotDoor.OPEN) == (ROBOT, heard)
-        assert world.ask(ask) == Accepted()
+        assert world.request(request) is None
         await until(world, is_open_at("L2"))
 
     seen = in_world(check, judges=(oracle, Rules(oracle)))

@@ -1,39 +1,25 @@
-"""A manager and links as the metrics see them, and ways to read what they export."""
+"""A site and links as the metrics see them, and ways to read what they export."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_open_metrics
 from prometheus_client.parser import text_string_to_metric_families as parse_plain
 
-from lift_manager.core.figures import Durations, LinkFigures
-from lift_manager.domain.events import Event, Occurrence
-from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.lift.state import LiftState
 from lift_manager.metrics.metrics import Metrics
-from register_maps.words import Mode, Motion
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.life import SiteLife
+from lift_manager.runtime.links import Durations, LinkFigures
+from lift_manager.runtime.site import Site
+from tests.lift_manager.web.fake import FakeSite, one_lift
+from tests.lift_manager.web.fake_lifts import IDLE
 from tests.support.virtual_time import run_virtual
 
 OPEN = "application/openmetrics-text;version=1.0.0;q=0.6,text/plain;version=0.0.4;q=0.3,*/*;q=0.1"
 Labels = tuple[tuple[str, str], ...]
-IDLE = LiftState(
-    lift="lift",
-    floors=("L1", "L2"),
-    quality=Quality.LIVE,
-    reason="",
-    age_s=0.1,
-    floor="L1",
-    standing=True,
-    destination="L1",
-    robot_door=RobotDoor.CLOSED,
-    doors={},
-    motion=Motion.STOPPED,
-    mode=Mode.NORMAL,
-    holder=None,
-    held_since_s=None,
-    not_visible={},
-)
 BOUNDS_S = (0.01, 0.1)
 COUNTS = (
     "requests",
@@ -63,48 +49,36 @@ LINK = LinkFigures(
 )
 
 
-@dataclass
-class FakeManager:
-    """Says what it was told to say; `publish` tells whoever listens."""
+class FakeLife(SiteLife):
+    """Each lift was polled seven times."""
 
-    states: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE})
-    unwritten: frozenset[str] = frozenset()
-    refused: Mapping[tuple[str, str], int] = field(default_factory=dict)
-    listeners: list[Callable[[Occurrence], None]] = field(default_factory=list)
-    links: tuple[LinkFigures, ...] = (LINK,)
+    def __init__(self, site: Site) -> None:
+        super().__init__(site, [])
+        self._lifts = site.lift_names()
 
     def polls(self) -> Mapping[str, int]:
-        return dict.fromkeys(self.states, 7)
+        return dict.fromkeys(self._lifts, 7)
 
-    def lift_names(self) -> tuple[str, ...]:
-        return tuple(self.states)
 
-    def state(self, lift: str) -> LiftState | None:
-        return self.states.get(lift)
+class FakeLinks(NamedTuple):
+    """As the test says."""
+
+    links: tuple[LinkFigures, ...]
 
     def link_figures(self) -> tuple[LinkFigures, ...]:
         return self.links
 
-    @contextmanager
-    def overhear(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
-        self.listeners.append(hear)
-        try:
-            yield
-        finally:
-            self.listeners.remove(hear)
-
-    def publish(self, *events: Event) -> None:
-        for event in events:
-            for hear in self.listeners:
-                hear(Occurrence("boot-1", asyncio.get_running_loop().time(), event))
-
 
 @dataclass
 class Rig:
-    """Metrics that run, of a manager that says what a test wants."""
+    """Metrics that run, of a site that is as a test says."""
 
-    manager: FakeManager
+    site: FakeSite
     metrics: Metrics
+
+    def publish(self, *events: Event) -> None:
+        for event in events:
+            self.site.happens(event)
 
     async def read(self, accept: str = "") -> dict[str, dict[Labels, float]]:
         """Scrape once: samples by name and labels, as the library's own parser reads them."""
@@ -126,13 +100,17 @@ def samples(body: bytes, content_type: str) -> dict[str, dict[Labels, float]]:
     return found
 
 
-def measured(check: Callable[[Rig], Awaitable[None]], manager: FakeManager | None = None) -> None:
+def rig_of(site: FakeSite, links: tuple[LinkFigures, ...] = (LINK,)) -> Rig:
+    return Rig(site, Metrics(site, FakeLife(site), FakeLinks(links), version="1.2.3"))
+
+
+def measured(
+    check: Callable[[Rig], Awaitable[None]], site: FakeSite | None = None, links: tuple[LinkFigures, ...] = (LINK,)
+) -> None:
     """Run a check on virtual time, with the metrics running."""
-    made = manager or FakeManager()
 
     async def main() -> None:
-        commands = dict.fromkeys(made.states, ("go_to", "hold_door.front"))
-        rig = Rig(made, Metrics(made, made, commands, version="1.2.3"))
+        rig = rig_of(site or one_lift(IDLE), links)
         running = asyncio.ensure_future(rig.metrics.run())
         await asyncio.sleep(0)
         try:

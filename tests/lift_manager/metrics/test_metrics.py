@@ -2,29 +2,25 @@
 
 import asyncio
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.domain.events import (
-    Alarm,
-    CommandEnded,
-    Event,
-    Occurrence,
-    RideChanged,
-    SessionEnded,
-    SessionOpened,
-    StateChanged,
-)
-from lift_manager.domain.ride import Guidance, Phase, Ride
-from lift_manager.domain.service import EndReason
-from lift_manager.domain.state import Holder, LiftState, Quality, Restrictions
+from lift_manager.lift.events import Alarm, CommandEnded, SessionEnded, SessionOpened
+from lift_manager.lift.session import EndReason, Holder
+from lift_manager.lift.state import LiftState, Quality, Restrictions
 from lift_manager.metrics.lag import Lags
-from lift_manager.metrics.metrics import Metrics
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.rides.ride import Guidance, Phase, Ride
+from lift_manager.runtime.bus import Event, Occurrence, StateChanged
 from register_maps.words import Mode, Side
-from tests.lift_manager.metrics.measured import IDLE, LINK, OPEN, FakeManager, Rig, lifts, measured
+from tests.lift_manager.metrics.measured import LINK, OPEN, Rig, lifts, measured, rig_of
+from tests.lift_manager.web.fake import FakeSite, one_lift
+from tests.lift_manager.web.fake_lifts import IDLE
 from tests.support.rows import each_row
 from tests.support.virtual_time import elapse, run_virtual
 
@@ -75,7 +71,7 @@ def test_the_format_is_that_which_was_asked_for(accept: str, content_type: str) 
 
 def test_both_formats_say_the_same() -> None:
     async def check(rig: Rig) -> None:
-        rig.manager.publish(Alarm("lift", "a text"))
+        rig.publish(Alarm("lift", "a text"))
         own = [
             {name: found for name, found in (await rig.read(accept)).items() if not _of_the_library(name)}
             for accept in ("", OPEN)
@@ -124,7 +120,7 @@ def test_a_lift_is_told_as_it_is_published() -> None:
         modes = {dict(labels)["mode"]: value for labels, value in read["lift_manager_lift_mode"].items()}
         assert modes == {mode.value: float(mode is Mode.FIRE) for mode in Mode}
 
-    measured(check, FakeManager({"lift": told}))
+    measured(check, one_lift(told))
 
 
 def test_a_lift_that_was_never_read_has_no_age() -> None:
@@ -132,7 +128,7 @@ def test_a_lift_that_was_never_read_has_no_age() -> None:
         assert "lift_manager_lift_reading_age_seconds" not in await rig.read()
         assert await rig.value("lift_manager_lift_live", lift="lift") == 0
 
-    measured(check, FakeManager({"lift": replace(IDLE, quality=Quality.OFFLINE, age_s=None)}))
+    measured(check, one_lift(replace(IDLE, quality=Quality.OFFLINE, age_s=None)))
 
 
 def test_a_link_is_told_with_its_counts_and_its_histograms() -> None:
@@ -156,15 +152,15 @@ def test_a_link_is_told_with_its_counts_and_its_histograms() -> None:
 
 
 def test_names_of_a_site_file_break_nothing() -> None:
-    name = 'Güter "A"\\\n, {lift}'
+    name = 'Güter "A"\\\n, {link}'
 
     async def check(rig: Rig) -> None:
         for accept in ("", OPEN):
             read = await rig.read(accept)
-            assert read["lift_manager_lift_live"] == {(("lift", name),): 1}
+            assert read["lift_manager_lift_live"] == {(("lift", "goods"),): 1}
             assert read["lift_manager_link_up"] == {(("link", name),): 1}
 
-    measured(check, FakeManager({name: replace(IDLE, lift=name)}, links=(replace(LINK, link=name),)))
+    measured(check, one_lift(replace(IDLE, lift="goods")), (replace(LINK, link=name),))
 
 
 @each_row(
@@ -182,7 +178,7 @@ def test_a_command_is_counted_by_what_became_of_it_and_why_in_closed_words(
     outcome: Outcome, result: str, reason: str
 ) -> None:
     async def check(rig: Rig) -> None:
-        rig.manager.publish(CommandEnded("lift", outcome, ROBOT))
+        rig.publish(CommandEnded("lift", outcome, ROBOT))
         told = {"lift": "lift", "command": "go_to", "result": result, "reason": reason}
         assert await rig.value("lift_manager_commands_total", **told) == 1
 
@@ -193,7 +189,7 @@ def test_a_command_is_named_with_its_door_and_without_its_floor() -> None:
     held = Outcome(Command(CommandKind.HOLD_DOOR, side=Side.FRONT), Result.CONFIRMED, proof=Proof.READBACK)
 
     async def check(rig: Rig) -> None:
-        rig.manager.publish(CommandEnded("lift", held))
+        rig.publish(CommandEnded("lift", held))
         told = {"lift": "lift", "command": "hold_door.front", "result": "confirmed", "reason": "readback"}
         assert await rig.value("lift_manager_commands_total", **told) == 1
 
@@ -216,7 +212,7 @@ def test_what_people_have_to_look_into_begins_at_zero_so_that_the_first_is_a_ris
 
 def test_sessions_are_counted_by_face_and_by_why_they_ended() -> None:
     async def check(rig: Rig) -> None:
-        rig.manager.publish(
+        rig.publish(
             SessionOpened("lift", ROBOT, "L2"),
             SessionEnded("lift", ROBOT, EndReason.LEASE, "silent for 60 s", None),
             SessionOpened("lift", Holder("rmf", "fleet/tinyRobot1"), "L1"),
@@ -234,8 +230,8 @@ def test_the_end_of_a_ride_is_counted_once_whatever_changes_of_it_afterwards() -
 
     async def check(rig: Rig) -> None:
         for ride in (RIDE, over, replace(over, maybe_aboard=True), replace(over, maybe_aboard=False)):
-            rig.manager.publish(RideChanged("lift", ride))
-        rig.manager.publish(RideChanged("lift", replace(over, id="another")))
+            rig.publish(RideChanged("lift", ride))
+        rig.publish(RideChanged("lift", replace(over, id="another")))
         assert await rig.value("lift_manager_rides_ended_total", lift="lift", end="gave_up") == 2
         assert await rig.value("lift_manager_rides_ended_total", lift="lift", end="done") == 0
 
@@ -246,7 +242,7 @@ def test_every_event_is_counted_by_its_kind() -> None:
     events: tuple[Event, ...] = (StateChanged("lift", IDLE), StateChanged("lift", IDLE), Alarm("lift", "a text"))
 
     async def check(rig: Rig) -> None:
-        rig.manager.publish(*events)
+        rig.publish(*events)
         assert await rig.value("lift_manager_events_total", event="state_changed") == 2
         assert await rig.value("lift_manager_events_total", event="alarm") == 1
         assert await rig.value("lift_manager_events_total", event="locked_out") == 0
@@ -264,7 +260,7 @@ def test_no_holder_no_ride_and_no_text_is_told() -> None:
     )
 
     async def check(rig: Rig) -> None:
-        rig.manager.publish(
+        rig.publish(
             SessionOpened("lift", ROBOT, "L2"),
             SessionEnded("lift", ROBOT, EndReason.MODE, "SECRET", None),
             Alarm("lift", "SECRET", ROBOT),
@@ -274,15 +270,16 @@ def test_no_holder_no_ride_and_no_text_is_told() -> None:
         text = (await rig.metrics.scrape(""))[0].decode()
         assert not [word for word in ("SECRET", "robot-7", "ride-8f2c") if word in text]
 
-    measured(check, FakeManager({"lift": told}))
+    measured(check, one_lift(told))
 
 
 def test_refusals_are_told_by_code() -> None:
     async def check(rig: Rig) -> None:
+        rig.site.refusals.counts.update({("lift", "held"): 4, ("", "bad_key"): 2})
         assert await rig.value("lift_manager_refusals_total", lift="lift", code="held") == 4
         assert await rig.value("lift_manager_refusals_total", lift="", code="bad_key") == 2
 
-    measured(check, FakeManager(refused={("lift", "held"): 4, ("", "bad_key"): 2}))
+    measured(check)
 
 
 def test_a_file_that_cannot_be_written_is_told() -> None:
@@ -290,7 +287,7 @@ def test_a_file_that_cannot_be_written_is_told() -> None:
         assert await rig.value("lift_manager_file_written", file="journal") == 0
         assert await rig.value("lift_manager_file_written", file="state") == 1
 
-    measured(check, FakeManager(unwritten=frozenset({"journal"})))
+    measured(check, FakeSite(unwritten=frozenset({"journal"})))
 
 
 def test_a_loop_that_was_held_up_is_told_with_how_long() -> None:
@@ -321,24 +318,37 @@ def test_the_lag_of_an_event_ends_when_all_who_were_woken_have_had_their_turn() 
     run_virtual(main)
 
 
+class Overheard(FakeSite):
+    """Knows how many overhear it."""
+
+    listeners = 0
+
+    @contextmanager
+    def overhear(self, hear: Callable[[Occurrence], None]) -> Iterator[None]:
+        self.listeners += 1
+        try:
+            with super().overhear(hear):
+                yield
+        finally:
+            self.listeners -= 1
+
+
 def test_nothing_is_heard_once_the_metrics_end() -> None:
-    manager = FakeManager()
+    site = Overheard()
 
-    async def check(rig: Rig) -> None:
-        assert len(manager.listeners) == 1
+    async def check(_: Rig) -> None:
+        assert site.listeners == 1
 
-    measured(check, manager)
-    assert not manager.listeners
+    measured(check, site)
+    assert site.listeners == 0
 
 
 def test_two_managers_in_one_process_count_apart() -> None:
-    other = FakeManager()
-
     async def check(rig: Rig) -> None:
-        second = Rig(other, Metrics(other, other, {"lift": ()}, version="1.2.3"))
+        second = rig_of(one_lift(IDLE))
         running = asyncio.ensure_future(second.metrics.run())
         await elapse(0.1)
-        rig.manager.publish(Alarm("lift", "a text"))
+        rig.publish(Alarm("lift", "a text"))
         assert await rig.value("lift_manager_alarms_total", lift="lift") == 1
         assert await second.value("lift_manager_alarms_total", lift="lift") == 0
         running.cancel()
@@ -360,4 +370,4 @@ def test_a_scrape_of_a_hundred_lifts_gives_the_lifts_their_turns_in_between() ->
         assert turns > 30
         assert longest_s < 0.25  # a tenth of it on an idle machine
 
-    measured(check, FakeManager(states, links=links))
+    measured(check, FakeSite(states), links)

@@ -1,22 +1,16 @@
 """What an adapter to Open-RMF counts, read with the parser of the library: inside a manager, and beside one."""
 
-from collections.abc import Iterator
-
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
-from lift_manager.metrics.metrics import Metrics
 from lift_manager.metrics.rmf import RmfCollector
 from lift_manager.rmf.counts import Counts
-from tests.lift_manager.metrics.measured import FakeManager
+from tests.lift_manager.metrics.measured import rig_of
+from tests.lift_manager.web.fake import one_lift
+from tests.lift_manager.web.fake_lifts import IDLE
 from tests.support.virtual_time import run_virtual
 
 NAME = 'a "lift"\nof two lines'
-
-
-class NoLinks:
-    def link_figures(self) -> Iterator[object]:
-        return iter(())
 
 
 def counts() -> Counts:
@@ -50,7 +44,7 @@ def test_an_adapter_beside_a_manager_shows_what_it_counted() -> None:
 
 
 def test_the_metrics_of_a_manager_show_it_once_there_is_an_adapter_inside() -> None:
-    metrics = Metrics(FakeManager(), NoLinks(), {}, version="1")  # type: ignore[arg-type]  # no link is asked for
+    metrics = rig_of(one_lift(IDLE)).metrics
 
     async def scraped() -> str:
         return (await metrics.scrape(""))[0].decode()

@@ -11,14 +11,15 @@ from drivers.modbus.memory import MemoryDevice
 from lift_manager.app import Building, build
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
-from lift_manager.domain.asking import Ask, Refusal, Refused
-from lift_manager.domain.description import WireFrame
-from lift_manager.domain.events import StateChanged
-from lift_manager.domain.state import Holder
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.bus import StateChanged
+from lift_manager.runtime.links import WireFrame
 from lift_manager.runtime.refusals import TurnedAway
 from register_maps.load import load
 from register_maps.words import Table
 from tests.lift_manager.metrics.measured import Labels, samples
+from tests.support.refusals import refusal
 from tests.support.virtual_time import elapse, run_virtual
 
 ROBOT = Holder("workshop", "workshop")
@@ -66,7 +67,7 @@ def running(check: Callable[[Running], Awaitable[None]]) -> None:
                 device.values[Table.HOLDING][0] += 1
 
         links: Sequence[Awaitable[None]] = [link.run() for link in building.links]
-        work = [*links, building.manager.run(), building.metrics.run(), *building.manager.drives(), beat()]
+        work = [*links, building.life.run(), building.metrics.run(), *building.life.drives(), beat()]
         tasks = [asyncio.ensure_future(part) for part in work]
         await elapse(2.0)
         try:
@@ -111,13 +112,12 @@ def test_a_controller_that_falls_silent_shows_in_its_link_and_in_its_lift() -> N
 
 def test_refusals_of_requests_and_at_the_door_are_counted_under_the_lifts_of_the_site_only() -> None:
     async def check(made: Running) -> None:
-        manager = made.building.manager
-        refused = manager.request(Ask("lift", ROBOT, "L9", hold_door=True))
-        assert isinstance(refused, Refused)
+        site = made.building.site
+        refused = refusal(lambda: site.request("lift", ROBOT, "L9", hold_door=True))
         assert refused.code is Refusal.UNKNOWN_FLOOR
-        manager.request(Ask("a name that a caller made up", ROBOT, "L1", hold_door=True))
-        manager.turned_away(TurnedAway("bad_key", "its key does not count", "", "", "10.0.0.9"))
-        manager.end_lockout("lift", "M. Weber")
+        refusal(lambda: site.request("a name that a caller made up", ROBOT, "L1", hold_door=True))
+        site.turned_away(TurnedAway("bad_key", "its key does not count", "", "", "10.0.0.9"))
+        refusal(lambda: site.end_lockout("lift", "M. Weber"))
         read = await made.read()
         found = {
             tuple(value for _, value in labels): count for labels, count in read["lift_manager_refusals_total"].items()
@@ -135,7 +135,7 @@ def test_refusals_of_requests_and_at_the_door_are_counted_under_the_lifts_of_the
 def test_a_session_is_counted_and_its_command_with_what_became_of_it() -> None:
     async def check(made: Running) -> None:
         made.device.values[Table.HOLDING][5] = 0b111  # robot mode is granted, and the call is taken without a sign
-        made.building.manager.request(Ask("lift", ROBOT, "L2", hold_door=True))
+        made.building.site.request("lift", ROBOT, "L2", hold_door=True)
         await elapse(5.0)
         read = await made.read()
         assert read["lift_manager_sessions_opened_total"][("face", "workshop"), ("lift", "lift")] == 1
@@ -154,7 +154,7 @@ def test_measuring_alone_has_no_state_published() -> None:
         await elapse(1.0)
         assert await made.value("lift_manager_events_total", event="state_changed") == 0
         heard: list[object] = []
-        with made.building.manager.tap(lambda occurrence: heard.append(occurrence.event)):
+        with made.building.site.tap(lambda occurrence: heard.append(occurrence.event)):
             made.device.values[Table.HOLDING][2] = 1
             await elapse(1.0)
         assert any(isinstance(event, StateChanged) for event in heard)

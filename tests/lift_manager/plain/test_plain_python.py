@@ -142,7 +142,7 @@ def test_what_came_with_311_is_found(text: str, found: set[str]) -> None:
     ("module", "text", "found"),
     [
         ("lift_manager.rmf.beside", "import httpx", {"httpx"}),
-        ("lift_manager.rmf.beside", "from lift_manager.domain.keys import Secret", {"lift_manager.domain.keys.Secret"}),
+        ("lift_manager.rmf.beside", "from lift_manager.api.keys import Secret", {"lift_manager.api.keys.Secret"}),
         ("lift_manager.rmf.beside", "from lift_manager.plain import http", set()),
         ("lift_manager.rmf.beside", "from rclpy.node import Node", {"rclpy.node.Node"}),
         ("lift_manager.rmf.ros_messages", "import rclpy", {"rclpy"}),

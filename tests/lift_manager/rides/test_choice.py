@@ -11,7 +11,7 @@ from lift_manager.lift.state import LiftState, Quality, Restrictions
 from lift_manager.rides.choice import Candidate, Choices, begin_ride, choose, plan_ride, why_never
 from lift_manager.rides.observation import LiftView
 from lift_manager.rides.record import RideRecord
-from lift_manager.rides.ride import AnyRefused, Phase, RidePlan, RideRefusal, RideRefused, RideRequest
+from lift_manager.rides.ride import Phase, RidePlan, RideRequest
 from lift_manager.rides.rides import MOST_OF_ONE, REFUSED_FOR_S, Rides, put, take
 from lift_manager.rides.step import Step
 from register_maps.words import Mode, Side
@@ -147,7 +147,7 @@ def choices(*views: LiftView, rides: Rides | None = None, now: float = 9.0) -> C
     return Choices(rides or Rides(), lifts(*views), now)
 
 
-def begun(made: Choices, request: RideRequest, *, is_stopping: bool = False) -> Step | AnyRefused:
+def begun(made: Choices, request: RideRequest, *, is_stopping: bool = False) -> Step | Refused:
     return begin_ride(made, request, "r9", at(9.0), is_stopping=is_stopping)
 
 
@@ -159,8 +159,8 @@ def test_a_ride_begins_with_the_lift_that_is_best() -> None:
 
 def test_a_lift_that_the_site_does_not_have_is_refused_with_those_that_it_has() -> None:
     refused = begun(choices(view("A"), view("B")), replace(REQUEST, lifts=("X",)))
-    assert isinstance(refused, RideRefused)
-    assert (refused.code, refused.message) == (RideRefusal.UNKNOWN_LIFT, "no lift 'X'; the lifts are A, B")
+    assert isinstance(refused, Refused)
+    assert (refused.code, refused.message) == (Refusal.UNKNOWN_LIFT, "no lift 'X'; the lifts are A, B")
 
 
 def test_a_manager_that_stops_begins_and_plans_no_ride() -> None:
@@ -177,8 +177,8 @@ def test_a_caller_with_too_many_rides_begins_none_and_still_plans() -> None:
         many = put(many, replace(ride(), id=f"r{number}"))
     made = choices(view("A"), rides=many)
     refused = begun(made, REQUEST)
-    assert isinstance(refused, RideRefused)
-    assert refused.code is RideRefusal.TOO_MANY
+    assert isinstance(refused, Refused)
+    assert refused.code is Refusal.TOO_MANY
     assert isinstance(plan_ride(made, REQUEST, at(9.0), is_stopping=False), RidePlan)
 
 

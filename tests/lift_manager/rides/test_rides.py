@@ -14,7 +14,7 @@ from lift_manager.rides import rides as all_rides
 from lift_manager.rides.inputs import FoundOutside, QueueChange
 from lift_manager.rides.observation import Lifts
 from lift_manager.rides.record import RideRecord
-from lift_manager.rides.ride import Phase, RideLimits, RideRefusal, RideRefused
+from lift_manager.rides.ride import Phase, RideLimits
 from lift_manager.rides.rides import ENDED_FOR_S, MOST, MOST_ENDED, MOST_OF_ONE, Rides
 from lift_manager.rides.step import Step
 from register_maps.words import Side
@@ -65,7 +65,7 @@ def test_one_caller_has_few_rides_at_once_and_keeps_nobody_else_from_riding() ->
     made = known(*(robots(n) for n in range(MOST_OF_ONE)))
     refused = all_rides.too_many(made, CALLER)
     assert refused is not None
-    assert refused.code is RideRefusal.TOO_MANY
+    assert refused.code is Refusal.TOO_MANY
     assert refused.message.startswith(f"{MOST_OF_ONE} rides of ride:fleet go on")
     assert all(f"r{n}" in refused.message for n in range(MOST_OF_ONE))
     assert all_rides.too_many(made, Holder("ride", "another")) is None
@@ -119,9 +119,9 @@ def test_the_caller_or_an_operator_speaks_for_a_ride() -> None:
     made = known(ride())
     assert all_rides.find(made, "r1", CALLER) == all_rides.find(made, "r1", None) == ride()
     stranger, unknown = all_rides.find(made, "r1", OTHER), all_rides.find(made, "none", None)
-    assert isinstance(stranger, RideRefused)
-    assert isinstance(unknown, RideRefused)
-    assert (stranger.code, unknown.code) == (RideRefusal.NOT_YOUR_RIDE, RideRefusal.UNKNOWN_RIDE)
+    assert isinstance(stranger, Refused)
+    assert isinstance(unknown, Refused)
+    assert (stranger.code, unknown.code) == (Refusal.NOT_YOUR_RIDE, Refusal.UNKNOWN_RIDE)
 
 
 # -- what is remembered
@@ -136,7 +136,8 @@ def test_a_ride_that_ended_is_forgotten_after_a_while() -> None:
 
 def test_a_ride_whose_robot_may_be_inside_is_never_forgotten() -> None:
     ended = (robots(n, phase=Phase.DONE, ended_at=1.0) for n in range(2, MOST_ENDED + 3))
-    after, _ = all_rides.forget(known(ride(Phase.GAVE_UP, maybe_aboard=True), *ended), 2 * ENDED_FOR_S)
+    after, changed = all_rides.forget(known(ride(Phase.GAVE_UP, maybe_aboard=True), *ended), 2 * ENDED_FOR_S)
+    assert changed == ("A",)
     assert [*after.by_id] == [one.id for one in after.on("A")] == ["r1"]
 
 

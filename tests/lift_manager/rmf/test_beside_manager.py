@@ -15,7 +15,7 @@ from lift_manager.rmf.port import Answer, Ended, Wanted
 from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
 from tests.support.programs import Program, Started, free_port
 
-LIFT = "goods/1"
+LIFT = "goods-1"
 SESSION = "fleet/amr-7"
 WANTED = Wanted(LIFT, SESSION, "L2", hold_door=True)
 PORT = r"127\.0\.0\.1:(\d+)"

@@ -4,14 +4,13 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field, replace
 
-from lift_manager.core.manager import LiftManager
-from lift_manager.domain.asking import Refusal
-from lift_manager.domain.rmf import RmfRules
+from lift_manager.lift.refusals import Refusal
+from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.inside import BETWEEN_S, Inside
 from lift_manager.rmf.port import Answer, Asked, Ended, Wanted
 from register_maps.words import Door
-from tests.lift_manager.core.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
+from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse
 
 AMR = "fleet/amr-7"
@@ -59,7 +58,6 @@ class Both:
     """A manager with one lift, and an adapter inside it."""
 
     bench: Bench
-    facade: LiftManager
     inside: Inside
     ears: Ears
 
@@ -78,8 +76,8 @@ def inside(check: Callable[[Both], Awaitable[None]], rules: RmfRules | None = No
     """Run a check on virtual time."""
 
     async def on(made: Bench) -> None:
-        facade = LiftManager([made.task], made.bus, rmf=rules)
-        both = Both(made, facade, Inside(facade), Ears())
+        made.site.rmf = rules or RmfRules()
+        both = Both(made, Inside(made.site), Ears())
         both.inside.start(both.ears, soon)
         assert both.ears.sites == [], "not before it has returned"
         await elapse(0)
@@ -118,7 +116,7 @@ def test_a_manager_that_ends_takes_no_session_away() -> None:
     async def check(both: Both) -> None:
         await both.said(TO_L1)
         await elapse(1)
-        await both.facade.stop()
+        await both.bench.life.stop()
         await elapse(1)
         assert both.ears.lift.holder == HeldBy("rmf", AMR)
 

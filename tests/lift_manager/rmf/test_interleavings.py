@@ -6,10 +6,9 @@ from random import Random
 
 import pytest
 
-from lift_manager.domain.events import LockedOut
-from lift_manager.domain.service import Lockout
-from lift_manager.domain.state import Holder
 from lift_manager.lab.world.truth import Truth
+from lift_manager.lift.events import Restriction, RestrictionBegun, RestrictionKind
+from lift_manager.lift.session import Holder
 from lift_manager.rmf.messages import (
     AGV_MODE,
     DOOR_OPEN,
@@ -178,7 +177,12 @@ def test_robot_mode_that_falls_under_way_is_found(mode: bool, rules: list[str]) 
 @pytest.mark.parametrize(("pressed_at", "rules"), [(1.9, []), (2.1, ["locked out"])])
 def test_a_press_in_a_lockout_is_found(pressed_at: float, rules: list[str]) -> None:
     one = judge()
-    one.heard(1.0, LockedOut("lift", Lockout("the guard", "moving", datetime(2026, 11, 22, tzinfo=UTC))))
+    one.heard(
+        1.0,
+        RestrictionBegun(
+            "lift", Restriction(RestrictionKind.LOCKOUT, "the guard", "moving", datetime(2026, 11, 22, tzinfo=UTC))
+        ),
+    )
     one.pressed(pressed_at, "lift", frozenset({"robot_mode"}))
     assert [found.rule for found in one.findings] == rules
 

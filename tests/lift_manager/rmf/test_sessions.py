@@ -2,8 +2,8 @@
 
 from collections.abc import Awaitable, Callable
 
-from lift_manager.domain.asking import Accepted, Ask
-from lift_manager.domain.state import Holder
+from lift_manager.lab.world.witness import FloorRequest
+from lift_manager.lift.session import Holder
 from lift_manager.rmf.messages import (
     AGV_MODE,
     DOOR_CLOSED,
@@ -198,7 +198,7 @@ def test_the_session_of_another_face_is_shown_never_open_and_no_end_of_rmf_ends_
     async def play(wire: Wire) -> None:
         world = wire.world
         for _ in range(10):
-            assert isinstance(world.plant.ask(Ask(world.lift, AMR, "L2", hold_door=True)), Accepted)
+            assert world.plant.request(FloorRequest(world.lift, AMR, "L2", hold_door=True)) is None
             wire.end("api:amr", "level 2")
             wire.ask(A, 3)
             await elapse(1.0)

@@ -22,7 +22,7 @@ from tests.support.dds_rig import ORACLE, settings_of_test
 from tests.support.rmf.fleet import TRAITS, FleetRobot, Phase
 from tests.support.rmf.supervisors import Kilted
 
-LIFT = "goods/1"
+LIFT = "goods-1"
 ROBOT = "fleet/robot1"
 """In both."""
 REQUESTS, STATES = "rt/lift_requests", "rt/lift_states"

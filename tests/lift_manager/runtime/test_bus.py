@@ -3,10 +3,10 @@
 import asyncio
 from datetime import UTC, datetime, timedelta
 
-from lift_manager.core.manager import LiftManager
-from lift_manager.domain.events import CommandEnded, Event, Occurrence, SessionEnded, SessionOpened, StateChanged
-from lift_manager.domain.state import Quality, RobotDoor
-from lift_manager.runtime.bus import Bus, boot_of
+from lift_manager.lift.events import CommandEnded, SessionEnded, SessionOpened
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.state import Quality
+from lift_manager.runtime.bus import Bus, Event, Occurrence, StateChanged, boot_of
 from tests.support.spine import Spine, on_spine
 from tests.support.virtual_time import run_virtual
 
@@ -38,8 +38,7 @@ def test_nobody_hears_anything_after_the_end_of_listening() -> None:
 
 def test_a_listener_gets_the_state_of_every_lift_first_and_then_what_happens() -> None:
     async def check(made: Spine) -> None:
-        manager = LiftManager([made.task], made.bus)
-        with manager.listen() as events:
+        with made.site.listen() as events:
             first = await events.next()
             assert isinstance(first, StateChanged)
             assert first.state.floor == "L1"
@@ -85,10 +84,10 @@ def test_every_event_has_an_id_of_this_process_and_its_number_heard_or_not() -> 
     with bus.tap(lambda event, item: heard.append((event, item))):
         ears = [bus.heard]
         assert bus.publish("two") == "b0-2"
-        assert bus.hand_out("three") == "b0-3"
+        assert bus.publish("three", lambda event: heard.append((event, "noted"))) == "b0-3"
     assert [*ears, bus.heard] == [True, False]
     assert bus.publish("four") == "b0-4"
-    assert heard == [("b0-2", "two"), ("b0-3", "three")]
+    assert heard == [("b0-2", "two"), ("b0-3", "noted"), ("b0-3", "three")]
     assert bus.newest == 4
 
 
@@ -103,18 +102,17 @@ def test_a_later_start_has_another_boot_that_sorts_behind() -> None:
 
 def test_a_state_that_changed_while_nobody_listened_is_told_before_the_next_snapshot() -> None:
     async def check(made: Spine) -> None:
-        manager = LiftManager([made.task], made.bus)
         heard: list[Occurrence] = []
-        with manager.tap(heard.append):
-            manager.freshen()
+        with made.site.tap(heard.append):
+            made.site.freshen()
         heard.clear()
         made.accept("L2")
         await made.until(lambda state: state.floor == "L2" and state.standing)
-        with manager.tap(heard.append):
-            manager.freshen()
-            manager.freshen()
+        with made.site.tap(heard.append):
+            made.site.freshen()
+            made.site.freshen()
         states = [event.state for occurrence in heard if isinstance(event := occurrence.event, StateChanged)]
         assert [state.floor for state in states] == ["L2"]
-        assert heard[-1].id == f"{manager.boot}-{manager.newest}"
+        assert heard[-1].id == f"{made.site.boot}-{made.site.newest}"
 
     on_spine(check)

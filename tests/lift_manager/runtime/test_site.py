@@ -6,11 +6,12 @@ import pytest
 
 from lift_manager.lift.commands import CommandRequest, CommandState, CommandType, SessionInfo
 from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.inputs import JoinQueue, LeaveQueue
 from lift_manager.runtime.bus import StateChanged
 from lift_manager.runtime.errors import Conflict, Invalid, LiftTaken, NotFound, RequestRefused, Unavailable
 from lift_manager.runtime.refusals import TurnedAway
 from register_maps.words import Door
-from tests.lift_manager.runtime.bench import OTHER, PROVEN, ROBOT, Bench, SlowRecorder, on_lift
+from tests.lift_manager.runtime.scripted import OTHER, PLAIN, ROBOT, Bench, SlowRecorder, on_bench
 from tests.support.virtual_time import elapse
 
 
@@ -25,7 +26,7 @@ def test_refusals_are_raised_by_what_helps_the_caller() -> None:
             site.state("west")
         with pytest.raises(Invalid, match="no floor 'L9'"):
             site.request("lift", ROBOT, "L9", hold_door=True)
-        made.ask("L3")
+        made.accept("L3")
         with pytest.raises(LiftTaken) as taken:
             site.request("lift", OTHER, "L1", hold_door=True)
         assert taken.value.code == "held"
@@ -47,7 +48,7 @@ def test_refusals_are_raised_by_what_helps_the_caller() -> None:
             ("lift", "stopping"): 1,
         }
 
-    on_lift(check)
+    on_bench(check, PLAIN)
 
 
 def test_a_person_that_is_refused_has_a_row() -> None:
@@ -57,7 +58,7 @@ def test_a_person_that_is_refused_has_a_row() -> None:
         row = made.rows[-1]
         assert (row.caller, row.text) == ("ann", "lockout_end refused: lift is not locked out")
 
-    on_lift(check)
+    on_bench(check, PLAIN)
 
 
 def test_a_request_that_a_face_refuses_by_itself_is_counted_and_written_down() -> None:
@@ -66,11 +67,11 @@ def test_a_request_that_a_face_refuses_by_itself_is_counted_and_written_down() -
         assert made.rows[-1].text == "refused: its key does not count here, from 10.0.0.7"
         assert made.site.refusals.counts["lift", "bad_key"] == 1
 
-    on_lift(check)
+    on_bench(check, PLAIN)
 
 
 def test_a_reply_can_wait_for_the_disk_and_gives_up() -> None:
-    disk = SlowRecorder({"lift": PROVEN})
+    disk = SlowRecorder()
 
     async def check(made: Bench) -> None:
         restriction = made.site.lock_out("lift", "ann", "new ropes")
@@ -84,7 +85,7 @@ def test_a_reply_can_wait_for_the_disk_and_gives_up() -> None:
         disk.unwritten[-1].set_result(None)
         assert await waits
 
-    on_lift(check, recorder=disk)
+    on_bench(check, PLAIN, recorder=disk)
 
 
 def test_a_command_is_awaited_until_it_has_its_end() -> None:
@@ -96,11 +97,11 @@ def test_a_command_is_awaited_until_it_has_its_end() -> None:
         assert ended.state is CommandState.CONFIRMED
         assert made.site.command_status("lift", session.id, ROBOT, status.id) == ended
 
-    on_lift(check)
+    on_bench(check, PLAIN)
 
 
 def test_a_command_that_does_not_end_is_returned_as_it_is() -> None:
-    disk = SlowRecorder({"lift": PROVEN})
+    disk = SlowRecorder()
 
     async def check(made: Bench) -> None:
         session = made.site.open_session("lift", ROBOT).session
@@ -108,7 +109,7 @@ def test_a_command_that_does_not_end_is_returned_as_it_is() -> None:
         ended = await made.site.until_ended("lift", session.id, ROBOT, status.id, 2.0)
         assert ended.state is CommandState.PENDING
 
-    on_lift(check, recorder=disk)
+    on_bench(check, PLAIN, recorder=disk)
 
 
 def test_an_idempotency_key_gives_the_same_session_and_no_other_row() -> None:
@@ -120,20 +121,20 @@ def test_an_idempotency_key_gives_the_same_session_and_no_other_row() -> None:
         assert again.session.id == begun.session.id
         assert len(made.rows) == rows
 
-    on_lift(check)
+    on_bench(check, PLAIN)
 
 
 def test_a_caller_waits_in_the_queue_until_it_leaves_it() -> None:
     async def check(made: Bench) -> None:
-        made.site.join_queue("lift", OTHER)
+        made.actor.handle(JoinQueue(OTHER))
         assert made.state.waiting == 1
         with pytest.raises(LiftTaken, match="comes first"):
-            made.ask("L3")
-        made.site.leave_queue("lift", OTHER)
-        made.site.leave_queue("lift", ROBOT)
-        made.ask("L3")
+            made.accept("L3")
+        made.actor.handle(LeaveQueue(OTHER))
+        made.actor.handle(LeaveQueue(ROBOT))
+        made.accept("L3")
 
-    on_lift(check)
+    on_bench(check, PLAIN)
 
 
 def test_a_listener_begins_with_the_state_of_every_lift() -> None:
@@ -145,4 +146,4 @@ def test_a_listener_begins_with_the_state_of_every_lift() -> None:
             second = await listener.next()
         assert [one.state.floor for one in (first, second) if isinstance(one, StateChanged)] == ["L2", "L1"]
 
-    on_lift(check)
+    on_bench(check, PLAIN)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lift_manager.core.journal import Journal
-from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.recorder import Recorder
 from lift_manager.store.chain import Stored, row_hash, seed
 from lift_manager.store.committer import Committer
 from lift_manager.store.database import Connect, connect
@@ -19,7 +19,7 @@ from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
 
 SITE = "Main hospital"
-LIFTS = ("east", "Güter / 2")
+LIFTS = ("east", "goods")
 WITHIN_S = 20.0
 """Far more than anything here takes."""
 
@@ -71,7 +71,7 @@ Told = asyncio.Queue[str]
 
 
 @asynccontextmanager
-async def writing(journal: Journal) -> AsyncIterator[Told]:
+async def writing(journal: Recorder) -> AsyncIterator[Told]:
     """Let it write; gives what it tells about trouble."""
     told = Told()
     async with asyncio.timeout(WITHIN_S):
@@ -83,7 +83,7 @@ async def writing(journal: Journal) -> AsyncIterator[Told]:
             await asyncio.gather(running, return_exceptions=True)
 
 
-async def written(journal: Journal) -> None:
+async def written(journal: Recorder) -> None:
     """Let it write everything down."""
     async with writing(journal):
         await journal.settled()

@@ -7,7 +7,7 @@ import asyncio
 import sys
 from pathlib import Path
 
-from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lift.journal import Row, RowKind
 from tests.lift_manager.store.journal_disk import journal, press
 
 

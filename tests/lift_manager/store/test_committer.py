@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.service import Remembered
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import ANSWER_S, END_S, Committer
 from lift_manager.store.site import read_site
 from tests.lift_manager.store.journal_disk import (
@@ -37,7 +37,7 @@ from tests.lift_manager.store.journal_disk import (
     writing,
     written,
 )
-from tests.lift_manager.store.test_memory_contract import EVERYTHING
+from tests.lift_manager.store.test_recall_contract import EVERYTHING
 from tests.lift_manager.store.test_site_store import FIRE
 from tests.support.programs import eventually
 
@@ -56,7 +56,7 @@ async def trouble(kept: Committer, words: str) -> None:
     await asyncio.to_thread(eventually, lambda: words in kept.trouble, WITHIN_S)
 
 
-def kept_of(path: Path) -> Mapping[str, Remembered]:
+def kept_of(path: Path) -> Mapping[str, SavedLift]:
     return read_site(path, SITE, LIFTS)
 
 
@@ -166,7 +166,7 @@ def test_the_presses_of_several_lifts_at_once_are_one_commit_with_the_newest_rec
             disk.statements.clear()
             answers = []
             for number, lift in enumerate(LIFTS):
-                kept.keep(lift, Remembered())
+                kept.keep(lift, SavedLift())
                 kept.keep(lift, EVERYTHING)
                 answers.append(kept.before(press(2 + number)))
             kept.keep(LIFTS[0], FIRE)

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.service import Lockout, Remembered
+from lift_manager.lift.events import Restriction, RestrictionKind
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.lift.record import DurableRecord
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import Committer
 from lift_manager.store.database import create_database
 from lift_manager.store.errors import StoreUnusable
@@ -81,7 +83,8 @@ JOURNAL_DAMAGED = [
     pytest.param(sql("DELETE FROM rows WHERE seq = 60"), id="the newest row less"),
     pytest.param(sql("ALTER TABLE rows DROP COLUMN caller"), id="a column less"),
 ]
-LOCKED = Remembered(lockout=Lockout("M. Weber", "ropes", datetime(2026, 3, 2, tzinfo=UTC)))
+LOCKOUT = Restriction(RestrictionKind.LOCKOUT, "M. Weber", "ropes", datetime(2026, 3, 2, tzinfo=UTC))
+LOCKED = SavedLift(DurableRecord(restrictions=(LOCKOUT,)))
 
 
 @pytest.fixture

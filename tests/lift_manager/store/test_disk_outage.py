@@ -10,18 +10,16 @@ from typing import TypeVar
 
 import pytest
 
-from lift_manager.core.journal import Hears, ShortJournal
-from lift_manager.core.manager import LiftManager
-from lift_manager.core.recording import RecordingBus
-from lift_manager.domain.events import Alarm, Event
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.runtime.bus import Subscription
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.store.committer import ANSWER_S, Committer
 from lift_manager.store.outage import CALM_COMMITS
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
+from tests.lift_manager.runtime.scripted import Bench, on_bench
 from tests.lift_manager.store.journal_disk import SITE, Disk, journal, press, read_only, stored, usual, writing
-from tests.support.spine import spine
 from tests.support.virtual_time import run_virtual
 
 Result = TypeVar("Result")
@@ -187,36 +185,29 @@ def test_while_nothing_waits_it_is_tried_with_a_real_write(path: Path) -> None:
     run_virtual(main)
 
 
-class Troubled(ShortJournal):
-    """Tells of trouble and of its end as soon as it runs."""
+class Troubled(MemoryRecorder):
+    """Reports trouble and its end as soon as it runs."""
 
-    async def run(self, hears: Hears) -> None:
-        hears("the disk is full")
-        hears("")
+    async def run(self, report: Callable[[str], None]) -> None:
+        report("the disk is full")
+        report("")
 
 
 def test_listeners_hear_of_each_lift_and_the_journal_does_not_write_of_itself() -> None:
-    heard: list[Event] = []
-    journal = Troubled()
+    events: list[Event] = []
+    recorder = Troubled()
 
-    async def main() -> None:
-        async with spine(journal=journal) as lift:
-            bus = RecordingBus(journal)
-            manager = LiftManager([lift.task], bus, None, journal)
-            noted = len(journal.rows)
-            with bus.listen() as subscription:
-                await manager.record()
-                heard.extend([await next_of(subscription), await next_of(subscription)])
-            assert journal.rows[noted:] == []
-            bus.publish(Alarm("lift", "the door is blocked"))
-            assert journal.rows[noted:] == [Row(RowKind.ALARM, "the door is blocked", "lift")]
+    async def check(made: Bench) -> None:
+        noted = len(recorder.rows)
+        with made.bus.listen() as subscription:
+            await recorder.run(made.site.report_disk)
+            events.extend([await subscription.next(), await subscription.next()])
+        assert recorder.rows[noted:] == []
+        made.actor.publish(Alarm("lift", "the door is blocked"))
+        assert recorder.rows[noted:] == [Row(RowKind.ALARM, "the door is blocked", "lift")]
 
-    run_virtual(main)
-    assert [event.text for event in heard if isinstance(event, Alarm)] == [
+    on_bench(check, recorder=recorder)
+    assert [event.text for event in events if isinstance(event, Alarm)] == [
         "the disk is full",
         "journal: rows are written again; robots are taken as before",
     ]
-
-
-async def next_of(subscription: Subscription[Event]) -> Event:
-    return await subscription.next()

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.core.journal import Journal, ShortJournal
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.lab.world.disk import DiskFault, DiskJournal, Pace, SimulatedDisk
+from lift_manager.lab.world.disk import DiskFault, DiskRecorder, Pace, SimulatedDisk
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.recorder import MemoryRecorder, Recorder
 from tests.lift_manager.store.journal_disk import Disk, journal, press, read_only, stored, writing, written
 from tests.support.virtual_time import run_virtual
 
@@ -28,9 +28,9 @@ HARD_TO_WRITE = [
 class Kept:
     """A journal and a way to look into it: kind, text and data of each row."""
 
-    journal: Journal
+    journal: Recorder
     look: Callable[[], list[tuple[str, str, object]]]
-    spoil: Callable[[], Journal]
+    spoil: Callable[[], Recorder]
     run: Callable[[Main], None] = lambda main: asyncio.run(main())
     """On the clock that the journal lives on."""
 
@@ -46,9 +46,9 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Kept:
         )
     if request.param != "short":
         return on_simulated_disk(instant=request.param == "instant disk")
-    short = ShortJournal()
+    short = MemoryRecorder()
 
-    def spoil() -> ShortJournal:
+    def spoil() -> MemoryRecorder:
         short.trouble = "full"
         return short
 
@@ -59,14 +59,14 @@ def on_simulated_disk(*, instant: bool) -> Kept:
     disk = SimulatedDisk(None if instant else Pace(0.005, 1.0), seed=1)
     full = SimulatedDisk(Pace(0.005, 1.0), seed=1)
 
-    def spoil() -> DiskJournal:
+    def spoil() -> DiskRecorder:
         full.begin(DiskFault.FULL)
-        return DiskJournal(full)
+        return DiskRecorder(full)
 
     def look() -> list[tuple[str, str, object]]:
         return [(row.kind.value, row.text, row.data) for row in (*disk.rows, *full.rows)]
 
-    return Kept(DiskJournal(disk), look, spoil, run_virtual)
+    return Kept(DiskRecorder(disk), look, spoil, run_virtual)
 
 
 def test_rows_are_kept_in_the_order_of_the_calls(kept: Kept) -> None:

@@ -10,7 +10,6 @@ import httpx
 import pytest
 
 from lift_manager import app
-from lift_manager.store.adapter import RecordMemory
 from lift_manager.web.server import listen
 from simulator.server import SimulatedController
 from tests.lift_manager.store.journal_disk import Disk, Hanging, journal
@@ -57,9 +56,7 @@ async def ended(plc: SimulatedController, path: Path, hanging: Hanging) -> tuple
     with listen("127.0.0.1", 0) as sock:
         site = site_of(server.sockets[0].getsockname()[1])
         kept = journal(path, Disk(hanging))
-        running = asyncio.ensure_future(
-            app.run(site, sock, stop=stop, ready=ready.set, journal=kept, memory=RecordMemory(kept))
-        )
+        running = asyncio.ensure_future(app.run(site, sock, stop=stop, ready=ready.set, recorder=kept))
         await ready.wait()
         await asyncio.to_thread(hold_the_door, sock.getsockname()[1])
         hanging.through.clear()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.chain import Stored
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.read import (

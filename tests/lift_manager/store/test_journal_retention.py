@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.journal import Row, RowKind
+from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.committer import Committer
 from lift_manager.store.retention import BITE_DAYS, STEP_ROWS, Limits
 from lift_manager.store.sqlite import SqliteStore

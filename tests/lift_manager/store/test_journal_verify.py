@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lift_manager.domain import journal as domain
-from lift_manager.domain.journal import RowKind
+from lift_manager.lift import journal as domain
+from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import Stored
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import ALL, Reader, Wanted, open_journal

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.contradictions import Trust
-from lift_manager.domain.service import Remembered
+from lift_manager.lift.trust import Trust
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.database import open_database
 from lift_manager.store.errors import StoreUnusable
 from lift_manager.store.place import store_path
@@ -17,10 +17,10 @@ from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened, read_site
 from lift_manager.store.sqlite import SqliteStore
 from tests.lift_manager.store.journal_disk import LIFTS, SITE, journal, opened_raw
-from tests.lift_manager.store.test_memory_contract import EVERYTHING
+from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD
 
-FIRE = replace(EVERYTHING, lockout=None, occupied=None, acknowledged=None, trust=Trust())
-CALM = replace(EVERYTHING, fire_since=None, lockout=None, occupied=None, trust=Trust())
+FIRE = SavedLift(replace(RECORD, restrictions=(), occupied=None, acknowledged=None, trust=Trust()))
+CALM = SavedLift(replace(RECORD, fire_since=None, restrictions=(), occupied=None, trust=Trust()))
 LIMITS = Limits(400, 500)
 
 
@@ -30,7 +30,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "var" / "lib" / "site.db"
 
 
-def write_down(path: Path, record: Remembered, lift: str = "east") -> None:
+def write_down(path: Path, record: SavedLift, lift: str = "east") -> None:
     store = SqliteStore(path, SITE, LIMITS)
     store.commit({lift: record}, [])
     store.close()

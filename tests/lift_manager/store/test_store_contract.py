@@ -1,18 +1,17 @@
 """What any store does: in a database on the disk, or in memory."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.journal import Row, RowKind
-from lift_manager.domain.service import Remembered
+from lift_manager.lift.journal import Row, RowKind
+from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import MemoryStore, Noted, Store
 from tests.lift_manager.store.journal_disk import LIFTS, SITE, press
-from tests.lift_manager.store.test_memory_contract import EVERYTHING, VALUES
+from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD, VALUES
 
 EAST, OTHER = LIFTS
 Again = Callable[[], Store]
@@ -39,7 +38,7 @@ def test_a_store_that_nothing_was_committed_to_is_empty(again: Again) -> None:
 
 
 @pytest.mark.parametrize("record", VALUES)
-def test_a_record_is_loaded_as_it_was_committed(again: Again, record: Remembered) -> None:
+def test_a_record_is_loaded_as_it_was_committed(again: Again, record: SavedLift) -> None:
     store = again()
     store.commit({EAST: EVERYTHING}, [])
     store.commit({EAST: record, OTHER: EVERYTHING}, [])
@@ -63,10 +62,10 @@ def test_rows_are_kept_in_order_behind_those_of_earlier_commits_and_starts(again
 def test_records_and_rows_of_one_commit_are_there_together(again: Again) -> None:
     store = again()
     store.commit({EAST: EVERYTHING}, [noted(1)])
-    store.commit({EAST: replace(EVERYTHING, session=None)}, [noted(2)])
+    store.commit({EAST: SavedLift(RECORD)}, [noted(2)])
     store.close()
     store = again()
-    assert store.load() == {EAST: replace(EVERYTHING, session=None)}
+    assert store.load() == {EAST: SavedLift(RECORD)}
     assert list(store.tail(9)) == [noted(1), noted(2)]
     store.close()
 

@@ -4,8 +4,9 @@ from typing import Any
 
 import httpx
 
-from lift_manager.domain.state import Holder
-from tests.lift_manager.web.fake import FakeManager, ask
+from lift_manager.lift.refusals import Refused
+from lift_manager.lift.session import Holder
+from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_command, a_session
 
@@ -36,21 +37,21 @@ CHANGES: dict[str, dict[str, object] | None] = {
 """Body by path. None: a body is not looked at."""
 
 
-def with_all(**more: Any) -> FakeManager:
-    """A manager with a session and a ride of a caller without a key."""
-    facade = FakeManager(**more)
+def with_all(refuses: Refused | None = None) -> FakeSite:
+    """A site with a session and a ride of a caller without a key."""
+    site = FakeSite(refuses=refuses)
     session = a_session(Holder("api", "anonymous"))
-    facade.there(session)
-    facade.commands["s1", "1"] = a_command(session, "1")
-    facade.going_on(a_ride(Holder("ride", "anonymous")))
-    return facade
+    site.there(session)
+    site.commands["s1", "1"] = a_command(session, "1")
+    site.fake_rides.going_on(a_ride(Holder("ride", "anonymous")))
+    return site
 
 
-def change(facade: FakeManager, path: str, **more: Any) -> httpx.Response:
+def change(site: FakeSite, path: str, **more: Any) -> httpx.Response:
     """Send one of the requests, from this computer; with the body of the table where `more` has none."""
     if "content" not in more and (body := CHANGES[path]) is not None:
         more = {"json": body, **more}
-    return ask(facade, "POST", f"{HERE}{path}", **more)
+    return ask(site, "POST", f"{HERE}{path}", **more)
 
 
 def refused(answer: httpx.Response, status: int, code: str) -> str:

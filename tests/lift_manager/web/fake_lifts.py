@@ -1,13 +1,14 @@
-"""Lifts of a fake manager: as they are said to be."""
+"""Lifts of a fake site."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 
 from drivers.model import Capabilities, SignalValue
-from lift_manager.domain.description import LiftDescription, LiftSignals
-from lift_manager.domain.state import LiftState, Quality, RobotDoor
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.state import LiftState, Quality
 from register_maps.words import Mode, Motion, Side
 
+AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
 IDLE = LiftState(
     lift="lift",
     floors=("L1", "L2"),
@@ -55,40 +56,13 @@ ABLE = Capabilities(
 DOOR = SignalValue(name="door.front", value="open", raw=2, addresses=("holding:12",), age_s=0.1)
 
 
-@dataclass
-class FakeLifts:
-    """Each has the capabilities of `able` and the signals of `says`."""
-
-    lifts: Mapping[str, LiftState] = field(default_factory=lambda: {"lift": IDLE, "Güter": replace(IDLE, lift="Güter")})
-    able: Capabilities = field(default=ABLE, kw_only=True)
-    says: tuple[SignalValue, ...] = field(default=(DOOR,), kw_only=True)
-
-    def lift_names(self) -> tuple[str, ...]:
-        return tuple(self.lifts)
-
-    def state(self, lift: str) -> LiftState | None:
-        return self.lifts.get(lift)
-
-    def describe(self, lift: str) -> LiftDescription | None:
-        state = self.state(lift)
-        return None if state is None else described(state, self.able)
-
-    def signals(self, lift: str) -> LiftSignals | None:
-        state = self.state(lift)
-        return None if state is None else LiftSignals(lift, state.age_s, self.able.max_age_s, self.says)
-
-
-def described(state: LiftState, able: Capabilities) -> LiftDescription:
-    return LiftDescription(
-        lift=state.lift,
+def config_of(state: LiftState, able: Capabilities) -> LiftConfig:
+    return LiftConfig(
+        name=state.lift,
+        source="by hand",
         floors=state.floors,
         doors_at=dict.fromkeys(state.floors, able.doors),
         control=True,
-        able=able,
-        poll_s=0.2,
-        lease_s=300.0,
+        capabilities=able,
         max_session_s=1800.0,
-        max_session_hold_s=900.0,
-        clear_s=10.0,
-        robot_hours="",
     )

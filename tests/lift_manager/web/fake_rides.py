@@ -1,14 +1,17 @@
-"""Rides of a fake manager: as they were begun, and changed by nothing but words."""
+"""Rides of a fake site: as they were begun."""
 
-from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from collections.abc import Callable
+from dataclasses import replace
 
-from lift_manager.domain.asking import Refusal, Refused
-from lift_manager.domain.ride import Guidance, Phase, Ride, RideBegun, RidePlan, RideRequest, RideWord
-from lift_manager.domain.state import Holder
-from tests.lift_manager.web.fake_lifts import FakeLifts
-
-AT = datetime(2026, 3, 1, 20, 15, tzinfo=UTC)
+from lift_manager.lift.refusals import Refusal, Refused
+from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import Guidance, Phase, Ride, RideBegun, RidePlan, RideRequest, RideWord
+from lift_manager.runtime.bus import Bus
+from lift_manager.runtime.errors import raised
+from lift_manager.runtime.recorder import MemoryRecorder, wall_clock
+from lift_manager.runtime.refusals import RefusalLog
+from lift_manager.runtime.rides import SiteRides
+from tests.lift_manager.web.fake_lifts import AT
 
 
 def a_ride(caller: Holder, ride: str = "r1", lift: str = "lift") -> Ride:
@@ -33,56 +36,68 @@ def a_ride(caller: Holder, ride: str = "r1", lift: str = "lift") -> Ride:
     )
 
 
-@dataclass(kw_only=True)
-class FakeRides(FakeLifts):
-    """What was asked is in `said_of_rides`; `ride_refused` is what every word and every wish is told."""
+class FakeRides(SiteRides):
+    """Remembers what was requested. Reports change nothing, and a cancelled ride is clearing."""
 
-    known: dict[str, Ride] = field(default_factory=dict)
-    wishes: list[RideRequest] = field(default_factory=list)
-    planned: list[RideRequest] = field(default_factory=list)
-    said_of_rides: list[tuple[str, str, Holder | None]] = field(default_factory=list)
-    ride_refused: Refused | None = None
-    _begun: dict[tuple[Holder, str], str] = field(default_factory=dict)
+    def __init__(self, lift_names: Callable[[], tuple[str, ...]], refuses: Refused | None) -> None:
+        """`refuses` is the reply to everything that begins or changes a ride."""
+        recorder = MemoryRecorder()
+        super().__init__({}, Bus("rides"), recorder, RefusalLog(recorder), wall_clock())
+        self._lift_names, self._refuses = lift_names, refuses
+        self.known: dict[str, Ride] = {}
+        self.planned: list[RideRequest] = []
+        self.requests: list[RideRequest] = []
+        self.reports: list[tuple[str, str, Holder | None]] = []
+        """And cancellations, with their reasons."""
+        self._begun: dict[tuple[Holder, str], str] = {}
 
     def going_on(self, *rides: Ride) -> None:
         """Let these rides go on."""
         self.known |= {ride.id: ride for ride in rides}
 
-    def plan_ride(self, wish: RideRequest) -> RidePlan | Refused:
-        self.planned.append(wish)
-        return self._no(wish) or RidePlan(wish.lifts[0], 0, "")
+    def plan(self, request: RideRequest) -> RidePlan:
+        self.planned.append(request)
+        self._check(request)
+        return RidePlan(request.lifts[0], 0, "")
 
-    def begin_ride(self, wish: RideRequest) -> RideBegun | Refused:
-        self.wishes.append(wish)
-        if no := self._no(wish):
-            return no
-        if wish.key and (known := self._begun.get((wish.caller, wish.key))):
-            return RideBegun(self.known[known], anew=False)
-        plain = a_ride(wish.caller, f"r{len(self.known) + 1}", wish.lifts[0])
-        ride = replace(plain, any_lift=wish.any_lift, start=wish.start, destination=wish.destination, robot=wish.robot)
-        self._begun[wish.caller, wish.key] = ride.id
+    def begin(self, request: RideRequest) -> RideBegun:
+        self.requests.append(request)
+        self._check(request)
+        if request.key and (known := self._begun.get((request.caller, request.key))):
+            return RideBegun(self.known[known], is_new=False)
+        plain = a_ride(request.caller, f"r{len(self.known) + 1}", request.lifts[0])
+        start, destination = request.start, request.destination
+        ride = replace(plain, any_lift=request.any_lift, start=start, destination=destination, robot=request.robot)
+        self._begun[request.caller, request.key] = ride.id
         self.going_on(ride)
-        return RideBegun(ride, anew=True)
+        return RideBegun(ride, is_new=True)
 
-    def ride(self, ride: str) -> Ride | None:
-        return self.known.get(ride)
+    def ride(self, ride: str) -> Ride:
+        if ride not in self.known:
+            raise raised(Refused(Refusal.UNKNOWN_RIDE, "the site's own words"))
+        return self.known[ride]
 
-    def rides(self) -> tuple[Ride, ...]:
+    def all(self) -> tuple[Ride, ...]:
         return tuple(self.known.values())
 
-    def ride_word(self, ride: str, word: RideWord, caller: Holder | None) -> Ride | Refused:
-        self.said_of_rides.append((ride, word, caller))
-        return self.ride_refused or self.known[ride]
+    def report(self, ride: str, word: RideWord, caller: Holder | None) -> Ride:
+        self.reports.append((ride, word, caller))
+        if self._refuses is not None:
+            raise raised(self._refuses)
+        return self.ride(ride)
 
-    def cancel_ride(self, ride: str, caller: Holder | None, reason: str) -> Ride | Refused:
-        self.said_of_rides.append((ride, reason, caller))
-        if self.ride_refused is None:
-            self.known[ride] = replace(self.known[ride], phase=Phase.CLEARING, reason=reason)
-        return self.ride_refused or self.known[ride]
+    def cancel(self, ride: str, caller: Holder | None, reason: str) -> Ride:
+        self.reports.append((ride, reason, caller))
+        if self._refuses is not None:
+            raise raised(self._refuses)
+        self.known[ride] = replace(self.ride(ride), phase=Phase.CLEARING, reason=reason)
+        return self.known[ride]
 
-    def _no(self, wish: RideRequest) -> Refused | None:
-        if unknown := set(wish.lifts) - set(self.lift_names()):
-            return Refused(Refusal.UNKNOWN_LIFT, f"no lift {sorted(unknown)}; the lifts are {self.lift_names()}")
-        if unknown := {wish.start, wish.destination} - {"L1", "L2"}:
-            return Refused(Refusal.UNKNOWN_FLOOR, f"no floor {sorted(unknown)}; the floors are L1, L2")
-        return self.ride_refused
+    def _check(self, request: RideRequest) -> None:
+        if unknown := set(request.lifts) - set(self._lift_names()):
+            text = f"no lift {sorted(unknown)}; the lifts are {self._lift_names()}"
+            raise raised(Refused(Refusal.UNKNOWN_LIFT, text))
+        if unknown := {request.start, request.destination} - {"L1", "L2"}:
+            raise raised(Refused(Refusal.UNKNOWN_FLOOR, f"no floor {sorted(unknown)}; the floors are L1, L2"))
+        if self._refuses is not None:
+            raise raised(self._refuses)

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from functools import cache
 
-from lift_manager.domain.access import OF_SOME_LIFTS, Role
-from lift_manager.domain.keys import Key, KeyRing, digest_of, token
+from lift_manager.api.access import OF_SOME_LIFTS, Role
+from lift_manager.api.keys import Key, KeyRing, digest_of, token
 
-NAMED, OTHER = "lift", "Güter"
+NAMED, OTHER = "lift", "goods"
 """The lifts of the fake manager: the first is that of the robot's key."""
 
 _NUMBERS = {role: f"{number:08x}" for number, role in enumerate(Role)}

@@ -4,42 +4,34 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
-from lift_manager.domain.events import Event, Occurrence, RideChanged, StateChanged
-from lift_manager.domain.ride import Ride
-from tests.lift_manager.web.fake import FakeManager, connected
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.rides.ride import Ride
+from lift_manager.runtime.bus import StateChanged
+from tests.lift_manager.web.fake import FakeSite, connected
 
 EVENTS = "/api/v1/events"
 
 
-@dataclass
-class Happening(FakeManager):
+class Happening(FakeSite):
     """Its lifts change, and it says so."""
 
     @property
     def has_ears(self) -> bool:
         """Whether anybody listens."""
-        return bool(self._ears)
+        return self.bus.heard
 
     def shift(self, lift: str = "lift", **changes: Any) -> None:
         """Let a lift change."""
-        state = replace(self.lifts[lift], **changes)
-        self.lifts = {**self.lifts, lift: state}
-        self.happens(StateChanged(lift, state))
+        self.lifts[lift] = replace(self.lifts[lift], **changes)
+        self.happens(StateChanged(lift, self.lifts[lift]))
 
     def rides_on(self, ride: Ride) -> None:
         """Let a ride begin or change."""
-        self.going_on(ride)
+        self.fake_rides.going_on(ride)
         self.happens(RideChanged(ride.lift, ride))
-
-    def happens(self, event: Event) -> None:
-        """Let everybody who listens hear of it."""
-        self.newest += 1
-        occurrence = Occurrence(f"{self.boot}-{self.newest}", asyncio.get_running_loop().time(), event)
-        for hear in self._ears:
-            hear(occurrence)
 
 
 class Message(NamedTuple):

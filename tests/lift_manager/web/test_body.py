@@ -5,7 +5,7 @@ from starlette.types import Message, Scope
 
 from lift_manager.web.app import make_app
 from lift_manager.web.body import LIMIT_BYTES, LINGER_BYTES
-from tests.lift_manager.web.fake import FakeManager
+from tests.lift_manager.web.fake import FakeSite
 
 CHUNK = 16 * 1024
 
@@ -42,7 +42,7 @@ def post_scope(headers: list[tuple[bytes, bytes]]) -> Scope:
 
 def call_endlessly(headers: list[tuple[bytes, bytes]]) -> EndlessCaller:
     caller = EndlessCaller()
-    asyncio.run(make_app(FakeManager())(post_scope(headers), caller.receive, caller.send))
+    asyncio.run(make_app(FakeSite())(post_scope(headers), caller.receive, caller.send))
     return caller
 
 

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from lift_manager.domain.access import ROUTES
-from lift_manager.domain.asking import Blocking, Refusal, Refused
-from lift_manager.domain.state import Holder
+from lift_manager.api.access import ROUTES
+from lift_manager.lift.refusals import Blocking, Refusal, Refused
+from lift_manager.lift.session import Holder
 from lift_manager.web.body import LIMIT_BYTES
 from lift_manager.web.codes import REFUSALS
 from register_maps.words import Mode
@@ -18,36 +18,34 @@ every_body = pytest.mark.parametrize("path", [path for path, body in CHANGES.ite
 
 
 def test_the_table_has_every_change() -> None:
-    named = {
-        path.replace("/lift/", "/{lift:path}/").replace("s1", "{session}").replace("r1", "{ride}") for path in CHANGES
-    }
+    named = {path.replace("/lift/", "/{lift}/").replace("s1", "{session}").replace("r1", "{ride}") for path in CHANGES}
     assert named == {route.path for route in ROUTES if "POST" in route.methods and route.path.startswith("/api/")}
 
 
 @every_change
 def test_it_is_done(path: str) -> None:
-    facade = with_all()
-    assert change(facade, path).is_success
-    assert len(facade.changes) == 1
+    site = with_all()
+    assert change(site, path).is_success
+    assert len(site.changes) == 1
 
 
 @every_change
 @pytest.mark.parametrize("headers", [{"sec-fetch-site": "cross-site"}, {"origin": "http://evil.example"}])
 def test_a_web_page_of_another_site_is_refused_and_written_down(path: str, headers: dict[str, str]) -> None:
-    facade = with_all()
-    refused(change(facade, path, headers=headers), 403, "another_site")
-    assert facade.changes == []
-    assert [(away.code, away.lift) for away in facade.away] == [
+    site = with_all()
+    refused(change(site, path, headers=headers), 403, "another_site")
+    assert site.changes == []
+    assert [(away.code, away.lift) for away in site.away] == [
         ("another_site", "" if path == "/api/v1/rides" else "lift")
     ]
 
 
 @every_body
 def test_a_body_that_is_too_long_is_413(path: str) -> None:
-    facade = with_all()
-    detail = refused(change(facade, path, content=b" " * (LIMIT_BYTES + 1)), 413, "too_long")
+    site = with_all()
+    detail = refused(change(site, path, content=b" " * (LIMIT_BYTES + 1)), 413, "too_long")
     assert "65536 bytes" in detail
-    assert facade.changes == []
+    assert site.changes == []
 
 
 @every_body
@@ -61,10 +59,10 @@ def test_a_body_of_the_longest_length_is_read(path: str) -> None:
     "declared", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x", "///"]
 )
 def test_a_body_is_json_whatever_type_it_declares(path: str, declared: str) -> None:
-    facade = with_all()
+    site = with_all()
     content = json.dumps(CHANGES[path]).encode()
-    assert change(facade, path, content=content, headers={"content-type": declared}).is_success
-    assert len(facade.changes) == 1
+    assert change(site, path, content=content, headers={"content-type": declared}).is_success
+    assert len(site.changes) == 1
 
 
 BLOCKING = Blocking(Holder("rmf", "rmf"), Mode.FIRE, 12.0, 3.5, 2)
@@ -74,7 +72,7 @@ BLOCKING = Blocking(Holder("rmf", "rmf"), Mode.FIRE, 12.0, 3.5, 2)
 @pytest.mark.parametrize("code", [code for code in Refusal if code is not Refusal.UNKNOWN_FLOOR])
 def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(path: str, code: Refusal) -> None:
     no = Refused(code, "because", BLOCKING)
-    answer = change(with_all(answer=no, refused=no, refuses=no, ride_refused=no), path)
+    answer = change(with_all(refuses=no), path)
     detail = refused(answer, REFUSALS[code].status, code)
     if code is Refusal.NO_SUCH_SESSION and "/sessions/" in path:
         return  # one text for every session that is not the caller's
@@ -85,9 +83,7 @@ def test_a_refusal_has_the_status_of_its_code_and_says_what_stands_in_the_way(pa
 
 @pytest.mark.parametrize("path", [path for path in CHANGES if path.startswith(LIFT)])
 def test_an_unknown_lift_is_404(path: str) -> None:
-    no = Refused(Refusal.UNKNOWN_LIFT, "the lifts are lift")
-    facade = with_all(answer=no)
-    answer = ask(facade, "POST", HERE + path.replace("/lift/", "/elevator/"), json=CHANGES[path])
+    answer = ask(with_all(), "POST", HERE + path.replace("/lift/", "/elevator/"), json=CHANGES[path])
     assert "the lifts are" in refused(answer, 404, "unknown_lift")
 
 
@@ -189,13 +185,13 @@ MALFORMED: list[tuple[str, bytes, str | None, str]] = [
 def test_a_malformed_body_is_422_with_the_field_and_what_is_expected(
     path: str, body: bytes, field: str | None, words: str
 ) -> None:
-    facade = with_all()
-    answer = change(facade, path, content=body)
+    site = with_all()
+    answer = change(site, path, content=body)
     detail = refused(answer, 422, "malformed")
     assert words in detail
     assert "; expected {" in detail
     assert answer.json().get("field") == field
-    assert facade.changes == []
+    assert site.changes == []
 
 
 def test_what_is_expected_is_told_in_words() -> None:
@@ -209,7 +205,7 @@ def test_what_is_expected_is_told_in_words() -> None:
 
 @pytest.mark.parametrize("content", [b"{", b" " * (LIMIT_BYTES + 1), b'{"who": 1}'])
 def test_who_may_not_send_a_request_is_told_that_before_anything_about_its_body(content: bytes) -> None:
-    facade = with_all()
-    refused(change(facade, f"{LIFT}/lockout", content=content, headers={"via": "1.1 a proxy"}), 403, "other_computer")
-    unknown = ask(facade, "POST", f"{HERE}{LIFT}/sessions/s9/commands", content=content)
+    site = with_all()
+    refused(change(site, f"{LIFT}/lockout", content=content, headers={"via": "1.1 a proxy"}), 403, "other_computer")
+    unknown = ask(site, "POST", f"{HERE}{LIFT}/sessions/s9/commands", content=content)
     refused(unknown, 404, "no_such_session")

@@ -9,7 +9,7 @@ import pytest
 
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.browser import shown_by_chromium
-from tests.lift_manager.web.fake import BASE, FakeManager, ask, serving
+from tests.lift_manager.web.fake import BASE, FakeSite, ask, serving
 
 PAGES = ["/docs", "/redoc"]
 ABSOLUTE = re.compile(r"https?:|(?<![:\w])//[\w.-]+\.\w")
@@ -35,7 +35,7 @@ class Links(HTMLParser):
 
 
 def fetched(path: str) -> str:
-    answer = ask(FakeManager(), "GET", path)
+    answer = ask(FakeSite(), "GET", path)
     assert answer.status_code == 200
     return answer.text
 
@@ -78,7 +78,7 @@ def test_every_asset_of_a_page_comes_from_the_application(path: str) -> None:
 
 @pytest.mark.parametrize("path", PAGES)
 def test_the_browser_is_told_to_ask_nobody_else(path: str) -> None:
-    policy = ask(FakeManager(), "GET", path).headers["content-security-policy"]
+    policy = ask(FakeSite(), "GET", path).headers["content-security-policy"]
     assert policy.startswith("default-src 'self'; ")
     assert ABSOLUTE.findall(policy) == []
 
@@ -123,7 +123,7 @@ def test_the_schema_documents_each_route_with_examples_of_success_and_failure() 
 def test_the_lifts_of_the_site_can_be_chosen_in_the_docs() -> None:
     schema = json.loads(fetched("/openapi.json"))
     (parameter,) = schema["paths"][f"{BASE}/lift_state"]["get"]["parameters"]
-    assert [example["value"] for example in parameter["examples"].values()] == ["lift", "Güter"]
+    assert [example["value"] for example in parameter["examples"].values()] == ["lift", "goods"]
 
 
 def test_the_documented_requests_and_refusals_are_the_real_ones() -> None:
@@ -131,19 +131,19 @@ def test_the_documented_requests_and_refusals_are_the_real_ones() -> None:
     route = schema["paths"][f"{BASE}/lift_request"]["post"]
     url = f"{BASE}/lift_request?lift_name="
     for example in route["requestBody"]["content"]["application/json"]["examples"].values():
-        assert ask(FakeManager(), "POST", f"{url}lift", json=example["value"]).json()["success"] is True
+        assert ask(FakeSite(), "POST", f"{url}lift", json=example["value"]).json()["success"] is True
     documented = route["responses"]["200"]["content"]["application/json"]["examples"]
-    wrong_door = ask(FakeManager(), "POST", f"{url}lift", json={"floor": "L2", "door_state": 1})
+    wrong_door = ask(FakeSite(), "POST", f"{url}lift", json={"floor": "L2", "door_state": 1})
     assert wrong_door.json() == documented["Wrong door_state"]["value"]
-    assert ask(FakeManager(), "POST", f"{url}lift").json() == documented["Wrong body"]["value"]
-    assert ask(FakeManager(), "POST", f"{url}elevator").json() == documented["Unknown lift"]["value"]
+    assert ask(FakeSite(), "POST", f"{url}lift").json() == documented["Wrong body"]["value"]
+    assert ask(FakeSite(), "POST", f"{url}elevator").json() == documented["Unknown lift"]["value"]
 
 
 @pytest.mark.external("chromium")
 @pytest.mark.parametrize(("path", "proof"), [("/docs", "opblock-summary-path"), ("/redoc", "menu-content")])
 def test_a_real_browser_renders_the_page_without_internet(path: str, proof: str, tmp_path: Path) -> None:
     async def render() -> tuple[str, str]:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await shown_by_chromium(f"http://127.0.0.1:{port}{path}", tmp_path)
 
     dom, log = asyncio.run(render())

@@ -4,11 +4,11 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from lift_manager.domain.asking import Refusal
+from lift_manager.lift.refusals import Refusal
 from lift_manager.web import codes
 from lift_manager.web.codes import CODES, OWN, REFUSALS
 from lift_manager.web.error_table import FILE, error_table
-from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake import FakeSite, ask
 
 WEB = Path(codes.__file__).parent
 
@@ -46,7 +46,7 @@ def test_every_line_helps_in_a_sentence() -> None:
 
 
 def test_the_manager_serves_the_file_and_its_docs_lead_there() -> None:
-    answer = ask(FakeManager(), "GET", "/errors.md")
+    answer = ask(FakeSite(), "GET", "/errors.md")
     assert (answer.status_code, answer.text) == (200, error_table())
     assert answer.headers["content-type"].startswith("text/markdown")
-    assert "](errors.md)" in ask(FakeManager(), "GET", "/openapi.json").json()["info"]["description"]
+    assert "](errors.md)" in ask(FakeSite(), "GET", "/openapi.json").json()["info"]["description"]

@@ -8,60 +8,48 @@ from pydantic import TypeAdapter
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.api.events import AnyEvent
-from lift_manager.domain.events import (
+from lift_manager.lift.commands import CommandState, CommandStatus, CommandType
+from lift_manager.lift.events import (
+    Acknowledged,
     Advised,
     Alarm,
+    Cause,
     CommandEnded,
-    DrainBegun,
-    DrainOver,
-    Event,
+    CommandFollowed,
+    ForceReleased,
     HandedOver,
-    LockedOut,
-    LockoutOver,
-    PersonAcknowledged,
-    ReleasedByPerson,
-    RequestFollowed,
-    RideChanged,
+    Restriction,
+    RestrictionBegun,
+    RestrictionEnded,
+    RestrictionKind,
     SessionEnded,
     SessionOpened,
     SessionRestored,
-    StateChanged,
 )
-from lift_manager.domain.service import (
-    Acknowledged,
-    Advice,
-    Cause,
-    Drain,
-    DrainEnded,
-    EndReason,
-    ForceReleased,
-    Lockout,
-    LockoutEnded,
-)
-from lift_manager.domain.session_requests import Do, Followed, Status
-from lift_manager.domain.state import Holder
+from lift_manager.lift.session import Advice, EndReason, Holder
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.runtime.bus import Event, StateChanged
 from lift_manager.web.events import sse
 from lift_manager.web.events.encoding import aged, ages, shown
-from tests.lift_manager.web.fake import AT
-from tests.lift_manager.web.fake_lifts import IDLE
+from tests.lift_manager.web.fake_lifts import AT, IDLE
 from tests.lift_manager.web.fake_rides import a_ride
 
 ROBOT, OTHER = Holder("api", "amr-7"), Holder("rmf", "fleet/r1")
-FOLLOWED = Followed(
+FOLLOWED = CommandStatus(
     id="secret-request",
     lift="lift",
     holder=ROBOT,
-    do=Do.GO_TO,
+    kind=CommandType.GO_TO,
     floor="L2",
-    status=Status.PENDING,
+    state=CommandState.PENDING,
     reason="the car is on its way",
     proof=Proof.NONE,
-    asked_at=AT,
+    requested_at=AT,
     ended_at=None,
 )
 OUTCOME = Outcome(Command(CommandKind.GO_TO, "L2"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
-LOCKOUT = Lockout("A. Beck", "new ropes", AT)
-DRAIN = Drain("A. Beck", "new ropes", AT)
+LOCKOUT = Restriction(RestrictionKind.LOCKOUT, "A. Beck", "new ropes", AT)
+DRAIN = Restriction(RestrictionKind.DRAIN, "A. Beck", "new ropes", AT)
 CASES: tuple[tuple[Event, str, dict[str, object]], ...] = (
     (StateChanged("lift", IDLE), "state", {}),
     (SessionOpened("lift", ROBOT, "L2"), "session", {"what": "opened", "holder": "api:amr-7", "to": "L2"}),
@@ -77,17 +65,21 @@ CASES: tuple[tuple[Event, str, dict[str, object]], ...] = (
         {"what": "ended", "reason": "fire", "text": "there is a fire", "advice": "stay_aboard"},
     ),
     (Advised("lift", ROBOT, Advice.CLEAR_DOORWAY, "fire"), "advice", {"advice": "clear_doorway", "text": "fire"}),
-    (LockedOut("lift", LOCKOUT), "person", {"what": "locked_out", "by": "A. Beck", "text": "new ropes"}),
-    (LockoutOver("lift", LockoutEnded("C. Li", AT, LOCKOUT)), "person", {"what": "lockout_over", "by": "C. Li"}),
-    (DrainBegun("lift", DRAIN), "person", {"what": "drain_begun", "by": "A. Beck", "text": "new ropes"}),
-    (DrainOver("lift", DrainEnded("C. Li", AT, DRAIN)), "person", {"what": "drain_over", "by": "C. Li"}),
+    (RestrictionBegun("lift", LOCKOUT), "person", {"what": "locked_out", "by": "A. Beck", "text": "new ropes"}),
     (
-        PersonAcknowledged("lift", Acknowledged("C. Li", AT, (Cause.FIRE,))),
+        RestrictionEnded("lift", "C. Li", AT, LOCKOUT),
+        "person",
+        {"what": "lockout_over", "by": "C. Li"},
+    ),
+    (RestrictionBegun("lift", DRAIN), "person", {"what": "drain_begun", "by": "A. Beck", "text": "new ropes"}),
+    (RestrictionEnded("lift", "C. Li", AT, DRAIN), "person", {"what": "drain_over", "by": "C. Li"}),
+    (
+        Acknowledged("lift", "C. Li", AT, (Cause.FIRE,)),
         "person",
         {"what": "acknowledged", "text": "fire"},
     ),
     (
-        ReleasedByPerson("lift", ForceReleased("C. Li", AT, "it hangs", ROBOT, maybe_aboard=True)),
+        ForceReleased("lift", "C. Li", AT, "it hangs", ROBOT, maybe_aboard=True),
         "person",
         {"what": "released", "by": "C. Li", "text": "api:amr-7: it hangs"},
     ),
@@ -97,7 +89,11 @@ CASES: tuple[tuple[Event, str, dict[str, object]], ...] = (
         {"command": "go_to L2", "result": "confirmed", "proof": "readback"},
     ),
     (Alarm("lift", "the door is blocked"), "alarm", {"text": "the door is blocked", "holder": None}),
-    (RequestFollowed("lift", FOLLOWED), "request", {"do": "go_to", "floor": "L2", "status": "pending"}),
+    (
+        CommandFollowed("lift", FOLLOWED, is_recorded=True),
+        "request",
+        {"do": "go_to", "floor": "L2", "status": "pending"},
+    ),
     (RideChanged("lift", a_ride(ROBOT)), "ride", {}),
 )
 

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from starlette.types import Message as Sent
 
-from lift_manager.domain.ride import Guidance, Phase
-from lift_manager.domain.state import Holder, RobotDoor
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import Guidance, Phase
 from lift_manager.web.events.feed import About, Feed
 from lift_manager.web.events.readers import Places, Reader
 from lift_manager.web.events.stream import EventStream
@@ -93,7 +94,7 @@ def test_a_reader_that_comes_back_is_told_an_open_door_of_before_as_one_that_nob
         feed = Feed(manager, Places(10))
         with away(feed):
             manager.shift("lift", **OPEN, destination="L2", holder=Holder("api", "amr-7"), held_since_s=1.0)
-            manager.shift("Güter", **OPEN)
+            manager.shift("goods", **OPEN)
             await elapse(MAX_AGE_S - 0.2)
             with feed.reader(About(), "b0-0", lambda: True) as reader:
                 young = await said(reader)

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
-from lift_manager.domain.access import Role
-from lift_manager.domain.events import Alarm, RideChanged
-from lift_manager.domain.keys import KeyRing, Secret
-from lift_manager.domain.ride import Phase
-from lift_manager.domain.state import Holder
+from lift_manager.api.access import Role
+from lift_manager.api.keys import KeyRing, Secret
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.session import Holder
+from lift_manager.rides.inputs import RideChanged
+from lift_manager.rides.ride import Phase
 from lift_manager.web.events.feed import KEPT, KEPT_S, About, Feed, Heard
 from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, Places, Reader
 from tests.lift_manager.web.fake_rides import a_ride
@@ -181,7 +182,7 @@ def test_a_reader_hears_of_its_own_lift_alone_and_of_the_same_as_those_who_hear_
             await said(other)
             manager.shift("lift", floor="L2")
             assert await said(one) == await said(other)
-            manager.shift("Güter", floor="L2")
+            manager.shift("goods", floor="L2")
             manager.happens(Alarm("lift", "the last"))
             assert [message.id for message in await said(other)] == ["b0-3"]
             assert [message.id for message in await said(one)] == ["b0-2", "b0-3"]
@@ -244,7 +245,7 @@ def test_a_reader_that_has_heard_everything_goes_on_whatever_is_kept() -> None:
 def test_rides_that_are_over_are_in_the_snapshot_of_their_own_reader_alone() -> None:
     async def main() -> None:
         manager = Happening()
-        manager.going_on(a_ride(CALLER, "r1"), replace(a_ride(CALLER, "r2"), phase=Phase.DONE))
+        manager.fake_rides.going_on(a_ride(CALLER, "r1"), replace(a_ride(CALLER, "r2"), phase=Phase.DONE))
         feed = Feed(manager, Places(10))
         with feed.reader(About(), None, always) as reader:
             (all_,) = await said(reader)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from lift_manager.domain.events import Alarm
-from lift_manager.domain.ride import Phase
-from lift_manager.domain.state import Holder
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import Phase
 from lift_manager.web.app import make_app
 from lift_manager.web.events.feed import KEPT
 from tests.lift_manager.web.fake import serving
@@ -55,7 +55,7 @@ def test_a_stream_that_is_cut_anywhere_loses_and_repeats_nothing(seed: int, path
 
     async def happen() -> None:
         for number in range(1, 201):
-            lift, text = dice.choice(["lift", "Güter"]), f"text {number} \u2028 and\r\nlines: ü"
+            lift, text = dice.choice(["lift", "goods"]), f"text {number} \u2028 and\r\nlines: ü"
             if dice.random() < 0.5:
                 manager.shift(lift, reason=text)
             else:
@@ -138,17 +138,17 @@ def test_an_event_that_is_not_kept_any_more_is_made_up_for_by_a_snapshot() -> No
 def test_a_ride_that_gets_another_lift_takes_its_reader_along_also_one_that_was_away() -> None:
     manager = Happening()
     ride = a_ride(CALLER, "r1", "lift")
-    manager.going_on(ride, a_ride(CALLER, "r2", "Güter"))
+    manager.fake_rides.going_on(ride, a_ride(CALLER, "r2", "goods"))
     path = f"{EVENTS}?ride=r1"
 
     def happen() -> None:
         manager.shift("lift", floor="L2")
-        manager.shift("Güter", floor="L2")
-        manager.rides_on(replace(ride, lift="Güter"))
+        manager.shift("goods", floor="L2")
+        manager.rides_on(replace(ride, lift="goods"))
         manager.shift("lift", floor="L1")
-        manager.shift("Güter", floor="L1")
-        manager.rides_on(a_ride(CALLER, "r2", "Güter"))
-        manager.rides_on(replace(ride, lift="Güter", phase=Phase.DONE))
+        manager.shift("goods", floor="L1")
+        manager.rides_on(a_ride(CALLER, "r2", "goods"))
+        manager.rides_on(replace(ride, lift="goods", phase=Phase.DONE))
 
     async def main() -> tuple[list[Message], list[Message]]:
         async with serving(make_app(manager)) as port, listening(port, path) as stream:
@@ -166,22 +166,22 @@ def test_a_ride_that_gets_another_lift_takes_its_reader_along_also_one_that_was_
         for message in there
     ]
     # the state of the lift that the ride has got has no id of its own: who is cut off behind it hears of both again
-    assert told == [("b0-1", "lift"), ("", "Güter"), ("b0-3", "Güter"), ("b0-5", "Güter"), ("b0-7", "Güter")]
+    assert told == [("b0-1", "lift"), ("", "goods"), ("b0-3", "goods"), ("b0-5", "goods"), ("b0-7", "goods")]
     assert [message.id for message in away] == [message.id for message in there]
 
 
 def test_both_lifts_hear_of_a_ride_that_goes_from_one_to_the_other() -> None:
     manager = Happening()
-    manager.going_on(a_ride(CALLER, "r1", "lift"))
+    manager.fake_rides.going_on(a_ride(CALLER, "r1", "lift"))
 
     async def main() -> list[Message]:
         async with serving(make_app(manager)) as port, listening(port, OF_LIFT) as stream:
             await stream.begin()
             await stream.take(1)
-            manager.rides_on(a_ride(CALLER, "r1", "Güter"))
-            manager.rides_on(replace(a_ride(CALLER, "r1", "Güter"), phase=Phase.DONE))
+            manager.rides_on(a_ride(CALLER, "r1", "goods"))
+            manager.rides_on(replace(a_ride(CALLER, "r1", "goods"), phase=Phase.DONE))
             manager.happens(Alarm("lift", "the last"))
             return (await stream.take(3))[1:]
 
     left, last = asyncio.run(main())
-    assert (left.event, left.data["ride"]["lift"], last.data["text"]) == ("ride", "Güter", "the last")
+    assert (left.event, left.data["ride"]["lift"], last.data["text"]) == ("ride", "goods", "the last")

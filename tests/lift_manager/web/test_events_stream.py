@@ -12,16 +12,17 @@ from typing import Any
 import pytest
 import uvloop
 
-from lift_manager.domain.access import Role
-from lift_manager.domain.description import WireFrame
-from lift_manager.domain.events import Alarm
-from lift_manager.domain.journal import Row
-from lift_manager.domain.keys import Key
+from lift_manager.api.access import Role
+from lift_manager.api.keys import Key
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.journal import Row
+from lift_manager.runtime.links import WireFrame
 from lift_manager.store.keys import KeyFile, make_key, revoke_key
 from lift_manager.web.app import make_app
 from register_maps import frames
 from register_maps.words import Table
-from tests.lift_manager.web.fake import AT, ask, serving
+from tests.lift_manager.web.fake import ask, serving
+from tests.lift_manager.web.fake_lifts import AT
 from tests.lift_manager.web.keyed import bearing, ring
 from tests.lift_manager.web.listening import EVENTS, Happening, Message, Stream, listening, messages, unchunked, until
 
@@ -76,7 +77,7 @@ def test_a_stream_says_what_it_is_and_begins_with_a_snapshot(loop: Callable[[], 
     assert wish.startswith(b"retry: ")
     assert 1000 <= int(wish.removeprefix(b"retry: ")) <= 2000
     snapshot, state = found
-    assert [lift["name"] for lift in snapshot.data["lifts"]] == ["lift", "Güter"]
+    assert [lift["name"] for lift in snapshot.data["lifts"]] == ["lift", "goods"]
     assert snapshot.data["lifts"][0]["max_age_s"] == 2.0
     assert (snapshot.id, state.id, state.event, state.data["lift"]["floor"]) == ("b0-0", "b0-1", "state", "L2")
 

@@ -6,15 +6,17 @@ from asyncio import Future
 import httpx
 import pytest
 
-from lift_manager.core.memory import ShortMemory
-from lift_manager.domain.service import Remembered
-from lift_manager.domain.state import Holder
+from lift_manager.lift.events import RestrictionKind
+from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import Ride
+from lift_manager.runtime.recorder import MemoryRecorder, SavedLift
 from lift_manager.web.app import make_app
-from tests.lift_manager.core.ride_building import building
+from tests.lift_manager.runtime.ride_building import building
 from tests.lift_manager.web.changes import CHANGES
-from tests.lift_manager.web.fake import FakeManager
+from tests.lift_manager.web.fake import FakeSite
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.fake_sessions import a_session
+from tests.support.refusals import reply
 from tests.support.virtual_time import elapse, run_virtual
 
 SESSION = "/api/v1/lifts/lift/sessions"
@@ -27,22 +29,31 @@ WORDS = [change for change in CHANGES.items() if change not in NEVER_WAIT]
 every_word = pytest.mark.parametrize(("path", "body"), WORDS)
 
 
+class LateRecorder(MemoryRecorder):
+    """Everything that is kept is on the disk so many seconds later."""
+
+    def __init__(self, disk_s: float) -> None:
+        super().__init__()
+        self._disk_s = disk_s
+
+    def written(self, lift: str) -> Future[None] | None:
+        assert lift == "lift"
+        write = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().call_later(self._disk_s, write.set_result, None)
+        return write
+
+
 def client(app: object) -> httpx.AsyncClient:
     return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1")  # type: ignore[arg-type]
 
 
-def holding(disk_s: float) -> FakeManager:
+def holding(disk_s: float) -> FakeSite:
     """A manager whose disk takes so long, with a ride and a session."""
 
-    async def written(lift: str, within_s: float) -> bool:
-        assert lift == "lift"
-        await asyncio.sleep(min(disk_s, within_s))
-        return disk_s <= within_s
-
-    facade = FakeManager(written=written)
-    facade.going_on(a_ride(Holder("ride", "amr-7")))
-    facade.there(a_session(Holder("api", "amr-7")))
-    return facade
+    site = FakeSite(recorder=LateRecorder(disk_s))
+    site.fake_rides.going_on(a_ride(Holder("ride", "amr-7")))
+    site.there(a_session(Holder("api", "amr-7")))
+    return site
 
 
 @every_word
@@ -50,14 +61,14 @@ def holding(disk_s: float) -> FakeManager:
 def test_a_word_is_taken_at_once_and_answered_when_it_is_written_or_after_half_a_second(
     path: str, body: object, disk_s: float, answered_s: float
 ) -> None:
-    facade = holding(disk_s)
+    site = holding(disk_s)
 
     async def main() -> None:
-        async with client(make_app(facade)) as ask:
+        async with client(make_app(site)) as ask:
             began = asyncio.get_running_loop().time()
             asking = asyncio.ensure_future(ask.post(path, json=body) if body else ask.post(path))
             await elapse(0.1)
-            assert facade.changes, "it was not taken before it was written"
+            assert site.changes, "it was not taken before it was written"
             assert not asking.done()
             answer = await asking
             assert answer.is_success
@@ -81,18 +92,18 @@ def test_neither_the_workshop_nor_rmf_waits_for_the_disk(path: str, body: object
 
 def test_a_lockout_an_acknowledgement_and_a_drain_are_known_after_a_crash_right_behind_their_answer() -> None:
     async def main() -> None:
-        memory = SlowMemory()
-        async with building("lift", memory=memory) as made, client(make_app(made.manager)) as ask:
+        recorder = SlowRecorder()
+        async with building("lift", recorder=recorder) as made, client(make_app(made.site)) as ask:
             lift = "/api/v1/lifts/lift"
             await ask.post(f"{lift}/lockout", json={"by": "M. Weber", "reason": "new ropes"})
-            after_lockout = memory.crashed()
+            after_lockout = recorder.crashed()
             await ask.post(f"{lift}/drain", json={"by": "M. Weber", "reason": "new ropes"})
-            after_drain = memory.crashed()
+            after_drain = recorder.crashed()
             await ask.post(f"{lift}/lockout/end", json={"by": "M. Weber"})
-            after_end = memory.crashed()
-        assert after_lockout.recall("lift").lockout is not None
-        assert after_drain.recall("lift").drain is not None
-        assert after_end.recall("lift").lockout is None
+            after_end = recorder.crashed()
+        assert restrictions(after_lockout) == {RestrictionKind.LOCKOUT}
+        assert restrictions(after_drain) == {RestrictionKind.LOCKOUT, RestrictionKind.DRAIN}
+        assert restrictions(after_end) == {RestrictionKind.DRAIN}
 
     run_virtual(main, limit_s=9000)
 
@@ -109,21 +120,21 @@ def test_what_is_answered_with_no_or_changes_nothing_waits_for_no_disk() -> None
     run_virtual(main)
 
 
-class SlowMemory(ShortMemory):
+class SlowRecorder(MemoryRecorder):
     """What is kept is on its disk a fifth of a second later."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.disk: dict[str, Remembered] = {}
+        self.disk: dict[str, SavedLift] = {}
         self._writes: dict[str, list[Future[None]]] = {}
 
-    def keep(self, lift: str, remembered: Remembered) -> None:
-        super().keep(lift, remembered)
-        write = asyncio.get_running_loop().create_future()
+    def keep(self, lift: str, saved: SavedLift) -> None:
+        super().keep(lift, saved)
+        write: Future[None] = asyncio.get_running_loop().create_future()
         self._writes.setdefault(lift, []).append(write)
 
         def done() -> None:
-            self.disk[lift] = remembered
+            self.disk[lift] = saved
             self._writes[lift].remove(write)
             write.set_result(None)
 
@@ -133,35 +144,39 @@ class SlowMemory(ShortMemory):
         waiting = self._writes.get(lift)
         return waiting[-1] if waiting else None
 
-    def crashed(self) -> ShortMemory:
+    def crashed(self) -> MemoryRecorder:
         """What is left of it at this moment."""
-        left = ShortMemory()
-        for lift, remembered in self.disk.items():
-            left.keep(lift, remembered)
-        return left
+        return MemoryRecorder(self.disk)
+
+
+def restrictions(left: MemoryRecorder) -> set[RestrictionKind]:
+    saved = left.recall("lift")
+    assert saved is not None
+    return {restriction.kind for restriction in saved.record.restrictions}
 
 
 def test_a_ride_and_its_words_are_known_after_a_crash_right_behind_their_answer() -> None:
     async def main() -> None:
-        memory, left = SlowMemory(), [ShortMemory()]
-        async with building("lift", memory=memory) as made, client(make_app(made.manager)) as ask:
+        recorder, left = SlowRecorder(), [MemoryRecorder()]
+        async with building("lift", recorder=recorder) as made, client(make_app(made.site)) as ask:
             answer = await ask.post("/api/v1/rides", json={**WISH, "to": "L3", "idempotency_key": "k1"})
-            left.append(memory.crashed())
+            left.append(recorder.crashed())
             ride = answer.json()["id"]
             assert (await ask.post(f"/api/v1/rides/{ride}/cancel")).json()["phase"] == "cancelled"
-            left.append(memory.crashed())
+            left.append(recorder.crashed())
             opened = await ask.post(SESSION, json={"robot": "amr-8"})
-            left.append(memory.crashed())
+            left.append(recorder.crashed())
             assert (answer.status_code, opened.status_code) == (201, 201)
         found = []
-        for memory_left in left:
-            async with building("lift", memory=memory_left) as made:
-                known = made.manager.ride(ride)
-                session = made.manager.session("lift", opened.json()["id"], Holder("api", "amr-8"))
-                found.append(("" if known is None else known.phase.value, type(session).__name__))
-        assert found[0] == ("", "Refused")
-        assert found[1][0] not in {"", "cancelled"}
-        assert found[2] == ("cancelled", "Refused")
+        for recorder_left in left:
+            async with building("lift", recorder=recorder_left) as made:
+                known = reply(lambda: made.site.rides.ride(ride))
+                session = reply(lambda: made.site.session("lift", opened.json()["id"], Holder("api", "amr-8")))
+                phase = known.phase.value if isinstance(known, Ride) else known.code
+                found.append((phase, type(session).__name__))
+        assert found[0] == ("unknown_ride", "NotFound")
+        assert found[1][0] not in {"unknown_ride", "cancelled"}
+        assert found[2] == ("cancelled", "NotFound")
         assert found[3] == ("cancelled", "SessionInfo")
 
     run_virtual(main, limit_s=9000)
@@ -169,13 +184,13 @@ def test_a_ride_and_its_words_are_known_after_a_crash_right_behind_their_answer(
 
 def test_a_manager_says_whether_what_it_remembers_was_written_in_time() -> None:
     async def main() -> None:
-        memory = SlowMemory()
-        async with building("lift", memory=memory) as made:
+        recorder = SlowRecorder()
+        async with building("lift", recorder=recorder) as made:
             await elapse(1)
-            assert await made.manager.kept("lift", 0.0)
-            memory.keep("lift", Remembered())
-            assert not await made.manager.kept("lift", 0.05)
-            assert await made.manager.kept("lift", 0.5)
-            assert memory.written("lift") is None
+            assert await made.site.recorded("lift", 0.0)
+            recorder.keep("lift", SavedLift())
+            assert not await made.site.recorded("lift", 0.05)
+            assert await made.site.recorded("lift", 0.5)
+            assert recorder.written("lift") is None
 
     run_virtual(main, limit_s=9000)

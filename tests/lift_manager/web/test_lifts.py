@@ -7,13 +7,14 @@ from typing import Any
 import httpx
 import pytest
 
+from lift_manager.api.access import Role
 from lift_manager.api.problem import Problem
-from lift_manager.domain.access import Role
-from lift_manager.domain.asking import Blocking
-from lift_manager.domain.state import Holder, LiftState, Quality
+from lift_manager.lift.refusals import Blocking
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState, Quality
 from lift_manager.web.lifts import is_known
 from tests.lift_manager.web.changes import refused
-from tests.lift_manager.web.fake import FakeManager, ask, one_lift
+from tests.lift_manager.web.fake import FakeSite, ask, one_lift
 from tests.lift_manager.web.fake_lifts import DOOR, IDLE
 from tests.lift_manager.web.keyed import bearing, ring
 
@@ -23,15 +24,15 @@ OFFLINE = replace(IDLE, quality=Quality.OFFLINE, reason="nothing newer within 2 
 EVERY = ["", "/lift", "/lift/capabilities", "/lift/signals"]
 
 
-def read(facade: FakeManager, path: str, tag: str | None = None) -> httpx.Response:
+def read(site: FakeSite, path: str, tag: str | None = None) -> httpx.Response:
     headers = {} if tag is None else {"If-None-Match": tag}
-    return ask(facade, "GET", f"{LIFTS}{path}", headers=headers)
+    return ask(site, "GET", f"{LIFTS}{path}", headers=headers)
 
 
 def test_every_lift_is_told_in_the_order_of_the_site() -> None:
-    answer = read(FakeManager(), "")
+    answer = read(FakeSite(), "")
     assert answer.status_code == 200
-    assert [lift["name"] for lift in answer.json()["lifts"]] == ["lift", "Güter"]
+    assert [lift["name"] for lift in answer.json()["lifts"]] == ["lift", "goods"]
 
 
 def test_a_lift_says_who_holds_it_and_from_when_on_it_is_too_old() -> None:
@@ -42,30 +43,36 @@ def test_a_lift_says_who_holds_it_and_from_when_on_it_is_too_old() -> None:
 
 
 def test_what_a_lift_can_do_and_what_its_signals_say_is_told() -> None:
-    able = read(FakeManager(), "/lift/capabilities").json()
+    able = read(FakeSite(), "/lift/capabilities").json()
+    assert (able["name"], able["display_name"]) == ("lift", "")
     assert (able["commands"], able["access"], able["map"]) == (
         ["go_to", "hold_door.front"],
         "control",
         "generic-registers",
     )
     assert able["doors_at"] == {"L1": ["front"], "L2": ["front"]}
-    (door,) = read(FakeManager(), "/lift/signals").json()["signals"]
+    (door,) = read(FakeSite(), "/lift/signals").json()["signals"]
     assert door["name"] == "door.front"
     assert (door["value"], door["raw"], door["age_s"]) == ("open", 2, 0.1)
     assert door["addresses"] == ["holding:12"]
 
 
-@pytest.mark.parametrize("path", ["/elevator", "/", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
+@pytest.mark.parametrize("path", ["/elevator", "/elevator/capabilities", "/elevator/signals", "/li%22ft"])
 def test_an_unknown_lift_is_404_with_the_lifts_there_are(path: str) -> None:
-    assert refused(read(FakeManager(), path), 404, "unknown_lift").endswith("the lifts are lift, Güter")
+    assert refused(read(FakeSite(), path), 404, "unknown_lift").endswith("the lifts are lift, goods")
+
+
+@pytest.mark.parametrize("path", ["/", "//capabilities", "/a%2Fb", "/a/b/signals"])
+def test_a_path_that_no_name_of_a_lift_fits_into_leads_nowhere(path: str) -> None:
+    refused(read(FakeSite(), path), 404, "no_such_path")
 
 
 @pytest.mark.parametrize(
-    ("name", "quoted"), [("Güter", "G%C3%BCter"), ("G/2", "G%2F2"), ("G/2", "G/2"), ("a b", "a%20b")]
+    ("name", "quoted"), [("B-2_goods.1", "B-2_goods.1"), ("signals", "signals"), ("a.b", "a%2Eb"), ("lift", "l%69ft")]
 )
 @pytest.mark.parametrize("part", ["", "/capabilities", "/signals"])
 def test_a_lift_with_any_name_can_be_read(name: str, quoted: str, part: str) -> None:
-    answer = read(FakeManager({name: replace(IDLE, lift=name)}), f"/{quoted}{part}")
+    answer = read(FakeSite({name: replace(IDLE, lift=name)}), f"/{quoted}{part}")
     assert (answer.status_code, answer.json()["name"]) == (200, name)
 
 
@@ -74,7 +81,7 @@ def test_who_has_an_answer_is_told_that_nothing_but_time_has_passed_and_how_old_
     first = read(one_lift(HELD), path)
     assert first.headers["cache-control"] == "no-cache"
     assert float(first.headers["lift-age-s"]) == pytest.approx(0.1)
-    later = FakeManager({"lift": replace(HELD, age_s=0.9, held_since_s=99.0)}, says=(replace(DOOR, age_s=1.5),))
+    later = FakeSite({"lift": replace(HELD, age_s=0.9, held_since_s=99.0)}, signals=(replace(DOOR, age_s=1.5),))
     again = read(later, path, first.headers["etag"])
     assert (again.status_code, again.content) == (304, b"")
     assert again.headers["etag"] == first.headers["etag"]
@@ -107,8 +114,8 @@ def test_whatever_else_has_changed_is_sent(change: Mapping[str, Any], path: str)
 
 @pytest.mark.parametrize("change", [{"value": "closed"}, {"raw": 1}, {"value": None}])
 def test_a_signal_that_has_changed_is_sent(change: Mapping[str, Any]) -> None:
-    tag = read(FakeManager(), "/lift/signals").headers["etag"]
-    assert read(FakeManager(says=(replace(DOOR, **change),)), "/lift/signals", tag).status_code == 200
+    tag = read(FakeSite(), "/lift/signals").headers["etag"]
+    assert read(FakeSite(signals=(replace(DOOR, **change),)), "/lift/signals", tag).status_code == 200
 
 
 @pytest.mark.parametrize("reason", ["closed for 900 s", "closed for 30.5 s", "refused for 30 s"])
@@ -132,7 +139,7 @@ def test_the_age_of_all_is_that_of_the_oldest_live_one() -> None:
         return replace(IDLE, lift=lift, age_s=age_s, quality=quality)
 
     states = [aged("a", 0.25), aged("b", 0.75), aged("c", 500.0, Quality.OFFLINE)]
-    answer = read(FakeManager({state.lift: state for state in states}), "")
+    answer = read(FakeSite({state.lift: state for state in states}), "")
     assert answer.headers["lift-age-s"] == "0.750"
 
 
@@ -159,9 +166,9 @@ def test_if_none_match_is_compared_weakly_and_may_be_a_list(lines: list[str], kn
 
 def test_a_tag_tells_nothing_to_who_may_not_read() -> None:
     headers = {"If-None-Match": "*"}
-    assert ask(FakeManager(), "GET", f"{LIFTS}/lift", keys=ring(Role.ROBOT), headers=headers).status_code == 401
+    assert ask(FakeSite(), "GET", f"{LIFTS}/lift", keys=ring(Role.ROBOT), headers=headers).status_code == 401
     read_by = ask(
-        FakeManager(), "GET", f"{LIFTS}/G%C3%BCter", keys=ring(Role.ROBOT), headers={**headers, **bearing(Role.ROBOT)}
+        FakeSite(), "GET", f"{LIFTS}/goods", keys=ring(Role.ROBOT), headers={**headers, **bearing(Role.ROBOT)}
     )
     assert read_by.status_code == 304
 

@@ -24,7 +24,7 @@ from lift_manager.web.http_protocol import (
     JsonHttpProtocol,
 )
 from lift_manager.web.limits import MOST_CONNECTIONS
-from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeManager, ask, connected, serving
+from tests.lift_manager.web.fake import BASE, CALL, REQUEST, FakeSite, ask, connected, serving
 from tests.lift_manager.web.listening import listening
 
 NAMES = f"GET {BASE}/lift_names HTTP/1.1\r\nHost: 127.0.0.1\r\n".encode()
@@ -58,7 +58,7 @@ async def all_of(port: int, sent: bytes) -> bytes:
 )
 def test_a_head_that_is_too_long_is_answered_and_hung_up_on(sent: bytes, media_type: bytes) -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await all_of(port, sent)
 
     header, _, body = run(main()).partition(b"\r\n\r\n")
@@ -71,7 +71,7 @@ def test_a_head_that_is_too_long_is_answered_and_hung_up_on(sent: bytes, media_t
 
 def test_a_head_below_the_limit_is_read_in_however_many_pieces() -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port, connected(port) as (reader, writer):
+        async with serving(make_app(FakeSite())) as port, connected(port) as (reader, writer):
             head = NAMES + b"X-Long: " + LONG[:-200] + b"\r\n"
             for start in range(0, len(head), 5000):
                 writer.write(head[start : start + 5000])
@@ -86,7 +86,7 @@ def test_a_head_below_the_limit_is_read_in_however_many_pieces() -> None:
 
 def test_a_connection_counts_each_of_its_requests_for_itself() -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             one = NAMES + b"X-Long: " + b"x" * (HEAD_LIMIT_BYTES // 2) + b"\r\n"
             return await all_of(port, (one + b"\r\n") * 4 + one + b"Connection: close\r\n\r\n")
 
@@ -113,7 +113,7 @@ def test_idle_connections_lock_nobody_out_and_the_one_that_was_idle_longest_is_c
 ) -> None:
     async def main() -> None:
         async with (
-            serving(make_app(FakeManager()), connections=20) as port,
+            serving(make_app(FakeSite()), connections=20) as port,
             AsyncExitStack() as stack,
             asyncio.timeout(10),
         ):
@@ -137,7 +137,7 @@ def test_idle_connections_lock_nobody_out_and_the_one_that_was_idle_longest_is_c
 def test_a_connection_on_which_nothing_was_asked_yet_makes_room_as_well() -> None:
     async def main() -> None:
         async with (
-            serving(make_app(FakeManager()), connections=20) as port,
+            serving(make_app(FakeSite()), connections=20) as port,
             AsyncExitStack() as stack,
             asyncio.timeout(10),
         ):
@@ -151,8 +151,8 @@ def test_a_connection_on_which_nothing_was_asked_yet_makes_room_as_well() -> Non
 
 def test_where_every_connection_is_being_served_a_new_one_is_hung_up_on_and_the_others_go_on() -> None:
     async def main() -> None:
-        facade = FakeManager()
-        async with serving(make_app(facade, streams=20), connections=20) as port, AsyncExitStack() as stack:
+        site = FakeSite()
+        async with serving(make_app(site, streams=20), connections=20) as port, AsyncExitStack() as stack:
             async with asyncio.timeout(10):
                 streams = [await stack.enter_async_context(listening(port)) for _ in range(20)]
                 assert [await stream.begin() for stream in streams] == [200] * 20
@@ -166,7 +166,7 @@ def test_where_every_connection_is_being_served_a_new_one_is_hung_up_on_and_the_
 
 def test_a_stream_for_which_there_is_no_place_keeps_no_connection() -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager(), streams=1)) as port, AsyncExitStack() as stack, asyncio.timeout(10):
+        async with serving(make_app(FakeSite(), streams=1)) as port, AsyncExitStack() as stack, asyncio.timeout(10):
             first, second = [await stack.enter_async_context(listening(port)) for _ in range(2)]
             assert await first.begin() == 200
             assert await second.begin() == 503
@@ -179,7 +179,7 @@ def test_a_stream_for_which_there_is_no_place_keeps_no_connection() -> None:
 @pytest.mark.parametrize("head", [b"", b"Host: a\r\nHost: a\r\n"], ids=["no host", "two hosts"])
 def test_a_request_of_http_1_1_names_one_host(head: bytes) -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await all_of(port, f"GET {BASE}/lift_names HTTP/1.1\r\n".encode() + head + b"\r\n")
 
     header, _, body = run(main()).partition(b"\r\n\r\n")
@@ -189,7 +189,7 @@ def test_a_request_of_http_1_1_names_one_host(head: bytes) -> None:
 
 def test_a_request_of_http_1_0_needs_no_host() -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await all_of(port, f"GET {BASE}/lift_names HTTP/1.0\r\n\r\n".encode())
 
     assert run(main()).startswith(b"HTTP/1.1 200 ")
@@ -197,7 +197,7 @@ def test_a_request_of_http_1_0_needs_no_host() -> None:
 
 def test_a_header_of_a_megabyte_is_answered_before_the_connection_is_closed() -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await all_of(port, NAMES + b"X-Long: " + b"x" * 1_000_000 + b"\r\n\r\n")
 
     assert run(main()).startswith(b"HTTP/1.1 431 ")
@@ -211,15 +211,15 @@ def test_a_header_of_a_megabyte_is_answered_before_the_connection_is_closed() ->
     ],
 )
 def test_an_object_of_too_many_keys_is_refused(body: dict[str, object]) -> None:
-    facade = FakeManager()
-    answer = ask(facade, "POST", REQUEST, json=body)
+    site = FakeSite()
+    answer = ask(site, "POST", REQUEST, json=body)
     assert f"an object in the body has {KEYS_LIMIT + 1} keys" in answer.json()["msg"]
-    assert facade.asked == []
+    assert site.requests == []
 
 
 def test_a_body_that_nobody_wants_is_not_waited_for() -> None:
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port, connected(port) as (reader, writer), asyncio.timeout(5):
+        async with serving(make_app(FakeSite())) as port, connected(port) as (reader, writer), asyncio.timeout(5):
             writer.write(NAMES + b"Content-Length: 100000000\r\n\r\n" + b" " * 1_000_000)
             return await reader.readexactly(12)
 
@@ -228,7 +228,7 @@ def test_a_body_that_nobody_wants_is_not_waited_for() -> None:
 
 def test_a_good_request_is_within_all_limits() -> None:
     assert len(CALL) < LIMIT_BYTES
-    assert ask(FakeManager(), "POST", REQUEST, content=CALL).json()["success"] is True
+    assert ask(FakeSite(), "POST", REQUEST, content=CALL).json()["success"] is True
 
 
 class Line(asyncio.Transport):
@@ -253,7 +253,7 @@ class Line(asyncio.Transport):
 
 
 async def begun() -> tuple[JsonHttpProtocol, Line]:
-    config = uvicorn.Config(make_app(FakeManager()), log_config=None)
+    config = uvicorn.Config(make_app(FakeSite()), log_config=None)
     config.load()
     protocol, line = JsonHttpProtocol(config, ServerState(), {}, Connections(ConnectionLimits.of(10))), Line()
     protocol.connection_made(line)

@@ -7,10 +7,14 @@ import httpx
 import pytest
 from starlette.requests import Request
 
+from lift_manager.lift.journal import RowKind
+from lift_manager.runtime.recorder import MemoryRecorder
 from lift_manager.web.app import make_app
 from lift_manager.web.origin import from_this_computer
+from tests.lift_manager.runtime.ride_building import building
 from tests.lift_manager.web.changes import refused
-from tests.lift_manager.web.fake import NAME, FakeManager, ask
+from tests.lift_manager.web.fake import NAME, FakeSite, ask
+from tests.support.virtual_time import run_virtual
 
 BASE = "http://127.0.0.1:5003/api/v1/lifts"
 BY = {"by": "M. Weber"}
@@ -28,13 +32,13 @@ SAYINGS = [
 every_saying = pytest.mark.parametrize(("what", "body"), SAYINGS)
 
 
-def say(facade: FakeManager, what: str, lift: str = "lift", **more: Any) -> httpx.Response:
-    return ask(facade, "POST", f"{BASE}/{lift}/{what}", **more)
+def say(site: FakeSite, what: str, lift: str = "lift", **more: Any) -> httpx.Response:
+    return ask(site, "POST", f"{BASE}/{lift}/{what}", **more)
 
 
 def test_an_acknowledgement_says_what_was_acknowledged() -> None:
-    facade = FakeManager()
-    answer = say(facade, "acknowledge", json=BY)
+    site = FakeSite()
+    answer = say(site, "acknowledge", json=BY)
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "application/json"
     assert answer.json() == {
@@ -43,39 +47,39 @@ def test_an_acknowledgement_says_what_was_acknowledged() -> None:
         "at": "2026-03-01T20:15:00Z",
         "acknowledged": ["fire", "occupied"],
     }
-    assert facade.said == [("acknowledge", "lift", "M. Weber")]
+    assert site.decisions == [("acknowledge", "lift", "M. Weber")]
 
 
 def test_a_drain_and_its_end_say_who_since_when_and_why() -> None:
-    facade = FakeManager()
-    assert say(facade, "drain", json=LOCKOUT).json()["since"] == "2026-03-01T20:15:00Z"
-    ended = say(facade, "drain/end", json=BY).json()
+    site = FakeSite()
+    assert say(site, "drain", json=LOCKOUT).json()["since"] == "2026-03-01T20:15:00Z"
+    ended = say(site, "drain/end", json=BY).json()
     assert (ended["by"], ended["drain"]["by"]) == ("M. Weber", "A. Beck")
-    assert facade.said == [("begin_drain", "lift", "M. Weber", "new ropes"), ("end_drain", "lift", "M. Weber")]
+    assert site.decisions == [("begin_drain", "lift", "M. Weber", "new ropes"), ("end_drain", "lift", "M. Weber")]
 
 
 @pytest.mark.parametrize("what", ["lockout", "session/force-release"])
 def test_now_says_that_a_held_door_does_not_wait_for_a_robot_in_the_doorway(what: str) -> None:
-    facade = FakeManager()
+    site = FakeSite()
     body = {"by": "M. Weber", "reason": "new ropes"}
-    say(facade, what, json=body)
-    say(facade, what, json=body | {"now": True})
-    assert [said[4:] for said in facade.said] == [(), ("now",)]
+    say(site, what, json=body)
+    say(site, what, json=body | {"now": True})
+    assert [said[4:] for said in site.decisions] == [(), ("now",)]
 
 
 def test_a_lockout_and_its_end_say_who_since_when_and_why() -> None:
-    facade = FakeManager()
-    made = say(facade, "lockout", json={"by": "  M. Weber ", "reason": "new ropes"})
+    site = FakeSite()
+    made = say(site, "lockout", json={"by": "  M. Weber ", "reason": "new ropes"})
     expected = {"lift": "lift", "by": "M. Weber", "reason": "new ropes", "since": "2026-03-01T20:15:00Z"}
     assert (made.status_code, made.json()) == (200, expected)
-    ended = say(facade, "lockout/end", json=BY).json()
+    ended = say(site, "lockout/end", json=BY).json()
     assert (ended["by"], ended["at"], ended["lockout"]["by"]) == ("M. Weber", "2026-03-01T20:15:00Z", "A. Beck")
-    assert facade.said == [("lock_out", "lift", "M. Weber", "new ropes"), ("end_lockout", "lift", "M. Weber")]
+    assert site.decisions == [("lock_out", "lift", "M. Weber", "new ropes"), ("end_lockout", "lift", "M. Weber")]
 
 
 def test_a_session_that_a_person_ends_says_whose_it_was_and_what_is_left_to_do() -> None:
-    facade = FakeManager()
-    answer = say(facade, "session/force-release", json=RELEASE)
+    site = FakeSite()
+    answer = say(site, "session/force-release", json=RELEASE)
     assert answer.status_code == 200
     said = answer.json()
     text = said.pop("text")
@@ -89,15 +93,15 @@ def test_a_session_that_a_person_ends_says_whose_it_was_and_what_is_left_to_do()
         "clear_s": 0.0,
     }
     assert "`lift-manager ack lift --by NAME`" in text
-    assert facade.said == [("force_release", "lift", "M. Weber", "carried away")]
+    assert site.decisions == [("force_release", "lift", "M. Weber", "carried away")]
 
 
 @every_saying
 def test_a_lift_with_any_name_can_be_named(what: str, body: dict[str, str]) -> None:
-    facade = FakeManager({name: next(iter(FakeManager().lifts.values())) for name in ("G/2", "east wing", "Güter")})
-    for quoted in ("G%2F2", "east%20wing", "G%C3%BCter"):
-        assert say(facade, what, quoted, json=body).status_code == 200
-    assert [said[1] for said in facade.said] == ["G/2", "east wing", "Güter"]
+    site = FakeSite({name: next(iter(FakeSite().lifts.values())) for name in ("B-2_goods.1", "lockout")})
+    for quoted in ("B-2_goods%2E1", "lockout"):
+        assert say(site, what, quoted, json=body).status_code == 200
+    assert [said[1] for said in site.decisions] == ["B-2_goods.1", "lockout"]
 
 
 @every_saying
@@ -120,18 +124,18 @@ def test_a_lift_with_any_name_can_be_named(what: str, body: dict[str, str]) -> N
 def test_what_comes_by_another_name_or_through_a_proxy_is_refused(
     what: str, body: dict[str, str], headers: dict[str, str]
 ) -> None:
-    facade = FakeManager()
-    detail = refused(say(facade, what, json=body, headers=headers), 403, "other_computer")
+    site = FakeSite()
+    detail = refused(say(site, what, json=body, headers=headers), 403, "other_computer")
     assert "this site has no keys" in detail
-    assert facade.said == []
+    assert site.decisions == []
 
 
 @every_saying
 @pytest.mark.parametrize("host", ["evil.example", "", "[", "127.0.0.1:5003, evil.example", "127.0.0.1:0"])
 def test_what_comes_by_an_unknown_name_is_refused(what: str, body: dict[str, str], host: str) -> None:
-    facade = FakeManager()
-    refused(say(facade, what, json=body, headers={"host": host}), 403, "another_site")
-    assert facade.said == []
+    site = FakeSite()
+    refused(say(site, what, json=body, headers={"host": host}), 403, "another_site")
+    assert site.decisions == []
 
 
 @pytest.mark.parametrize(
@@ -148,7 +152,7 @@ def test_what_comes_by_an_unknown_name_is_refused(what: str, body: dict[str, str
 )
 def test_only_this_computer_is_taken_at_its_word(client: str, host: str, *, taken: bool) -> None:
     async def once() -> httpx.Response:
-        transport = httpx.ASGITransport(make_app(FakeManager()), client=(client, 50000))
+        transport = httpx.ASGITransport(make_app(FakeSite()), client=(client, 50000))
         async with httpx.AsyncClient(transport=transport) as browser:
             return await browser.post(f"{BASE}/lift/acknowledge", json=BY, headers={"host": host})
 
@@ -183,12 +187,27 @@ def test_a_manager_that_listens_on_one_address_is_told_by_its_own_computer() -> 
     ("by", "kept"), [("M.\u00a0Weber", "M. Weber"), ("عل\u200cر", "عل\u200cر"), ("👩\u200d🔧", "👩\u200d🔧")]
 )
 def test_names_in_any_script_are_taken(by: str, kept: str) -> None:
-    facade = FakeManager()
-    assert say(facade, "acknowledge", json={"by": by}).status_code == 200
-    assert facade.said == [("acknowledge", "lift", kept)]
+    site = FakeSite()
+    assert say(site, "acknowledge", json={"by": by}).status_code == 200
+    assert site.decisions == [("acknowledge", "lift", kept)]
+
+
+def test_a_decision_about_a_lift_that_there_is_not_is_counted_and_written_down_once() -> None:
+    async def main() -> None:
+        recorder = MemoryRecorder()
+        async with building("lift", recorder=recorder) as made:
+            async with httpx.AsyncClient(transport=httpx.ASGITransport(make_app(made.site))) as browser:
+                refused(await browser.post(f"{BASE}/elevator/lockout", json=LOCKOUT), 404, "unknown_lift")
+            (row,) = [row for row in recorder.rows if row.lift == "elevator"]
+            assert (row.kind, row.caller) == (RowKind.PERSON, "M. Weber")
+            assert row.text == 'lockout refused: no lift "elevator"; the lifts are lift'
+            assert row.data == {"said": "lockout", "refused": "unknown_lift"}
+            assert made.site.refusals.counts == {("", "unknown_lift"): 1}
+
+    run_virtual(main, limit_s=9000)
 
 
 def test_a_path_or_a_method_that_does_not_exist_is_a_problem_too() -> None:
-    refused(ask(FakeManager(), "PUT", f"{BASE}/lift/lockout"), 405, "wrong_method")
-    refused(ask(FakeManager(), "POST", f"{BASE}/lift/nothing"), 405, "wrong_method")
-    refused(ask(FakeManager(), "POST", "/api/v1/nothing"), 404, "no_such_path")
+    refused(ask(FakeSite(), "PUT", f"{BASE}/lift/lockout"), 405, "wrong_method")
+    refused(ask(FakeSite(), "POST", f"{BASE}/lift/nothing"), 404, "no_such_path")
+    refused(ask(FakeSite(), "POST", "/api/v1/nothing"), 404, "no_such_path")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.domain.access import Role
+from lift_manager.api.access import Role
 from lift_manager.web.app import make_app
 from tests.lift_manager.web.browser import shown_by_chromium
 from tests.lift_manager.web.changes import refused
-from tests.lift_manager.web.fake import ACCEPTED, CALL, NAME, REQUEST, STATE, FakeManager, ask, connected, serving
+from tests.lift_manager.web.fake import ACCEPTED, CALL, NAME, REQUEST, STATE, FakeSite, ask, connected, serving
 from tests.lift_manager.web.keyed import bearing, ring
 
 REBOUND = {"host": "evil.example:5003", "origin": "http://evil.example:5003"}
@@ -40,40 +40,40 @@ OWN = ["127.0.0.1:5003", "localhost:5003", "localhost", "192.0.2.7", "[::1]:5003
 def test_without_keys_a_request_that_names_an_unknown_host_is_told_which_are_known(
     method: str, path: str, marks: Mapping[str, str]
 ) -> None:
-    facade = FakeManager()
-    said = refused(ask(facade, method, path, headers={"host": "evil.example:5003", **marks}), 403, "another_site")
+    site = FakeSite()
+    said = refused(ask(site, method, path, headers={"host": "evil.example:5003", **marks}), 403, "another_site")
     assert "not known to be the manager" in said
     assert "localhost" in said
     assert "host_names" in said
     assert "lift-manager keys make" in said
-    assert facade.changes == []
-    assert [away.code for away in facade.away] == ["another_site"]
+    assert site.changes == []
+    assert [away.code for away in site.away] == ["another_site"]
 
 
 def test_the_workshop_takes_no_call_from_it_either() -> None:
-    facade = FakeManager()
-    answer = ask(facade, "POST", REQUEST, headers=REBOUND, content=CALL)
+    site = FakeSite()
+    answer = ask(site, "POST", REQUEST, headers=REBOUND, content=CALL)
     assert (answer.status_code, answer.json()["success"]) == (403, False)
     assert "not known to be the manager" in answer.json()["msg"]
-    assert facade.changes == []
+    assert site.changes == []
 
 
 @pytest.mark.parametrize(
     "host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example", "127.0.0.1x", "", "[::1"]
 )
 def test_what_only_looks_like_an_address_is_none(host: str) -> None:
-    facade = FakeManager()
-    answer = ask(facade, "GET", "/api/v1/lifts", headers={"host": host, "sec-fetch-site": "same-origin"})
+    site = FakeSite()
+    answer = ask(site, "GET", "/api/v1/lifts", headers={"host": host, "sec-fetch-site": "same-origin"})
     refused(answer, 403, "another_site")
 
 
 @pytest.mark.parametrize("host", OWN)
 def test_a_browser_that_asks_by_address_is_served(host: str) -> None:
-    facade = FakeManager()
+    site = FakeSite()
     headers = {"host": host, "origin": f"http://{host}", "sec-fetch-site": "same-origin"}
-    assert ask(facade, "GET", "/api/v1/lifts", headers=headers).status_code == 200
-    assert ask(facade, "POST", "/api/v1/lifts/lift/sessions", headers=headers).status_code == 201
-    assert ask(facade, "POST", REQUEST, headers=headers, content=CALL).content == ACCEPTED
+    assert ask(site, "GET", "/api/v1/lifts", headers=headers).status_code == 200
+    assert ask(site, "POST", "/api/v1/lifts/lift/sessions", headers=headers).status_code == 201
+    assert ask(site, "POST", REQUEST, headers=headers, content=CALL).content == ACCEPTED
 
 
 @pytest.mark.parametrize(
@@ -81,21 +81,21 @@ def test_a_browser_that_asks_by_address_is_served(host: str) -> None:
 )
 @pytest.mark.parametrize("method", ["GET", "HEAD", "OPTIONS", "DELETE"])
 def test_nothing_at_all_is_served_by_an_unknown_name(method: str, path: str) -> None:
-    assert ask(FakeManager(), method, path, headers=REBOUND).status_code == 403
+    assert ask(FakeSite(), method, path, headers=REBOUND).status_code == 403
 
 
 @pytest.mark.parametrize("host", [NAME, NAME.upper(), f"{NAME}:5003"])
 def test_a_name_that_the_site_file_lists_is_known(host: str) -> None:
-    facade = FakeManager()
-    assert ask(facade, "GET", "/api/v1/lifts", headers={"host": host}).status_code == 200
-    assert ask(facade, "POST", REQUEST, headers={"host": host}, content=CALL).content == ACCEPTED
+    site = FakeSite()
+    assert ask(site, "GET", "/api/v1/lifts", headers={"host": host}).status_code == 200
+    assert ask(site, "POST", REQUEST, headers={"host": host}, content=CALL).content == ACCEPTED
 
 
 def test_where_there_are_keys_a_browser_asks_by_any_name_with_one() -> None:
-    facade, keys = FakeManager(), ring(Role.OPERATOR)
+    site, keys = FakeSite(), ring(Role.OPERATOR)
     headers = {**REBOUND, **bearing(Role.OPERATOR)}
-    assert ask(facade, "GET", "/api/v1/lifts", keys=keys, headers=headers).status_code == 200
-    assert ask(facade, "POST", REQUEST, keys=keys, headers=headers, content=CALL).content == ACCEPTED
+    assert ask(site, "GET", "/api/v1/lifts", keys=keys, headers=headers).status_code == 200
+    assert ask(site, "POST", REQUEST, keys=keys, headers=headers, content=CALL).content == ACCEPTED
 
 
 PAGE = b"""<!DOCTYPE html><title>a page of somebody else</title><pre></pre><script>
@@ -133,7 +133,7 @@ async def rebound(manager: int) -> AsyncIterator[int]:
 @pytest.mark.parametrize(("host", "said"), [("127.0.0.1", "robot_door"), ("evil.example", "another_site")])
 def test_a_page_in_a_real_browser_whose_name_now_leads_here_reads_no_lift(host: str, said: str, tmp_path: Path) -> None:
     async def render() -> str:
-        async with serving(make_app(FakeManager())) as manager, rebound(manager) as port:
+        async with serving(make_app(FakeSite())) as manager, rebound(manager) as port:
             names = "MAP evil.example 127.0.0.1, "
             dom, _ = await shown_by_chromium(f"http://{host}:{port}/", tmp_path, names=names)
             return dom

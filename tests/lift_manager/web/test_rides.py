@@ -6,12 +6,12 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.domain.access import Role
-from lift_manager.domain.ride import RideLimits, RideRequest
-from lift_manager.domain.state import Holder
+from lift_manager.api.access import Role
+from lift_manager.lift.session import Holder
+from lift_manager.rides.ride import RideLimits, RideRequest
 from register_maps.words import Side
 from tests.lift_manager.web.changes import refused
-from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import NAMED, OTHER, bearing, ring
 
@@ -22,25 +22,25 @@ ANYBODY = Holder("ride", "anonymous")
 OF_ROBOT = Holder("ride", "the robot")
 
 
-def post(facade: FakeManager, url: str, role: Role | None = None, **more: Any) -> httpx.Response:
+def post(site: FakeSite, url: str, role: Role | None = None, **more: Any) -> httpx.Response:
     keys, headers = (ring(), {}) if role is None else (ring(*Role), bearing(role))
-    return ask(facade, "POST", url, keys=keys, headers={**headers, **more.pop("headers", {})}, **more)
+    return ask(site, "POST", url, keys=keys, headers={**headers, **more.pop("headers", {})}, **more)
 
 
-def of(holder: Holder, lift: str = "lift") -> FakeManager:
-    facade = FakeManager()
-    facade.going_on(a_ride(holder, "r1", lift))
-    return facade
+def of(holder: Holder, lift: str = "lift") -> FakeSite:
+    site = FakeSite()
+    site.fake_rides.going_on(a_ride(holder, "r1", lift))
+    return site
 
 
 def test_a_ride_is_begun_with_201_and_the_address_where_it_is() -> None:
-    facade = FakeManager()
+    site = FakeSite()
     limits = {"queued_s": 30, "boarding_s": 60.5}
     answer = post(
-        facade, RIDES, json={**WISH, "door": "rear", "robot": "amr-7", "idempotency_key": "k1", "limits": limits}
+        site, RIDES, json={**WISH, "door": "rear", "robot": "amr-7", "idempotency_key": "k1", "limits": limits}
     )
     assert answer.status_code == 201
-    assert facade.wishes == [
+    assert site.fake_rides.requests == [
         RideRequest(
             lifts=("lift",),
             any_lift=False,
@@ -55,33 +55,33 @@ def test_a_ride_is_begun_with_201_and_the_address_where_it_is() -> None:
     ]
     there = answer.url.join(answer.headers["location"]).path
     assert there == f"{RIDES}/r1"
-    assert ask(facade, "GET", there).json() == answer.json()
+    assert ask(site, "GET", there).json() == answer.json()
     said = answer.json()
     assert (said["from"], said["to"], said["guidance"], said["caller"]) == ("L1", "L2", "enter", "ride:amr-7")
 
 
 def test_the_same_idempotency_key_gives_the_same_ride_with_200() -> None:
-    facade = FakeManager()
-    first, again = (post(facade, RIDES, json={**WISH, "robot": "amr-7", "idempotency_key": "k1"}) for _ in range(2))
-    assert (first.status_code, again.status_code, len(facade.known)) == (201, 200, 1)
+    site = FakeSite()
+    first, again = (post(site, RIDES, json={**WISH, "robot": "amr-7", "idempotency_key": "k1"}) for _ in range(2))
+    assert (first.status_code, again.status_code, len(site.fake_rides.known)) == (201, 200, 1)
     assert first.json() == again.json()
 
 
 def test_an_idempotency_key_of_nobody_in_particular_is_refused() -> None:
-    facade = FakeManager()
+    site = FakeSite()
     body = {**WISH, "idempotency_key": "k1"}
-    answer = post(facade, RIDES, json=body)
+    answer = post(site, RIDES, json=body)
     assert "without keys an idempotency key needs a robot name" in refused(answer, 422, "malformed")
     assert answer.json()["field"] == "robot"
-    assert facade.wishes == []
-    assert post(facade, RIDES, Role.ROBOT, json=body).status_code == 201
+    assert site.fake_rides.requests == []
+    assert post(site, RIDES, Role.ROBOT, json=body).status_code == 201
 
 
 def test_a_dry_run_is_a_plan_and_begins_nothing() -> None:
-    facade = FakeManager()
-    answer = post(facade, RIDES, json={**WISH, "dry_run": True, "idempotency_key": "k1"})
+    site = FakeSite()
+    answer = post(site, RIDES, json={**WISH, "dry_run": True, "idempotency_key": "k1"})
     assert (answer.status_code, answer.json()) == (200, {"lift": "lift", "ahead": 0, "reason": ""})
-    assert (len(facade.planned), facade.wishes, facade.known) == (1, [], {})
+    assert (len(site.fake_rides.planned), site.fake_rides.requests, site.fake_rides.known) == (1, [], {})
 
 
 @pytest.mark.parametrize("dry_run", [False, True])
@@ -99,38 +99,38 @@ def test_a_dry_run_is_a_plan_and_begins_nothing() -> None:
 def test_a_caller_rides_on_the_lifts_that_it_commands(
     role: Role | None, lift: str, lifts: tuple[str, ...], dry_run: bool
 ) -> None:
-    facade = FakeManager()
-    assert post(facade, RIDES, role, json={**WISH, "lift": lift, "dry_run": dry_run}).is_success
-    (wish,) = facade.wishes + facade.planned
+    site = FakeSite()
+    assert post(site, RIDES, role, json={**WISH, "lift": lift, "dry_run": dry_run}).is_success
+    (wish,) = site.fake_rides.requests + site.fake_rides.planned
     assert (wish.lifts, wish.any_lift) == (lifts, lift == "any")
 
 
 @pytest.mark.parametrize("dry_run", [False, True])
 @pytest.mark.parametrize("lift", [OTHER, "elevator", ""])
 def test_a_robots_key_rides_on_no_lift_that_it_does_not_name(lift: str, dry_run: bool) -> None:
-    facade = FakeManager()
-    answer = post(facade, RIDES, Role.ROBOT, json={**WISH, "lift": lift, "dry_run": dry_run})
+    site = FakeSite()
+    answer = post(site, RIDES, Role.ROBOT, json={**WISH, "lift": lift, "dry_run": dry_run})
     assert refused(answer, 403, "not_allowed") == (
         "this key commands lift and no other; another lift needs a key that names it"
     )
-    assert facade.wishes + facade.planned == []
-    assert [(away.code, away.lift, away.caller) for away in facade.away] == [("not_allowed", lift, "the robot")]
+    assert site.fake_rides.requests + site.fake_rides.planned == []
+    assert [(away.code, away.lift, away.caller) for away in site.away] == [("not_allowed", lift, "the robot")]
 
 
 def test_any_is_refused_where_the_key_names_no_lift_of_the_site() -> None:
-    facade = FakeManager({"cellar": next(iter(FakeManager().lifts.values()))})
-    refused(post(facade, RIDES, Role.ROBOT, json={**WISH, "lift": "any"}), 403, "not_allowed")
-    assert facade.wishes == []
+    site = FakeSite({"cellar": next(iter(FakeSite().lifts.values()))})
+    refused(post(site, RIDES, Role.ROBOT, json={**WISH, "lift": "any"}), 403, "not_allowed")
+    assert site.fake_rides.requests == []
 
 
 def test_a_viewer_sees_rides_and_begins_none() -> None:
-    facade = of(OF_ROBOT)
+    site = of(OF_ROBOT)
     more: dict[str, Any] = {"keys": ring(*Role), "headers": bearing(Role.VIEWER)}
-    assert [ride["id"] for ride in ask(facade, "GET", RIDES, **more).json()["rides"]] == ["r1"]
-    assert ask(facade, "GET", f"{RIDES}/r1", **more).json()["caller"] == "ride:the robot"
+    assert [ride["id"] for ride in ask(site, "GET", RIDES, **more).json()["rides"]] == ["r1"]
+    assert ask(site, "GET", f"{RIDES}/r1", **more).json()["caller"] == "ride:the robot"
     for url in (RIDES, *(f"{RIDES}/r1/{word}" for word in WORDS)):
-        refused(post(facade, url, Role.VIEWER, json=WISH), 403, "not_allowed")
-    assert facade.changes == []
+        refused(post(site, url, Role.VIEWER, json=WISH), 403, "not_allowed")
+    assert site.changes == []
 
 
 @pytest.mark.parametrize("word", WORDS)
@@ -148,39 +148,39 @@ def test_a_viewer_sees_rides_and_begins_none() -> None:
 def test_a_ride_is_spoken_for_by_its_key_and_by_people(
     word: str, role: Role | None, owner: str, speaker: Holder | None
 ) -> None:
-    facade = of(Holder("ride", owner))
-    assert post(facade, f"{RIDES}/r1/{word}", role).status_code == 200
-    assert facade.said_of_rides == [("r1", "no reason given" if word == "cancel" else word, speaker)]
+    site = of(Holder("ride", owner))
+    assert post(site, f"{RIDES}/r1/{word}", role).status_code == 200
+    assert site.fake_rides.reports == [("r1", "no reason given" if word == "cancel" else word, speaker)]
 
 
 @pytest.mark.parametrize("word", WORDS)
 @pytest.mark.parametrize("owner", ["the", "the robot 2", "the operator", "amr/the robot"])
 def test_a_robots_key_does_not_speak_for_another_keys_ride(word: str, owner: str) -> None:
-    facade = of(Holder("ride", owner))
-    refused(post(facade, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_your_ride")
-    assert facade.said_of_rides == []
-    assert [away.code for away in facade.away] == ["not_your_ride"]
+    site = of(Holder("ride", owner))
+    refused(post(site, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_your_ride")
+    assert site.fake_rides.reports == []
+    assert [away.code for away in site.away] == ["not_your_ride"]
 
 
 @pytest.mark.parametrize("word", WORDS)
 def test_a_key_that_no_longer_names_the_lift_of_its_ride_says_nothing_to_it(word: str) -> None:
-    facade = of(OF_ROBOT, OTHER)
-    refused(post(facade, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_allowed")
-    assert facade.said_of_rides == []
+    site = of(OF_ROBOT, OTHER)
+    refused(post(site, f"{RIDES}/r1/{word}", Role.ROBOT), 403, "not_allowed")
+    assert site.fake_rides.reports == []
 
 
 def test_a_cancel_says_why() -> None:
-    facade = of(ANYBODY)
-    answer = post(facade, f"{RIDES}/r1/cancel", json={"reason": "order withdrawn"})
+    site = of(ANYBODY)
+    answer = post(site, f"{RIDES}/r1/cancel", json={"reason": "order withdrawn"})
     assert (answer.json()["phase"], answer.json()["reason"]) == ("clearing", "order withdrawn")
-    assert facade.said_of_rides == [("r1", "order withdrawn", ANYBODY)]
+    assert site.fake_rides.reports == [("r1", "order withdrawn", ANYBODY)]
 
 
 @pytest.mark.parametrize("word", WORDS)
 def test_an_unknown_ride_is_404(word: str) -> None:
-    facade = FakeManager()
-    refused(post(facade, f"{RIDES}/r9/{word}", Role.ROBOT), 404, "unknown_ride")
-    assert '"r9"' in refused(ask(facade, "GET", f"{RIDES}/r9"), 404, "unknown_ride")
+    site = FakeSite()
+    refused(post(site, f"{RIDES}/r9/{word}", Role.ROBOT), 404, "unknown_ride")
+    assert '"r9"' in refused(ask(site, "GET", f"{RIDES}/r9"), 404, "unknown_ride")
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,12 @@ def test_an_unknown_ride_is_404(word: str) -> None:
 def test_what_the_site_has_not_is_refused_with_the_field(
     change: dict[str, str], code: str, status: int, field: str, dry_run: bool
 ) -> None:
-    answer = post(FakeManager(), RIDES, json={**WISH, **change, "dry_run": dry_run})
+    answer = post(FakeSite(), RIDES, json={**WISH, **change, "dry_run": dry_run})
     refused(answer, status, code)
     assert answer.json()["field"] == field
 
 
 def test_rides_are_told_in_the_managers_order() -> None:
-    facade = of(ANYBODY)
-    facade.going_on(replace(a_ride(OF_ROBOT, "r0"), robot="amr-7"))
-    assert [ride["id"] for ride in ask(facade, "GET", RIDES).json()["rides"]] == ["r1", "r0"]
+    site = of(ANYBODY)
+    site.fake_rides.going_on(replace(a_ride(OF_ROBOT, "r0"), robot="amr-7"))
+    assert [ride["id"] for ride in ask(site, "GET", RIDES).json()["rides"]] == ["r1", "r0"]

@@ -1,23 +1,25 @@
 """What an adapter of Open-RMF is told over HTTP, and what it may say."""
 
 import json
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import httpx
 import pytest
 
-from lift_manager.core.rmf_site import rmf_site
-from lift_manager.domain.access import Role
-from lift_manager.domain.asking import Ask, Refusal, Refused
-from lift_manager.domain.description import LiftDescription
-from lift_manager.domain.events import Alarm
-from lift_manager.domain.rmf import RmfRules, rmf_holder, rmf_session
-from lift_manager.domain.state import Holder, Quality, Restrictions, RobotDoor
+from lift_manager.api.access import Role
+from lift_manager.lift.config import LiftConfig
+from lift_manager.lift.events import Alarm
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.refusals import Refusal, Refused
+from lift_manager.lift.rmf import RmfRules, rmf_holder, rmf_session
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import Quality, Restrictions
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site, site_of
+from lift_manager.runtime.rmf import rmf_site
 from register_maps.words import Mode, Motion
 from tests.lift_manager.web.changes import refused
-from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake import FakeSite, Requested, ask
 from tests.lift_manager.web.fake_lifts import IDLE
 from tests.lift_manager.web.keyed import bearing, ring
 
@@ -28,7 +30,7 @@ AMR = Holder("rmf", "fleet/amr-7")
 every_word = pytest.mark.parametrize(("what", "body"), [("wanted", WANTED), ("ended", ENDED)])
 RIDING = replace(
     IDLE,
-    lift="Güter",
+    lift="goods",
     floors=("B1", "L1"),
     age_s=0.123,
     floor=None,
@@ -58,47 +60,45 @@ RULES = RmfRules(
 )
 
 
-@dataclass
-class Named(FakeManager):
+class Named(FakeSite):
     """A manager whose site has names for RMF."""
 
-    def describe(self, lift: str) -> LiftDescription | None:
-        about = super().describe(lift)
-        return None if about is None else replace(about, rmf_name=f"{lift}_1", rmf_floors={"B1": "basement"})
+    def config(self, lift: str) -> LiftConfig:
+        return replace(super().config(lift), rmf_name=f"Güter {lift}", rmf_floors={"B1": "basement"})
 
 
-def post(facade: FakeManager, what: str, **more: Any) -> httpx.Response:
-    return ask(facade, "POST", f"{LIFT}/{what}", **more)
+def post(site: FakeSite, what: str, **more: Any) -> httpx.Response:
+    return ask(site, "POST", f"{LIFT}/{what}", **more)
 
 
-def told(facade: FakeManager) -> Site:
-    answer = ask(facade, "GET", "/api/v1/rmf")
+def told(site: FakeSite) -> Site:
+    answer = ask(site, "GET", "/api/v1/rmf")
     assert answer.status_code == 200
     assert answer.headers["cache-control"] == "no-store"
     return site_of(answer.json())
 
 
 def test_a_manager_that_ends_does_not_say_that_its_sessions_are_over() -> None:
-    answer = ask(FakeManager(stopping=True), "GET", "/api/v1/rmf")
+    answer = ask(FakeSite(stopping=True), "GET", "/api/v1/rmf")
     assert (answer.status_code, answer.json()["code"]) == (503, "stopping")
 
 
 def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
-    facade = Named({"Güter": RIDING, "lift": LOST}, newest=7, rmf=RULES)
-    site = told(facade)
-    assert site == Site(
+    site = Named({"goods": RIDING, "lift": LOST}, newest=7, rmf=RULES)
+    answer = told(site)
+    assert answer == Site(
         boot="b0",
         event=7,
-        lifts=site.lifts,
+        lifts=answer.lifts,
         end_grace_s=5,
         alarms=Alarms(
             fire_alarm=True, emergency_signal=True, emergency_fleets=("tinyRobot",), clear_on_acknowledge=True
         ),
     )
-    riding, lost = site.lifts
+    riding, lost = answer.lifts
     assert riding == LiftView(
-        lift="Güter",
-        name="Güter_1",
+        lift="goods",
+        name="Güter goods",
         floors={"B1": "basement", "L1": "L1"},
         live=True,
         reason="",
@@ -123,7 +123,7 @@ def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
 
 
 def test_the_keys_are_the_fields_that_an_adapter_knows() -> None:
-    said = ask(FakeManager({"Güter": RIDING}), "GET", "/api/v1/rmf").json()
+    said = ask(FakeSite({"goods": RIDING}), "GET", "/api/v1/rmf").json()
     assert list(said) == [field.name for field in fields(Site)]
     assert list(said["lifts"][0]) == [field.name for field in fields(LiftView)]
     assert list(said["lifts"][0]["holder"]) == [field.name for field in fields(HeldBy)]
@@ -131,41 +131,41 @@ def test_the_keys_are_the_fields_that_an_adapter_knows() -> None:
 
 
 def test_an_adapter_inside_the_manager_is_told_the_same() -> None:
-    facade = Named({"Güter": RIDING, "lift": LOST}, newest=7, rmf=RULES)
-    assert told(facade) == rmf_site(facade)
+    site = Named({"goods": RIDING, "lift": LOST}, newest=7, rmf=RULES)
+    assert told(site) == rmf_site(site)
 
 
 def test_a_lift_without_names_of_its_own_has_those_of_the_site() -> None:
-    (lift, _) = told(FakeManager()).lifts
+    (lift, _) = told(FakeSite()).lifts
     assert (lift.name, lift.floors) == ("lift", {"L1": "L1", "L2": "L2"})
 
 
 def test_what_rmf_wants_is_a_request_of_a_session_that_stays() -> None:
-    facade = FakeManager(newest=4)
-    answer = post(facade, "wanted", json=WANTED)
+    site = FakeSite(newest=4)
+    answer = post(site, "wanted", json=WANTED)
     assert (answer.status_code, answer.json()) == (200, {"boot": "b0", "event": 4})
-    post(facade, "wanted", json={**WANTED, "floor": "L1", "hold_door": False})
-    assert facade.asked == [
-        Ask("lift", AMR, "L2", hold_door=True, stays=True),
-        Ask("lift", AMR, "L1", hold_door=False, stays=True),
+    post(site, "wanted", json={**WANTED, "floor": "L1", "hold_door": False})
+    assert site.requests == [
+        Requested("lift", AMR, "L2", hold_door=True, stays=True),
+        Requested("lift", AMR, "L1", hold_door=False, stays=True),
     ]
 
 
 def test_an_end_is_passed_on_with_its_grace() -> None:
-    facade = FakeManager(newest=4)
-    answer = post(facade, "ended", json=ENDED)
+    site = FakeSite(newest=4)
+    answer = post(site, "ended", json=ENDED)
     assert (answer.status_code, answer.json()) == (200, {"boot": "b0", "event": 4})
-    post(facade, "ended", json={"session_id": "x", "grace_s": 0})
-    assert facade.ended == [("lift", AMR, 3.0), ("lift", Holder("rmf", "x"), 0.0)]
+    post(site, "ended", json={"session_id": "x", "grace_s": 0})
+    assert site.ends == [("lift", AMR, 3.0), ("lift", Holder("rmf", "x"), 0.0)]
 
 
 def test_an_adapter_with_an_id_has_sessions_of_its_own() -> None:
-    facade = FakeManager()
-    assert post(facade, "wanted", json={**WANTED, "adapter": "5/b1"}).status_code == 200
-    assert post(facade, "ended", json={**ENDED, "adapter": "5/b1"}).status_code == 200
+    site = FakeSite()
+    assert post(site, "wanted", json={**WANTED, "adapter": "5/b1"}).status_code == 200
+    assert post(site, "ended", json={**ENDED, "adapter": "5/b1"}).status_code == 200
     theirs = Holder("rmf", "fleet/amr-7@5/b1")
-    assert (facade.asked[0].holder, facade.ended[0][1]) == (theirs, theirs)
-    told_of = told(FakeManager({"Güter": replace(RIDING, holder=theirs)})).lifts[0].holder
+    assert (site.requests[0].holder, site.ends[0][1]) == (theirs, theirs)
+    told_of = told(FakeSite({"goods": replace(RIDING, holder=theirs)})).lifts[0].holder
     assert told_of == HeldBy("rmf", "fleet/amr-7", "5/b1")
     assert str(told_of) == str(theirs)
 
@@ -173,24 +173,24 @@ def test_an_adapter_with_an_id_has_sessions_of_its_own() -> None:
 @pytest.mark.parametrize("session", ["fleet/amr-7", "amr@fleet", "@", "a@b@c"])
 @pytest.mark.parametrize("adapter", ["", "5", "b1/x.y_z-0"])
 def test_session_and_adapter_are_told_apart_whatever_is_in_a_session_id(session: str, adapter: str) -> None:
-    facade = FakeManager()
-    post(facade, "ended", json={**ENDED, "session_id": session, "adapter": adapter})
-    assert rmf_session(facade.ended[0][1]) == (session, adapter)
+    site = FakeSite()
+    post(site, "ended", json={**ENDED, "session_id": session, "adapter": adapter})
+    assert rmf_session(site.ends[0][1]) == (session, adapter)
     other = rmf_holder(f"{session}@{adapter}", "")
-    assert facade.ended[0][1] != other
+    assert site.ends[0][1] != other
 
 
 @pytest.mark.parametrize("adapter", ["a@b", "a b", "a\n", "x" * 301, 5, None])
 @every_word
 def test_an_id_of_an_adapter_that_is_none_is_refused(what: str, body: dict[str, object], adapter: object) -> None:
-    facade = FakeManager()
-    answer = post(facade, what, json={**body, "adapter": adapter})
+    site = FakeSite()
+    answer = post(site, what, json={**body, "adapter": adapter})
     refused(answer, 422, "malformed")
     assert answer.json()["field"] == "adapter"
-    assert facade.changes == []
+    assert site.changes == []
 
 
-class Deciding(FakeManager):
+class Deciding(FakeSite):
     """What is decided is published, partly only when somebody asks for it."""
 
     def end_session(self, lift: str, holder: Holder, grace_s: float) -> Any:
@@ -202,14 +202,14 @@ class Deciding(FakeManager):
 
 
 def test_the_event_of_an_answer_is_the_newest_after_the_decision() -> None:
-    facade = Deciding()
-    assert post(facade, "ended", json=ENDED).json()["event"] == 2
-    assert told(facade).event == 2
+    site = Deciding()
+    assert post(site, "ended", json=ENDED).json()["event"] == 2
+    assert told(site).event == 2
 
 
 def test_an_unknown_floor_names_the_key_that_is_to_blame() -> None:
-    facade = FakeManager(answer=Refused(Refusal.UNKNOWN_FLOOR, "no floor L9"))
-    answer = post(facade, "wanted", json={**WANTED, "floor": "L9"})
+    site = FakeSite(refuses=Refused(Refusal.UNKNOWN_FLOOR, "no floor L9"))
+    answer = post(site, "wanted", json={**WANTED, "floor": "L9"})
     refused(answer, 422, "unknown_floor")
     assert answer.json()["field"] == "floor"
 
@@ -221,27 +221,27 @@ def test_an_unknown_floor_names_the_key_that_is_to_blame() -> None:
 def test_a_session_id_is_printable_text_of_1_to_256_characters(
     what: str, body: dict[str, object], session: object
 ) -> None:
-    facade = FakeManager()
-    answer = post(facade, what, content=json.dumps({**body, "session_id": session}).encode())
+    site = FakeSite()
+    answer = post(site, what, content=json.dumps({**body, "session_id": session}).encode())
     refused(answer, 422, "malformed")
-    assert facade.changes == []
+    assert site.changes == []
 
 
 @pytest.mark.parametrize("session", ["x", "x" * 256, " fleet / Röbotér ", "lift_request#0e6b", "日本/1"])
 def test_a_session_id_is_passed_on_as_it_is(session: str) -> None:
-    facade = FakeManager()
-    assert post(facade, "ended", json={**ENDED, "session_id": session}).status_code == 200
-    assert facade.ended == [("lift", Holder("rmf", session), 3.0)]
+    site = FakeSite()
+    assert post(site, "ended", json={**ENDED, "session_id": session}).status_code == 200
+    assert site.ends == [("lift", Holder("rmf", session), 3.0)]
 
 
 @every_word
 def test_a_key_of_rmf_speaks_for_the_lifts_that_it_names_and_reads_all(what: str, body: dict[str, object]) -> None:
-    facade = FakeManager()
+    site = FakeSite()
     key: dict[str, Any] = {"keys": ring(*Role), "headers": bearing(Role.RMF)}
-    assert post(facade, what, json=body, **key).status_code == 200
-    other = ask(facade, "POST", f"/api/v1/lifts/G%C3%BCter/rmf/{what}", json=body, **key)
+    assert post(site, what, json=body, **key).status_code == 200
+    other = ask(site, "POST", f"/api/v1/lifts/goods/rmf/{what}", json=body, **key)
     assert "another lift needs a key that names it" in refused(other, 403, "not_allowed")
-    assert ask(facade, "GET", "/api/v1/rmf", **key).status_code == 200
+    assert ask(site, "GET", "/api/v1/rmf", **key).status_code == 200
     for path in ("sessions", "lockout", "acknowledge"):
-        refused(ask(facade, "POST", f"/api/v1/lifts/lift/{path}", json={}, **key), 403, "not_allowed")
-    assert len(facade.changes) == 1
+        refused(ask(site, "POST", f"/api/v1/lifts/lift/{path}", json={}, **key), 403, "not_allowed")
+    assert len(site.changes) == 1

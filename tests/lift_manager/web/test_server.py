@@ -14,11 +14,11 @@ import uvloop
 from fastapi import FastAPI
 from starlette.responses import StreamingResponse
 
-from lift_manager.domain.access import ROUTES, Need, Route
+from lift_manager.api.access import ROUTES, Need, Route
 from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen, serve
-from tests.lift_manager.web.fake import ACCEPTED, CALL, REQUEST, FakeManager, connected, serving
+from tests.lift_manager.web.fake import ACCEPTED, CALL, REQUEST, FakeSite, connected, serving
 
 Loop = Callable[[], asyncio.AbstractEventLoop]
 
@@ -55,13 +55,13 @@ async def one_answer(reader: asyncio.StreamReader) -> tuple[bytes, bytes]:
 @on_both_loops
 def test_a_request_over_a_real_socket_is_answered_byte_for_byte(loop: Loop) -> None:
     async def main() -> None:
-        manager = FakeManager()
+        manager = FakeSite()
         async with serving(make_app(manager)) as port:
             header, body = await answer_to(port, head(f"Content-Length: {len(CALL)}\r\n") + CALL)
         assert header.startswith(b"HTTP/1.1 200 OK\r\n")
         assert b"server:" not in header.lower()
         assert body == ACCEPTED
-        assert len(manager.asked) == 1
+        assert len(manager.requests) == 1
 
     run(main(), loop)
 
@@ -83,13 +83,13 @@ CHUNK = b"8000\r\n" + b" " * 0x8000 + b"\r\n"
 )
 def test_a_body_that_is_or_will_be_too_long_is_answered_before_its_end(sent: list[bytes]) -> None:
     async def main() -> None:
-        manager = FakeManager()
+        manager = FakeSite()
         async with serving(make_app(manager)) as port:
             header, body = await answer_to(port, *sent)
         # a length that fits no machine word is no HTTP to the parser
         assert body == TOO_LONG or header.startswith(b"HTTP/1.1 400 ")
         assert b"100 Continue" not in header
-        assert manager.asked == []
+        assert manager.requests == []
 
     run(main())
 
@@ -105,7 +105,7 @@ def test_a_client_that_sends_a_whole_megabyte_first_still_gets_the_answer(keep: 
             connection.close()
 
     async def main() -> bytes:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await asyncio.to_thread(send, port)
 
     assert run(main()) == TOO_LONG
@@ -113,30 +113,30 @@ def test_a_client_that_sends_a_whole_megabyte_first_still_gets_the_answer(keep: 
 
 def test_a_length_that_promises_too_much_is_answered_after_a_second() -> None:
     async def main() -> None:
-        manager = FakeManager()
+        manager = FakeSite()
         async with serving(make_app(manager)) as port:
             _, body = await answer_to(port, head("Content-Length: 100\r\n"), CALL)
         assert json.loads(body)["msg"] == "the body did not arrive within 1 s"
-        assert manager.asked == []
+        assert manager.requests == []
 
     run(main())
 
 
 def test_a_length_that_promises_too_little_calls_nothing() -> None:
     async def main() -> None:
-        manager = FakeManager()
+        manager = FakeSite()
         async with serving(make_app(manager)) as port:
             _, body = await answer_to(port, head("Content-Length: 5\r\n") + CALL)
         # the rest of the body is taken for a second request, and that is no HTTP
         assert json.loads(body)["success"] is False
-        assert manager.asked == []
+        assert manager.requests == []
 
     run(main())
 
 
 def test_a_request_without_any_length_has_no_body() -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             _, body = await answer_to(port, head())
         assert json.loads(body)["msg"].startswith("the body is empty; expected ")
 
@@ -145,7 +145,7 @@ def test_a_request_without_any_length_has_no_body() -> None:
 
 def test_half_a_request_is_forgotten_in_silence(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        manager = FakeManager()
+        manager = FakeSite()
         async with serving(make_app(manager)) as port:
             for half in (
                 head("Content-Length: 100\r\n") + CALL,
@@ -159,7 +159,7 @@ def test_half_a_request_is_forgotten_in_silence(caplog: pytest.LogCaptureFixture
                     assert await reader.read() == b""
             _, body = await answer_to(port, head(f"Content-Length: {len(CALL)}\r\n") + CALL)
         assert body == ACCEPTED
-        assert len(manager.asked) == 1
+        assert len(manager.requests) == 1
 
     run(main())
     assert caplog.records == []
@@ -179,7 +179,7 @@ def test_half_a_request_is_forgotten_in_silence(caplog: pytest.LogCaptureFixture
 )
 def test_what_is_no_http_is_answered_400_in_the_envelope(sent: bytes) -> None:
     async def main() -> tuple[bytes, bytes]:
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             return await answer_to(port, sent)
 
     header, body = run(main())
@@ -194,7 +194,7 @@ def test_what_is_no_http_is_answered_400_in_the_envelope(sent: bytes) -> None:
 def test_open_connections_do_not_delay_the_stop(loop: Loop, caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         streams = [Route(("GET",), path, Need.READ) for path in ("/stream", "/flood")]
-        app = with_stream(make_app(FakeManager(), routes=[*ROUTES, *streams]))
+        app = with_stream(make_app(FakeSite(), routes=[*ROUTES, *streams]))
         async with AsyncExitStack() as stack:
             port = await stack.enter_async_context(serving(app))
             idle, stream, no_reader, half, _silent = [
@@ -258,13 +258,13 @@ def test_a_stop_before_the_first_request_leaves_the_port_free(loop: Loop) -> Non
     async def main() -> None:
         sock = listen("127.0.0.1", 0)
         port = sock.getsockname()[1]
-        task = asyncio.create_task(serve(make_app(FakeManager()), sock))
+        task = asyncio.create_task(serve(make_app(FakeSite()), sock))
         await asyncio.sleep(0)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
         assert sock.fileno() == -1
-        again = asyncio.create_task(serve(make_app(FakeManager()), listen("127.0.0.1", port)))
+        again = asyncio.create_task(serve(make_app(FakeSite()), listen("127.0.0.1", port)))
         async with connected(port):
             await stopped_within(1.0, port, again)
 
@@ -274,7 +274,7 @@ def test_a_stop_before_the_first_request_leaves_the_port_free(loop: Loop) -> Non
 def test_signals_are_left_to_the_program() -> None:
     async def main() -> None:
         before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-        async with serving(make_app(FakeManager())) as port:
+        async with serving(make_app(FakeSite())) as port:
             await answer_to(port, head())
             assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 

@@ -6,14 +6,14 @@ from typing import Any
 import httpx
 import pytest
 
-from lift_manager.domain.access import Role
-from lift_manager.domain.asking import RobotWord
-from lift_manager.domain.keys import Key, KeyRing, digest_of, token
-from lift_manager.domain.session_requests import Do, OpenSession, SessionRequest
-from lift_manager.domain.state import Holder
+from lift_manager.api.access import Role
+from lift_manager.api.keys import Key, KeyRing, digest_of, token
+from lift_manager.lift.commands import CommandRequest, CommandType
+from lift_manager.lift.occupancy import RobotWord
+from lift_manager.lift.session import Holder
 from register_maps.words import Side
 from tests.lift_manager.web.changes import refused
-from tests.lift_manager.web.fake import FakeManager, ask
+from tests.lift_manager.web.fake import FakeSite, ask
 from tests.lift_manager.web.fake_sessions import a_command, a_session
 from tests.lift_manager.web.keyed import bearing, ring
 
@@ -29,55 +29,55 @@ CHANGES: list[tuple[str, dict[str, object]]] = [
 ]
 
 
-def of(holder: Holder, lift: str = "lift") -> FakeManager:
+def of(holder: Holder, lift: str = "lift") -> FakeSite:
     """A manager with the session s1 of this holder, and its command 1."""
-    facade = FakeManager()
+    site = FakeSite()
     session = a_session(holder, "s1", lift)
-    facade.there(session)
-    facade.commands["s1", "1"] = a_command(session, "1")
-    return facade
+    site.there(session)
+    site.commands["s1", "1"] = a_command(session, "1")
+    return site
 
 
-def post(facade: FakeManager, url: str, **more: Any) -> httpx.Response:
-    return ask(facade, "POST", url, **more)
+def post(site: FakeSite, url: str, **more: Any) -> httpx.Response:
+    return ask(site, "POST", url, **more)
 
 
 def test_a_session_is_opened_with_201_and_the_address_where_it_is() -> None:
-    facade = FakeManager()
-    answer = post(facade, SESSIONS, json={"robot": "amr-7", "ttl_s": 60, "idempotency_key": "k1"})
+    site = FakeSite()
+    answer = post(site, SESSIONS, json={"robot": "amr-7", "ttl_s": 60, "idempotency_key": "k1"})
     assert answer.status_code == 201
-    assert facade.done == [OpenSession("lift", Holder("api", "amr-7"), "k1", 60.0)]
+    assert site.done == [("open", "lift", Holder("api", "amr-7"), "k1", 60.0)]
     there = answer.url.join(answer.headers["location"]).path
     assert there == f"{SESSIONS}/{answer.json()['id']}"
-    assert ask(facade, "GET", there).json() == answer.json()
+    assert ask(site, "GET", there).json() == answer.json()
     assert answer.headers["cache-control"] == "no-store"
 
 
 def test_the_same_idempotency_key_gives_the_same_session_with_200() -> None:
-    facade = FakeManager()
-    first, again = (post(facade, SESSIONS, json={"robot": "amr-7", "idempotency_key": "k1"}) for _ in range(2))
+    site = FakeSite()
+    first, again = (post(site, SESSIONS, json={"robot": "amr-7", "idempotency_key": "k1"}) for _ in range(2))
     assert (first.status_code, again.status_code) == (201, 200)
     assert first.json() == again.json()
     assert "location" not in again.headers
 
 
 def test_an_idempotency_key_of_nobody_in_particular_is_refused() -> None:
-    facade = FakeManager()
-    answer = post(facade, SESSIONS, json={"idempotency_key": "k1"})
+    site = FakeSite()
+    answer = post(site, SESSIONS, json={"idempotency_key": "k1"})
     assert "without keys an idempotency key needs a robot name" in refused(answer, 422, "malformed")
     assert answer.json()["field"] == "robot"
-    assert facade.done == []
+    assert site.done == []
     more = {"keys": ring(Role.ROBOT), "headers": bearing(Role.ROBOT)}
-    assert post(facade, SESSIONS, json={"idempotency_key": "k1"}, **more).status_code == 201
+    assert post(site, SESSIONS, json={"idempotency_key": "k1"}, **more).status_code == 201
 
 
 @pytest.mark.parametrize("content", [b"", b"  ", b"{}"])
 def test_who_wants_nothing_special_sends_no_body(content: bytes) -> None:
-    facade = of(ANYBODY)
-    assert post(facade, SESSIONS, content=content).status_code == 201
-    assert facade.done == [OpenSession("lift", ANYBODY)]
-    assert post(facade, f"{S1}/renew", content=content).status_code == 200
-    assert post(facade, f"{S1}/close", content=content).status_code == 200
+    site = of(ANYBODY)
+    assert post(site, SESSIONS, content=content).status_code == 201
+    assert site.done == [("open", "lift", ANYBODY, "", None)]
+    assert post(site, f"{S1}/renew", content=content).status_code == 200
+    assert post(site, f"{S1}/close", content=content).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -91,23 +91,21 @@ def test_who_wants_nothing_special_sends_no_body(content: bytes) -> None:
     ],
 )
 def test_a_caller_is_its_key_and_its_robot(role: Role | None, robot: str | None, name: str) -> None:
-    facade = FakeManager()
+    site = FakeSite()
     keys, headers = (ring(), {}) if role is None else (ring(role), bearing(role))
-    post(facade, SESSIONS, keys=keys, headers=headers, json={"robot": robot})
-    (asked,) = facade.done
-    assert isinstance(asked, OpenSession)
-    assert asked.holder == Holder("api", name)
+    post(site, SESSIONS, keys=keys, headers=headers, json={"robot": robot})
+    assert site.done == [("open", "lift", Holder("api", name), "", None)]
 
 
 def test_renew_and_close_and_hand_over_speak_in_the_name_of_the_session() -> None:
     holder = Holder("api", "the robot/amr-7")
     more = {"keys": ring(Role.ROBOT, Role.OPERATOR), "headers": bearing(Role.ROBOT)}
-    facade = of(holder)
-    assert post(facade, f"{S1}/renew", json={"ttl_s": 30}, **more).json()["lease_ends_in_s"] == 30.0
-    assert post(facade, f"{S1}/close", json={"robot": "left"}, **more).json()["over"]["reason"] == "released"
-    handed = post(facade, f"{S1}/hand-over", json={"to": "the operator", "robot": "amr-9"}, **more).json()
+    site = of(holder)
+    assert post(site, f"{S1}/renew", json={"ttl_s": 30}, **more).json()["lease_ends_in_s"] == 30.0
+    assert post(site, f"{S1}/close", json={"robot": "left"}, **more).json()["over"]["reason"] == "released"
+    handed = post(site, f"{S1}/hand-over", json={"to": "the operator", "robot": "amr-9"}, **more).json()
     assert (handed["holder"], handed["id"]) == ("api:the operator/amr-9", "s1-2")
-    assert facade.done == [
+    assert site.done == [
         ("renew", "lift", "s1", holder, 30.0),
         ("close", "lift", "s1", holder, RobotWord.LEFT),
         ("hand over", "lift", "s1", holder, Holder("api", "the operator/amr-9")),
@@ -124,16 +122,16 @@ def test_renew_and_close_and_hand_over_speak_in_the_name_of_the_session() -> Non
     ],
 )
 def test_a_session_goes_to_no_name_that_is_not_a_key_which_may_command_the_lift(to: str, why: str) -> None:
-    facade = of(Holder("api", "am"))
+    site = of(Holder("api", "am"))
     others = [
         (Key("0000000a", "the viewer", Role.VIEWER), digest_of("x")),
         (Key("0000000b", "elsewhere", Role.ROBOT, ("another lift",)), digest_of("y")),
         (Key(dict(FLEET)["am"], "am", Role.ROBOT, ("lift",)), digest_of(digest_of("am"))),
     ]
-    answer = post(facade, f"{S1}/hand-over", keys=KeyRing(others), headers=bearer("am"), json={"to": to})
+    answer = post(site, f"{S1}/hand-over", keys=KeyRing(others), headers=bearer("am"), json={"to": to})
     assert why in refused(answer, 422, "malformed")
     assert answer.json()["field"] == "to"
-    assert facade.done == []
+    assert site.done == []
 
 
 def test_without_keys_a_session_goes_to_any_name() -> None:
@@ -141,44 +139,48 @@ def test_without_keys_a_session_goes_to_any_name() -> None:
 
 
 def test_a_command_is_taken_with_202_and_the_address_where_its_outcome_will_be() -> None:
-    facade = of(ANYBODY)
+    site = of(ANYBODY)
     body = {"do": "close_door", "door": "rear", "clear": True, "idempotency_key": "k2"}
-    answer = post(facade, f"{S1}/commands", json=body)
+    answer = post(site, f"{S1}/commands", json=body)
     assert (answer.status_code, answer.json()["status"]) == (202, "pending")
-    assert facade.done == [
-        SessionRequest(lift="lift", session="s1", holder=ANYBODY, do=Do.CLOSE_DOOR, side=Side.REAR, key="k2")
+    assert site.done == [
+        (
+            "command",
+            "lift",
+            CommandRequest(session="s1", holder=ANYBODY, kind=CommandType.CLOSE_DOOR, side=Side.REAR, key="k2"),
+        )
     ]
     there = answer.url.join(answer.headers["location"]).path
-    assert ask(facade, "GET", there).json() == answer.json()
-    assert facade.waited_s == []
+    assert ask(site, "GET", there).json() == answer.json()
+    assert site.waited_s == []
 
 
 @pytest.mark.parametrize("wait", ["5", "0.5", "30", "3e1", "+5"])
 def test_who_waits_is_answered_once_the_command_has_ended(wait: str) -> None:
-    facade = of(ANYBODY)
-    answer = post(facade, f"{S1}/commands?wait={wait.replace('+', '%2B')}", json=GO)
+    site = of(ANYBODY)
+    answer = post(site, f"{S1}/commands?wait={wait.replace('+', '%2B')}", json=GO)
     assert (answer.status_code, answer.json()["status"]) == (202, "confirmed")
-    assert ask(facade, "GET", f"{S1}/commands/1?wait={wait.replace('+', '%2B')}").json()["status"] == "confirmed"
-    assert facade.waited_s == [float(wait)] * 2
+    assert ask(site, "GET", f"{S1}/commands/1?wait={wait.replace('+', '%2B')}").json()["status"] == "confirmed"
+    assert site.waited_s == [float(wait)] * 2
 
 
 @pytest.mark.parametrize("wait", ["", "x", "-1", "30.1", "nan", "inf", "1&wait=2", "1" * 5000, f"5&x={'1' * 5000}"])
 def test_a_wait_that_is_none_is_422_before_anything_is_asked(wait: str) -> None:
-    facade = of(ANYBODY)
+    site = of(ANYBODY)
     for method, url in (("POST", f"{S1}/commands?wait={wait}"), ("GET", f"{S1}/commands/1?wait={wait}")):
-        answer = ask(facade, method, url, json=GO)
+        answer = ask(site, method, url, json=GO)
         refused(answer, 422, "malformed")
         assert answer.json()["field"] == "wait"
-    assert facade.done == []
+    assert site.done == []
 
 
 def test_an_unknown_session_or_command_is_404() -> None:
-    facade = of(ANYBODY)
-    refused(ask(facade, "GET", f"{SESSIONS}/s9"), 404, "no_such_session")
-    refused(ask(facade, "GET", f"{S1}/commands/9"), 404, "no_such_command")
-    refused(ask(facade, "GET", f"{S1}/commands/9?wait=1"), 404, "no_such_command")
-    refused(ask(facade, "GET", "/api/v1/lifts/elevator/sessions/s1"), 404, "unknown_lift")
-    refused(post(facade, "/api/v1/lifts/elevator/sessions"), 404, "unknown_lift")
+    site = of(ANYBODY)
+    refused(ask(site, "GET", f"{SESSIONS}/s9"), 404, "no_such_session")
+    refused(ask(site, "GET", f"{S1}/commands/9"), 404, "no_such_command")
+    refused(ask(site, "GET", f"{S1}/commands/9?wait=1"), 404, "no_such_command")
+    refused(ask(site, "GET", "/api/v1/lifts/elevator/sessions/s1"), 404, "unknown_lift")
+    refused(post(site, "/api/v1/lifts/elevator/sessions"), 404, "unknown_lift")
 
 
 FLEET = [("amr", "11111111"), ("amr-2", "22222222"), ("am", "33333333")]
@@ -198,30 +200,30 @@ KEYS = KeyRing(
 @pytest.mark.parametrize("owner", ["amr", "amr/robot", "amr/amr-2"])
 def test_a_session_is_its_keys_alone_and_all_others_are_told_what_they_are_told_of_none(owner: str) -> None:
     for name, _ in FLEET:
-        facade = of(Holder("api", owner))
+        site = of(Holder("api", owner))
         urls: list[tuple[str, str, str | None]] = [("GET", S1, None), ("GET", f"{S1}/commands/1", None)]
         bodies = [{"to": "amr-2"} if what == "hand-over" else body for what, body in CHANGES]
         urls += [("POST", f"{S1}/{what}", json.dumps(body)) for (what, _), body in zip(CHANGES, bodies, strict=True)]
         for method, url, body in urls:
-            answer = ask(facade, method, url, keys=KEYS, headers=bearer(name), content=body)
+            answer = ask(site, method, url, keys=KEYS, headers=bearer(name), content=body)
             if name == "amr":
                 assert answer.is_success, (url, answer.text)
-                facade.there(a_session(Holder("api", owner)))
+                site.there(a_session(Holder("api", owner)))
                 continue
-            unknown = ask(facade, method, url.replace("s1", "s9"), keys=KEYS, headers=bearer(name), content=body)
+            unknown = ask(site, method, url.replace("s1", "s9"), keys=KEYS, headers=bearer(name), content=body)
             refused(answer, 404, "no_such_session")
             assert (answer.content, answer.headers) == (unknown.content, unknown.headers)
-            assert facade.away[-1].code == "no_such_session"
-            assert facade.away[-1].caller == name
-        assert (facade.done == []) is (name != "amr")
+            assert site.away[-1].code == "no_such_session"
+            assert site.away[-1].caller == name
+        assert (site.done == []) is (name != "amr")
 
 
 @pytest.mark.parametrize("holder", [Holder("ride", "amr"), Holder("workshop", "amr"), Holder("rmf", "rmf")])
 def test_a_session_of_another_face_is_none_here_even_with_the_same_key(holder: Holder) -> None:
-    facade = of(holder)
-    refused(ask(facade, "GET", S1, keys=KEYS, headers=bearer("amr")), 404, "no_such_session")
-    refused(ask(facade, "POST", f"{S1}/close"), 404, "no_such_session")
-    assert facade.done == []
+    site = of(holder)
+    refused(ask(site, "GET", S1, keys=KEYS, headers=bearer("amr")), 404, "no_such_session")
+    refused(ask(site, "POST", f"{S1}/close"), 404, "no_such_session")
+    assert site.done == []
 
 
 def test_a_floor_that_the_lift_has_not_is_422_with_its_field() -> None:

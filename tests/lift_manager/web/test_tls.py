@@ -19,7 +19,7 @@ from cryptography import x509
 from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
 from lift_manager.web.tls import ServerCertificates, ServerTls
-from tests.lift_manager.web.fake import STATE, FakeManager, connected, serving
+from tests.lift_manager.web.fake import STATE, FakeSite, connected, serving
 from tests.support.certificates import Authority, Shown
 
 Run = Callable[[Coroutine[Any, Any, None]], None]
@@ -66,7 +66,7 @@ def test_curl_reads_a_lift_over_https_and_believes_the_ca_alone(
     run: Run, tmp_path: Path, authority: Authority, files: ServerTls
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
+        async with serving(make_app(FakeSite()), ServerCertificates(files)) as port:
             assert await curl(port, "--cacert", authority.file) == (0, "200 0", "")
             code, _, complaint = await curl(port, "--cacert", Authority(tmp_path / "other", "other").file)
             assert (code, "certificate" in complaint) == (60, True)
@@ -81,7 +81,7 @@ def test_curl_reads_a_lift_over_https_and_believes_the_ca_alone(
 def test_with_a_client_ca_only_its_clients_are_heard(
     run: Run, tmp_path: Path, authority: Authority, files: ServerTls, newest: str
 ) -> None:
-    manager = FakeManager()
+    manager = FakeSite()
     members = Authority(tmp_path / "members", "members")
     stranger = authority.issue("stranger", "stranger")
 
@@ -104,7 +104,7 @@ def test_renewed_files_are_shown_to_the_next_client(
 ) -> None:
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             before = await names_shown(port, authority)
             renewed = authority.issue("later", "127.0.0.1", "renewed")
             # as it happens in the middle of a renewal: a certificate whose key is not there yet
@@ -135,7 +135,7 @@ def test_a_renewed_client_ca_counts_for_the_next_client(
 
     async def main() -> None:
         tls = ServerCertificates(replace(files, client_ca=believed))
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             was, will_be = old.issue("robot", "robot"), new.issue("robot", "robot")
             before = [await is_heard(port, authority, each) for each in (was, will_be)]
             believed.write_bytes(new.file.read_bytes())
@@ -161,7 +161,7 @@ def test_with_a_client_ca_no_session_is_resumed(
 
     async def main() -> None:
         tls = ServerCertificates(replace(files, client_ca=believed))
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             status, _, session = await asyncio.to_thread(asked, port, context, None)
             assert status == b"HTTP/1.1 200"
             if renewed:
@@ -182,7 +182,7 @@ def test_without_a_client_ca_a_session_is_resumed_until_the_certificate_is_renew
 
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeManager()), tls) as port:
+        async with serving(make_app(FakeSite()), tls) as port:
             _, _, session = await asyncio.to_thread(asked, port, context, None)
             _, reused, _ = await asyncio.to_thread(asked, port, context, session)
             authority.issue("manager", "127.0.0.1", "renewed")
@@ -239,7 +239,7 @@ def test_the_server_is_out_within_a_second_though_a_client_keeps_its_connection_
     run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
+        async with serving(make_app(FakeSite()), ServerCertificates(files)) as port:
             reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=client_side(authority))
             writer.write(f"GET {STATE}?lift_name=lift HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
             assert await reader.read(12) == b"HTTP/1.1 200"
@@ -259,7 +259,7 @@ def test_a_client_without_tls_and_one_that_hangs_up_early_make_no_noise(
     run: Run, authority: Authority, files: ServerTls, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        async with serving(make_app(FakeManager()), ServerCertificates(files)) as port:
+        async with serving(make_app(FakeSite()), ServerCertificates(files)) as port:
             reader, plain = await asyncio.open_connection("127.0.0.1", port)
             plain.write(b"GET / HTTP/1.1\r\n\r\n")
             assert await reader.read() == b""
@@ -284,7 +284,7 @@ def test_whoever_does_not_finish_the_handshake_counts_as_a_connection_and_makes_
 ) -> None:
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeManager()), tls, connections=50) as port, AsyncExitStack() as stack:
+        async with serving(make_app(FakeSite()), tls, connections=50) as port, AsyncExitStack() as stack:
             assert "lift-pc" in await names_shown(port, authority)
             halves = [await stack.enter_async_context(connected(port)) for _ in range(50)]
             for _, writer in halves:
@@ -316,7 +316,7 @@ def test_a_handshake_that_failed_leaves_its_place(
 
     async def main() -> None:
         tls = ServerCertificates(replace(files, client_ca=authority.file))
-        async with serving(make_app(FakeManager()), tls, connections=20) as port:
+        async with serving(make_app(FakeSite()), tls, connections=20) as port:
             for _ in range(21):
                 with suppress(OSError):
                     await names_shown(port, stranger)
@@ -328,7 +328,7 @@ def test_a_handshake_that_failed_leaves_its_place(
 def test_a_handshake_has_a_bounded_time(run: Run, authority: Authority, files: ServerTls) -> None:
     async def main() -> None:
         tls = ServerCertificates(files)
-        async with serving(make_app(FakeManager()), tls, handshake_s=1.0) as port, connected(port) as (reader, _):
+        async with serving(make_app(FakeSite()), tls, handshake_s=1.0) as port, connected(port) as (reader, _):
             began = time.monotonic()
             async with asyncio.timeout(6):
                 with suppress(ConnectionError):

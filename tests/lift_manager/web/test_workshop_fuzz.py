@@ -6,9 +6,8 @@ from fastapi import FastAPI
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lift_manager.domain.asking import Ask
 from lift_manager.web.app import make_app
-from tests.lift_manager.web.fake import REQUEST, STATE, FakeManager, ask_app
+from tests.lift_manager.web.fake import REQUEST, STATE, FakeSite, Requested, ask_app
 
 BOUNDED = settings(max_examples=150, derandomize=True, deadline=None, database=None)
 
@@ -22,23 +21,23 @@ near_requests = st.fixed_dictionaries(
 
 
 @cache
-def served() -> tuple[FakeManager, FastAPI]:
+def served() -> tuple[FakeSite, FastAPI]:
     """One for all examples, because making an application takes longer than its answer."""
-    manager = FakeManager()
+    manager = FakeSite()
     return manager, make_app(manager)
 
 
-def answered(body: bytes, url: str = REQUEST) -> list[Ask]:
+def answered(body: bytes, url: str = REQUEST) -> list[Requested]:
     manager, app = served()
-    manager.asked.clear()
+    manager.requests.clear()
     answer = ask_app(app, "POST", url, content=body)
     assert answer.status_code == 200
     envelope = json.loads(answer.content)
     assert list(envelope) == ["data", "success", "msg"]
     assert envelope["data"] == {}
-    assert envelope["success"] is bool(manager.asked)
+    assert envelope["success"] is bool(manager.requests)
     assert bool(envelope["msg"]) is not envelope["success"]
-    return manager.asked
+    return manager.requests
 
 
 def is_request(value: object) -> bool:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field, replace
 
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.rmf import rmf_holder
-from lift_manager.domain.state import Holder
 from lift_manager.lab.virtual_time import elapse
+from lift_manager.lab.world.witness import FloorRequest
+from lift_manager.lift.rmf import rmf_holder
+from lift_manager.lift.session import Holder
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.words import Mode
 from simulator import faults as device
+from tests.support.refusals import reply
 from tests.support.rmf import events as happens
 from tests.support.rmf.events import Event, Ride
 from tests.support.rmf.fleet import TRAITS, FleetRobot, Phase
@@ -207,14 +209,14 @@ class Actors:
         """Take the lift as soon as it is to be had, hold it for a while, and let go."""
         world, floor = self.world, self._site_floor(event.floor)
         world.judge.excuse(world.now, "taken", on=True)
-        ask = Ask(world.lift, AMR, floor, hold_door=True)
+        request = FloorRequest(world.lift, AMR, floor, hold_door=True)
         until = world.now + event.for_s
         while world.now < until:
-            if isinstance(world.plant.ask(ask), Accepted):
+            if world.plant.request(request) is None:
                 until = min(until, world.now + event.for_s)
             await elapse(STAYS_AWAY_S)
         while world.judge.holder.last == AMR:
-            world.plant.ask(Ask(world.lift, AMR, floor, hold_door=False))
+            world.plant.request(FloorRequest(world.lift, AMR, floor, hold_door=False))
             await elapse(STAYS_AWAY_S)
         world.judge.wants(world.now, str(AMR), None)
         world.judge.excuse(world.now, "taken", on=False, lasts_s=10.0)
@@ -223,13 +225,13 @@ class Actors:
         """Take the lift as soon as it is to be had, hold it for a while, and end the session."""
         world, holder = self.world, rmf_holder(event.session, "other")
         world.judge.excuse(world.now, "taken", on=True)
-        ask = Ask(world.lift, holder, self._site_floor(event.floor), hold_door=True, stays=True)
+        request = FloorRequest(world.lift, holder, self._site_floor(event.floor), hold_door=True, stays=True)
         until = world.now + event.for_s
         while world.now < until:
-            world.plant.ask(ask)
+            world.plant.request(request)
             await elapse(STAYS_AWAY_S)
         while world.judge.holder.last == holder:
-            world.plant.manager.end_session(world.lift, holder, 0.0)
+            reply(lambda: world.plant.site.end_session(world.lift, holder, 0.0))
             await elapse(STAYS_AWAY_S)
         world.judge.wants(world.now, str(holder), None)
         world.judge.excuse(world.now, "taken", on=False, lasts_s=10.0)
@@ -272,10 +274,10 @@ class Actors:
                 await self._burn(event)
             case happens.LockedOut(for_s=for_s):
                 await self._manager_is_up()
-                world.plant.manager.lock_out(world.lift, PERSON, "moving furniture")
+                reply(lambda: world.plant.site.lock_out(world.lift, PERSON, "moving furniture"))
                 await elapse(for_s)
                 await self._manager_is_up()
-                world.plant.manager.end_lockout(world.lift, PERSON)
+                reply(lambda: world.plant.site.end_lockout(world.lift, PERSON))
             case _:
                 await self._strike_program(event)
 
@@ -342,10 +344,13 @@ class Actors:
         await elapse(event.for_s)
         world.plant.end(world.lift, fire)
         await elapse(event.acknowledged_after_s)
-        while isinstance(world.plant.manager.acknowledge(world.lift, PERSON), Refused) and self._latched():
+
+        def acknowledge() -> object:
+            return world.plant.site.acknowledge(world.lift, PERSON)
+
+        while isinstance(reply(acknowledge), RequestRefused) and self._latched():
             await elapse(STAYS_AWAY_S)
         judge.excuse(world.now, "fire", on=False, lasts_s=10.0)
 
     def _latched(self) -> bool:
-        state = self.world.plant.manager.state(self.world.lift)
-        return state is not None and state.restrictions.fire_latched
+        return self.world.plant.site.state(self.world.lift).restrictions.fire_latched

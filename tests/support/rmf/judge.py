@@ -10,13 +10,15 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from lift_manager.domain.asking import Accepted, Ask, Refused
-from lift_manager.domain.events import Event, LockedOut, LockoutOver
-from lift_manager.domain.state import Holder, RobotDoor
-from lift_manager.domain.state import LiftState as Shown
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lift.events import RestrictionBegun, RestrictionEnded
+from lift_manager.lift.observation import RobotDoor
+from lift_manager.lift.session import Holder
+from lift_manager.lift.state import LiftState as Shown
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState
+from lift_manager.runtime.bus import Event
+from lift_manager.runtime.errors import RequestRefused
 from register_maps.frames import parse_request
 from register_maps.words import Mode
 from simulator.wire_faults import Exchange
@@ -194,17 +196,17 @@ class Judge:
     def heard(self, at: float, event: Event) -> None:
         """Know of lockouts; states are told by `published`."""
         match event:
-            case LockedOut(lift=self.lift):
+            case RestrictionBegun(lift=self.lift):
                 self._locked_since = at
-            case LockoutOver(lift=self.lift):
+            case RestrictionEnded(lift=self.lift):
                 self._locked_since = math.inf
             case _:
                 pass
 
-    def asked(self, at: float, ask: Ask, answer: Accepted | Refused) -> None:
-        """Another face asks."""
-        if ask.lift == self.lift:
-            self.wants(at, str(ask.holder), self.floors[ask.floor])
+    def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
+        """Another face requests the lift."""
+        if request.lift == self.lift:
+            self.wants(at, str(request.holder), self.floors[request.floor])
 
     def struck(self, at: float, struck: Struck) -> None:
         """Excuses are given by name, see `excuse`."""
@@ -234,8 +236,13 @@ class Judge:
             session.asks = 0
             self._ends.append(at)
             return
-        if not session.lives:
-            # the supervisor may be quicker than the fleet's own word
+        is_gone = (
+            session.fleet_ended_at <= at
+            and self.said.last is not None
+            and self.said.last.session_id != request.session_id
+        )
+        if not session.lives or is_gone:
+            # the supervisor may be quicker than the fleet's own word, or ask again for one that ended without it
             session.began_at, session.fleet_ended_at = at, math.inf
         session.asked_at, session.floor = at, request.destination_floor
         session.asks += 1

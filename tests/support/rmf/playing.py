@@ -14,6 +14,7 @@ from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.rmf.adapter import Adapter
 from register_maps.load import Changes, load
+from tests.support.refusals import reply
 from tests.support.rmf.acting import PERSON, Actors
 from tests.support.rmf.events import Ends, Event, Fire, LockedOut, SupervisorRestarts, UnheardEnd, WebEnd
 from tests.support.rmf.judge import Found, Judge, kept_for
@@ -154,11 +155,10 @@ async def _help(world: RmfWorld, actors: Actors, played: Played) -> None:
         if world.now - since < PATIENCE_S or not world.states:
             continue
         shown, supervisor = world.states[-1][1].session_id, world.site.supervisor
-        state = world.plant.manager.state(world.lift)
-        doubt = None if state is None else kept_for(state)
+        doubt = kept_for(world.plant.site.state(world.lift))
         current = None if supervisor is None else supervisor.current.get(world.name)
         if doubt is not None and not actors.inside:
-            world.plant.manager.acknowledge(world.lift, PERSON)
+            reply(lambda: world.plant.site.acknowledge(world.lift, PERSON))
         elif current is not None and current.session_id != shown:
             kept = shown if doubt is None else doubt.name  # a robot that a fire or a lockout has left in the car
             actors.serve_instead(kept, current.session_id)

@@ -190,7 +190,7 @@ class RmfWorld:
         self._reach_manager()
 
     def _reach_manager(self) -> None:
-        self._inside = Inside(self.plant.manager)
+        self._inside = Inside(self.plant.site)
         self.way.connect(self._inside)
         self._inside.start(self.way, _deliver)
 

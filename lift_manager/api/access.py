@@ -1,0 +1,149 @@
+"""Who may ask for what: the roles of keys, what each route needs, and whether a key has it. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum, unique
+
+
+@unique
+class Role(StrEnum):
+    """What the bearer of a key is here for. Viewer, operator and commissioner each may all that the one before may."""
+
+    VIEWER = "viewer"
+    """Reads."""
+    ROBOT = "robot"
+    """Reads everything, commands the lifts that its key names, in sessions of its own."""
+    RMF = "rmf"
+    """Reads everything, and passes on what RMF's sessions want of the lifts that its key names. Commands nothing else."""
+    OPERATOR = "operator"
+    """Commands every lift, and gives a person's word: acknowledge, lock out, end a session that is not its own."""
+    COMMISSIONER = "commissioner"
+    """Puts lifts into service."""
+
+
+@unique
+class Need(StrEnum):
+    """What a route asks of its caller."""
+
+    NOTHING = "nothing"
+    """Open to everybody, with or without keys: it tells nothing about this site's lifts but their names."""
+    READ = "read"
+    COMMAND = "command"
+    RMF = "rmf"
+    """To speak for RMF, which no robot and no person is."""
+    OPERATE = "operate"
+    COMMISSION = "commission"
+
+
+OF_SOME_LIFTS = frozenset({Role.ROBOT, Role.RMF})
+"""Roles whose keys name the lifts that they are for."""
+
+ROLES = {
+    Need.READ: frozenset(Role),
+    Need.COMMAND: frozenset({Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER}),
+    Need.RMF: frozenset({Role.RMF}),
+    Need.OPERATE: frozenset({Role.OPERATOR, Role.COMMISSIONER}),
+    Need.COMMISSION: frozenset({Role.COMMISSIONER}),
+}
+
+
+@unique
+class LiftIn(StrEnum):
+    """Where a request says which lift it is about."""
+
+    PATH = "path"
+    QUERY = "query"
+    BODY = "body"
+    """Or in what the request is about, such as a ride: the gate lets every key pass that commands a lift, and the route asks `refusal`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """One thing that can be asked over HTTP."""
+
+    methods: tuple[str, ...]
+    path: str
+    """As a pattern of the web framework."""
+    need: Need
+    lift_in: LiftIn | None = None
+
+
+_GET = ("GET",)
+_POST = ("POST",)
+_FILE = ("GET", "HEAD")
+_WORKSHOP = "/open-rmf/demo-lift"
+_LIFT = "/api/v1/lifts/{lift}"
+_SESSION = f"{_LIFT}/sessions/{{session}}"
+_RIDES = "/api/v1/rides"
+_RIDE = f"{_RIDES}/{{ride}}"
+
+ROUTES: tuple[Route, ...] = (
+    Route(_GET, "/", Need.NOTHING),
+    Route(_GET, "/docs", Need.NOTHING),
+    Route(_FILE, "/docs/{path:path}", Need.NOTHING),
+    Route(_GET, "/redoc", Need.NOTHING),
+    Route(_FILE, "/redoc/{path:path}", Need.NOTHING),
+    Route(_FILE, "/openapi.json", Need.NOTHING),
+    Route(_GET, "/errors.md", Need.NOTHING),
+    Route(_GET, "/healthz", Need.NOTHING),
+    Route(_GET, "/readyz", Need.NOTHING),
+    Route(_GET, "/metrics", Need.READ),
+    Route(_GET, f"{_WORKSHOP}/lift_names", Need.READ),
+    Route(_GET, f"{_WORKSHOP}/lift_state", Need.READ, LiftIn.QUERY),
+    Route(_POST, f"{_WORKSHOP}/lift_request", Need.COMMAND, LiftIn.QUERY),
+    Route(_POST, f"{_LIFT}/acknowledge", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/lockout", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/lockout/end", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/drain", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/drain/end", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/session/force-release", Need.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/sessions", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/renew", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/close", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/hand-over", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/commands", Need.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/rmf/wanted", Need.RMF, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/rmf/ended", Need.RMF, LiftIn.PATH),
+    Route(_GET, "/api/v1/rmf", Need.READ),
+    Route(_GET, _RIDES, Need.READ),
+    Route(_POST, _RIDES, Need.COMMAND, LiftIn.BODY),
+    Route(_GET, _RIDE, Need.READ),
+    Route(_POST, f"{_RIDE}/entered", Need.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/left", Need.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/here", Need.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/cancel", Need.COMMAND, LiftIn.BODY),
+    Route(_GET, "/api/v1/events", Need.READ),
+    Route(_GET, "/api/v1/links", Need.COMMISSION),
+    Route(_GET, "/api/v1/links/{link:path}/frames", Need.COMMISSION),
+    Route(_GET, "/api/v1/lifts", Need.READ),
+    Route(_GET, f"{_LIFT}/capabilities", Need.READ, LiftIn.PATH),
+    Route(_GET, f"{_LIFT}/signals", Need.READ, LiftIn.PATH),
+    Route(_GET, f"{_SESSION}/commands/{{command}}", Need.COMMAND, LiftIn.PATH),
+    Route(_GET, _SESSION, Need.COMMAND, LiftIn.PATH),
+    Route(_GET, _LIFT, Need.READ, LiftIn.PATH),
+)
+"""All that can be asked. What is not in here is answered as if it did not exist, whatever the application has."""
+
+
+def refusal(role: Role, own: Sequence[str], need: Need, asked: Sequence[str]) -> str:
+    """Return why a key may not do this, in words; empty where it may.
+
+    `own` are the lifts that the key names, `asked` those that the request names: a robot, and RMF, command nothing else, and
+    nothing that names no lift.
+    """
+    if need is Need.NOTHING:
+        return ""
+    allowed = ROLES[need]
+    if role not in allowed:
+        return f"this needs a key with the role {_listed([other for other in Role if other in allowed])}; this key's is {role}"
+    if role in OF_SOME_LIFTS and need is not Need.READ and (not asked or set(asked) - set(own)):
+        return (
+            f"this key commands {_listed(own, 'and') or 'no lift'} and no other; another lift needs a key that names it"
+        )
+    return ""
+
+
+def _listed(words: Sequence[str], last: str = "or") -> str:
+    return f" {last} ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
