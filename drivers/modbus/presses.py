@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.notes import hex_part
-from drivers.modbus.standing import Standing
+from drivers.modbus.standstill import Standing
 from drivers.model import Command, FloorName, LiftValues, Outcome, PressId, Proof, Result
 from register_maps.frames import Request
 from register_maps.schema import Confirm, Evidence

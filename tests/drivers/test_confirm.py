@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.modbus.confirm import Expectation, proof
-from drivers.modbus.standing import STILL_S, Standing
+from drivers.modbus.standstill import STILL_S, Standing
 from drivers.model import Command, CommandKind, LiftValues, Proof
 from register_maps.schema import Evidence
 from register_maps.words import Door, Motion, Side

@@ -18,7 +18,7 @@ from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryWire, Reply
-from drivers.modbus.standing import STILL_S
+from drivers.modbus.standstill import STILL_S
 from drivers.modbus.units import Unit
 from drivers.model import Command, CommandKind, Outcome, Result
 from register_maps.codec import Codec, Point, compile_map
