@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from drivers.modbus.confirm import Expectation, proof
 from drivers.modbus.notes import hex_part
-from drivers.modbus.standstill import Standing
+from drivers.modbus.standstill import StandstillEvidence
 from drivers.model import Command, FloorName, LiftValues, Outcome, PressId, Proof, Result
 from register_maps.frames import Request
 from register_maps.schema import Confirm, Evidence
@@ -46,7 +46,7 @@ class Presses:
         self._report = report
         self._of: dict[str, Press] = {}
         self._waiting: list[Press] = []
-        self._standing = Standing(evidence)
+        self._standing = StandstillEvidence(evidence)
 
     @property
     def waiting(self) -> bool:

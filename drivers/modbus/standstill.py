@@ -15,7 +15,7 @@ Chosen: one that drives passes a floor of 4 m in less, at 0.5 m/s with the time 
 _NOT_SHUT = frozenset({Door.OPEN, Door.OPENING, Door.CLOSING, Door.MOVING})
 
 
-class Standing:
+class StandstillEvidence:
     """What the readings of one lift say about whether its car stands; it is shown each reading that differs from the one before."""
 
     def __init__(self, evidence: Evidence) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.modbus.confirm import Expectation, proof
-from drivers.modbus.standstill import STILL_S, Standing
+from drivers.modbus.standstill import STILL_S, StandstillEvidence
 from drivers.model import Command, CommandKind, LiftValues, Proof
 from register_maps.schema import Evidence
 from register_maps.words import Door, Motion, Side
@@ -96,13 +96,13 @@ def test_a_motion_that_never_tells_its_direction_is_all_that_can_be_seen() -> No
     ],
 )
 def test_a_car_stands_where_motion_or_an_open_door_says_so(values: LiftValues, stands: bool) -> None:
-    standing = Standing(DOOR_OPEN)
+    standing = StandstillEvidence(DOOR_OPEN)
     standing.look(values, 1.0)
     assert standing.stands(1.0) is stands
 
 
 def test_a_shut_car_without_a_word_about_motion_stands_once_it_has_told_one_floor_for_long_enough() -> None:
-    standing = Standing(DOOR_OPEN)
+    standing = StandstillEvidence(DOOR_OPEN)
     standing.look(LiftValues(floor="L2", doors={Side.FRONT: Door.CLOSING}), 1.0)
     standing.look(LiftValues(floor="L2", doors=SHUT), 2.0)
     standing.look(LiftValues(floor="L2", doors=SHUT, flags={"fire": False}), 8.0)
@@ -119,10 +119,10 @@ def test_a_shut_car_without_a_word_about_motion_stands_once_it_has_told_one_floo
 
 def test_what_the_map_calls_standing_is_enough() -> None:
     shut = LiftValues(floor="L2", doors=SHUT)
-    stable = Standing(Evidence(kind="position_stable", for_s=2.0))
+    stable = StandstillEvidence(Evidence(kind="position_stable", for_s=2.0))
     stable.look(shut, 1.0)
     assert (stable.stands(2.9), stable.stands(3.0)) == (False, True)
-    level = Standing(Evidence(kind="level"))
+    level = StandstillEvidence(Evidence(kind="level"))
     level.look(replace(shut, flags={"level": True}), 1.0)
     assert level.stands(1.0)
     level.look(replace(shut, flags={"level": False}), 2.0)
