@@ -25,9 +25,9 @@ from drivers.modbus.plan import plan_poll
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
+from drivers.modbus.reports import Upstream
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
-from drivers.modbus.upstream import Upstream
 from drivers.modbus.writer import Writer
 from drivers.model import (
     Command,

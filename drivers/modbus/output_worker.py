@@ -14,8 +14,8 @@ from drivers.modbus.output import match
 from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses
 from drivers.modbus.recipe import Outputs
+from drivers.modbus.reports import Upstream
 from drivers.modbus.steps import CHANGE, Phase, Step, StepKind
-from drivers.modbus.upstream import Upstream
 from drivers.modbus.writer import Writer
 from drivers.model import Result
 

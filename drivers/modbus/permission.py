@@ -9,9 +9,9 @@ from drivers.modbus.exchange import Permit
 from drivers.modbus.heartbeat import Heartbeat
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.recipe import Outputs
+from drivers.modbus.reports import Upstream
 from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
 from drivers.modbus.units import Units
-from drivers.modbus.upstream import Upstream
 from drivers.model import Result
 from register_maps.codec import Codec
 
