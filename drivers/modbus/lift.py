@@ -25,7 +25,7 @@ from drivers.modbus.plan import plan_poll
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reading import lift_values
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.reports import Upstream
+from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
 from drivers.modbus.writer import Writer
@@ -83,7 +83,7 @@ class ModbusLift:
         self._outputs = Outputs(self._commands, codec.written)
         self._declared: frozenset[str] = frozenset()
         """Names of the holds that should be on."""
-        self._up = Upstream(self._outputs, self._names)
+        self._up = DriverReports(self._outputs, self._names)
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
         notes = Notes(self._up.report, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._units, settings, notes)

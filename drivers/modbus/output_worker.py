@@ -14,7 +14,7 @@ from drivers.modbus.output import match
 from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.reports import Upstream
+from drivers.modbus.reports import DriverReports
 from drivers.modbus.steps import CHANGE, Phase, Step, StepKind
 from drivers.modbus.writer import Writer
 from drivers.model import Result
@@ -38,7 +38,7 @@ class OutputWorker:
         presses: Presses,
         permissions: Permissions,
         watch: Watch,
-        up: Upstream,
+        up: DriverReports,
     ) -> None:
         self._lift = lift
         self._up = up

@@ -9,7 +9,7 @@ from drivers.modbus.exchange import Permit
 from drivers.modbus.heartbeat import Heartbeat
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.recipe import Outputs
-from drivers.modbus.reports import Upstream
+from drivers.modbus.reports import DriverReports
 from drivers.modbus.steps import NEED_PERMIT, ONLY_LOOK, Step, StepKind
 from drivers.modbus.units import Units
 from drivers.model import Result
@@ -31,7 +31,7 @@ class Permissions:
         presses: Presses,
         units: Units,
         heartbeat: Heartbeat,
-        up: Upstream,
+        up: DriverReports,
         is_unread: Callable[[], bool],
     ) -> None:
         """`is_unread` says whether a connection is new and was not read yet."""

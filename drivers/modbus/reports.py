@@ -23,7 +23,7 @@ from register_maps.schema import Confirm
 from register_maps.words import Side
 
 
-class Upstream:
+class DriverReports:
     """What one lift's driver says to whoever is attached."""
 
     def __init__(self, outputs: Outputs, floors: Mapping[int, FloorName]) -> None:
