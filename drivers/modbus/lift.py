@@ -18,7 +18,6 @@ from drivers.modbus.endings import ended
 from drivers.modbus.foreign import Watch
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.link import Link
-from drivers.modbus.notes import Notes
 from drivers.modbus.output_worker import OutputWorker
 from drivers.modbus.permission import Permissions
 from drivers.modbus.plan import plan_poll
@@ -28,6 +27,7 @@ from drivers.modbus.recipe import Outputs
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
+from drivers.modbus.write_reports import Notes
 from drivers.modbus.writer import Writer
 from drivers.model import (
     Command,

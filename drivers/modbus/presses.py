@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from drivers.modbus.confirm import Expectation, proof
-from drivers.modbus.notes import hex_part
 from drivers.modbus.standstill import StandstillEvidence
+from drivers.modbus.write_reports import hex_part
 from drivers.model import Command, FloorName, LiftValues, Outcome, PressId, Proof, Result
 from register_maps.frames import Request
 from register_maps.schema import Confirm, Evidence

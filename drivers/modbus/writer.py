@@ -8,11 +8,11 @@ from drivers.errors import ControllerException, DriverError, Sent
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.confirm import confirm_of
 from drivers.modbus.exchange import Permit
-from drivers.modbus.notes import CUT_SHORT, Notes, frames
 from drivers.modbus.output import Cells, match
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
 from drivers.modbus.units import Units
+from drivers.modbus.write_reports import CUT_SHORT, Notes, frames
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
