@@ -27,7 +27,7 @@ from drivers.modbus.recipe import Outputs
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
-from drivers.modbus.write_reports import Notes
+from drivers.modbus.write_reports import WriteReports
 from drivers.modbus.writer import Writer
 from drivers.model import (
     Command,
@@ -85,7 +85,7 @@ class ModbusLift:
         """Names of the holds that should be on."""
         self._up = DriverReports(self._outputs, self._names)
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
-        notes = Notes(self._up.report, {point.cell for command in beats for point in command.points})
+        notes = WriteReports(self._up.report, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._units, settings, notes)
         self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._up.report)
         self._permissions = self._new_permissions()

@@ -15,7 +15,7 @@ _AGAIN = frozenset({StepKind.REFRESH, StepKind.CYCLE, StepKind.BEAT})
 CUT_SHORT = "its answer was not waited for"
 
 
-class Notes:
+class WriteReports:
     """Reports what reached the wire, or may have."""
 
     def __init__(self, report: Callable[[Written], None], counts: Collection[Cell] = ()) -> None:

@@ -12,7 +12,7 @@ from drivers.modbus.output import Cells, match
 from drivers.modbus.plan import plan_reads
 from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
 from drivers.modbus.units import Units
-from drivers.modbus.write_reports import CUT_SHORT, Notes, frames
+from drivers.modbus.write_reports import CUT_SHORT, WriteReports, frames
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
@@ -29,13 +29,13 @@ class Writer:
         commands: Mapping[str, CommandCodec],
         units: Units,
         settings: LiftSettings,
-        notes: Notes | None = None,
+        notes: WriteReports | None = None,
     ) -> None:
         """`commands` are those that this lift may use: from here on its links pass no write but theirs."""
         self._codec = codec
         self._commands = commands
         self._units = units
-        self._notes = notes or Notes(lambda _: None)
+        self._notes = notes or WriteReports(lambda _: None)
         units.declare(commands.values())
         self._functions = {block: function for block, function, _ in codec.written}
         self._read_blocks = {
