@@ -15,7 +15,7 @@ from drivers.errors import (
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
-from drivers.modbus.foreign import Watch
+from drivers.modbus.foreign_writes import Watch
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.link import Link
 from drivers.modbus.output_worker import OutputWorker

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from drivers.errors import BUSY, ControllerException, DriverError, PressRefused, Sent
 from drivers.modbus.exchange import Permit
-from drivers.modbus.foreign import Watch
+from drivers.modbus.foreign_writes import Watch
 from drivers.modbus.output import match
 from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses

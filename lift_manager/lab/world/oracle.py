@@ -56,7 +56,7 @@ MODE_KNOWN_WITHIN_S = 1.0
 SILENT_S = 1.0
 """A wire on which nothing was asked for so long does not work: a lift is polled five times as often."""
 FOREIGN_CLEARED_S = 70.0
-"""What somebody else has pressed is released at most once a minute (`drivers.modbus.foreign`), and the release takes its time."""
+"""What somebody else has pressed is released at most once a minute (`drivers.modbus.foreign_writes`), and the release takes its time."""
 LINGERS_S = {"reboot": 60.0, "lost_press": 30.0, "ignored_writes": 30.0, "ignored_writes.stored": 30.0}
 """How long some faults go on to be felt: a lift looks for its lowest floor after a restart, and a press that was lost stays so for as
 long as it lasts, which is a ride where a robot's word is kept on."""
