@@ -62,7 +62,7 @@ class _Notice:
     """When that was found: only a reading from after it shows whether a watchdog was the reason."""
 
 
-class Watch:
+class ForeignWriteCheck:
     """Compares the outputs of one lift with what the driver wrote, in the read lane: no command waits for it but for one answer."""
 
     def __init__(

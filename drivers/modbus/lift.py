@@ -15,7 +15,7 @@ from drivers.errors import (
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.diagnosis import Diagnosis
 from drivers.modbus.endings import ended
-from drivers.modbus.foreign_writes import Watch
+from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.link import Link
 from drivers.modbus.output_worker import OutputWorker
@@ -115,8 +115,8 @@ class ModbusLift:
             is_unread=self._is_unread,
         )
 
-    def _new_watch(self) -> Watch:
-        return Watch(
+    def _new_watch(self) -> ForeignWriteCheck:
+        return ForeignWriteCheck(
             self._codec,
             self._outputs,
             self._units,

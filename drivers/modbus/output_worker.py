@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from drivers.errors import BUSY, ControllerException, DriverError, PressRefused, Sent
 from drivers.modbus.exchange import Permit
-from drivers.modbus.foreign_writes import Watch
+from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.output import match
 from drivers.modbus.permission import Permissions
 from drivers.modbus.presses import NOT_SENT, Press, Presses
@@ -37,7 +37,7 @@ class OutputWorker:
         writer: Writer,
         presses: Presses,
         permissions: Permissions,
-        watch: Watch,
+        watch: ForeignWriteCheck,
         up: DriverReports,
     ) -> None:
         self._lift = lift
