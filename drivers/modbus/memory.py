@@ -198,7 +198,7 @@ def hang_up(*, executes: bool = True) -> Fault:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedRequest:
     """One request as the device heard it."""
 
     at_s: float
@@ -234,7 +234,7 @@ class MemoryDevice:
     ) -> None:
         self.values: dict[Table, dict[int, int]] = {table: {} for table in Table}
         """The register image; tests read and set it."""
-        self.heard: list[Heard] = []
+        self.heard: list[ReceivedRequest] = []
         """Every well-formed request, in order."""
         self.connects = 0
         """Attempts to connect, those turned away included."""
@@ -306,7 +306,7 @@ class MemoryDevice:
         fault = self._take_fault(request)
         code = self._objection(request)
         executes = code is None and (fault is None or fault.executes)
-        self.heard.append(Heard(asyncio.get_running_loop().time(), request, executes))
+        self.heard.append(ReceivedRequest(asyncio.get_running_loop().time(), request, executes))
         if code is not None:
             right = frames.exception_answer(frame, code)
         else:

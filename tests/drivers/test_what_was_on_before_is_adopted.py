@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 import pytest
 
 from drivers.errors import ConnectProblem
-from drivers.modbus.memory import Heard, MemoryDevice, exception
+from drivers.modbus.memory import MemoryDevice, ReceivedRequest, exception
 from drivers.modbus.output import LOOK_S
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import Phase, Step, StepKind
@@ -60,7 +60,7 @@ def adopting(*commands: Command) -> Callable[[Caller], None]:
     return first
 
 
-def values_of(heard: Sequence[Heard], table: Table, address: int) -> list[int]:
+def values_of(heard: Sequence[ReceivedRequest], table: Table, address: int) -> list[int]:
     """What was written to one address."""
     found = []
     for each in heard:
