@@ -1,4 +1,4 @@
-"""The boundary between the manager and one lift, whatever the lift speaks: the manager calls `LiftDriver`, the driver calls `Above`."""
+"""The boundary between the manager and one lift, whatever the lift speaks: the manager calls `LiftDriver`, the driver calls `DriverOwner`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Report = Outcome | OutputChanged | Written | DriverFailed
 """What a driver reports by itself."""
 
 
-class Above(Protocol):
+class DriverOwner(Protocol):
     """The side that commands a driver."""
 
     def blocked_by(self, command: Command, press: PressId | None) -> str | None:
@@ -68,7 +68,7 @@ class LiftDriver(Protocol):
         """Where it is, for messages: controller name and address."""
         ...
 
-    def attach(self, above: Above) -> None:
+    def attach(self, above: DriverOwner) -> None:
         """Ask and report to `above` from now on. Until then nothing may be pressed."""
         ...
 

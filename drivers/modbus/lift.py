@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 
-from drivers.driver import Above
+from drivers.driver import DriverOwner
 from drivers.errors import (
     ConnectionLost,
     ControllerException,
@@ -188,7 +188,7 @@ class ModbusLift:
         """
         await self._worker.run()
 
-    def attach(self, above: Above) -> None:
+    def attach(self, above: DriverOwner) -> None:
         """Ask and report to `above` from now on."""
         self._up.above = above
 
