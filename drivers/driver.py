@@ -39,7 +39,7 @@ class DriverOwner(Protocol):
         ...
 
 
-class Unattended:
+class NoOwner:
     """Nobody is above: every press is refused, and reports go nowhere."""
 
     def blocked_by(self, command: Command, press: PressId | None) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.driver import DriverOwner, Report, Unattended
+from drivers.driver import DriverOwner, NoOwner, Report
 from drivers.modbus.confirm import Expectation, confirm_of, proof
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import Phase
@@ -28,7 +28,7 @@ class DriverReports:
 
     def __init__(self, outputs: Outputs, floors: Mapping[int, FloorName]) -> None:
         """`floors` are the names of floors by their codes."""
-        self.above: DriverOwner = Unattended()
+        self.above: DriverOwner = NoOwner()
         self.values: LiftValues | None = None
         """What the lift said last; None before it said anything."""
         self.states: Mapping[str, OutputState] = dict.fromkeys(outputs.names, OutputState.AT_REST)

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
-from drivers.driver import DriverOwner, Unattended
+from drivers.driver import DriverOwner, NoOwner
 from drivers.errors import DriverError, Sent
 from drivers.model import (
     Capabilities,
@@ -111,7 +111,7 @@ class ScriptedDriver:
     adopted: set[str] = field(default_factory=set)
     begun: set[str] = field(default_factory=set)
     """What is declared with a beginning, beyond keeping what is on."""
-    above: DriverOwner = field(default_factory=Unattended)
+    above: DriverOwner = field(default_factory=NoOwner)
     _declared: dict[str, tuple[Command, Hold]] = field(default_factory=dict)
     _used: dict[str, int] = field(default_factory=dict)
     """The newest `begin` of each hold that is used up."""
