@@ -32,7 +32,7 @@ TARGET_SILENT = 0x0B
 
 
 @unique
-class Sent(StrEnum):
+class Delivery(StrEnum):
     """Whether the request reached the controller, so whether it may have been carried out."""
 
     NO = "no"
@@ -56,7 +56,7 @@ class ConnectProblem(StrEnum):
 class DriverError(Exception):
     """Root of everything that a driver raises on purpose."""
 
-    def __init__(self, text: str, sent: Sent) -> None:
+    def __init__(self, text: str, sent: Delivery) -> None:
         super().__init__(text)
         self.sent = sent
 
@@ -65,7 +65,7 @@ class LinkDown(DriverError):
     """There is no connection, so nothing was sent."""
 
     def __init__(self, link: str, reason: str, down_for_s: float) -> None:
-        super().__init__(f"{link}: no connection for {down_for_s:.1f} s: {reason}", Sent.NO)
+        super().__init__(f"{link}: no connection for {down_for_s:.1f} s: {reason}", Delivery.NO)
         self.reason = reason
         self.down_for_s = down_for_s
 
@@ -74,7 +74,7 @@ class ConnectFailed(DriverError):
     """The connection could not be made."""
 
     def __init__(self, peer: str, problem: ConnectProblem, detail: str) -> None:
-        super().__init__(f"{peer}: {detail}", Sent.NO)
+        super().__init__(f"{peer}: {detail}", Delivery.NO)
         self.problem = problem
 
 
@@ -82,7 +82,7 @@ class ConnectionLost(DriverError):
     """The connection went away while the answer was awaited."""
 
     def __init__(self, link: str, request: str, reason: str) -> None:
-        super().__init__(f"{link}: {request}: connection lost before the answer: {reason}", Sent.UNKNOWN)
+        super().__init__(f"{link}: {request}: connection lost before the answer: {reason}", Delivery.UNKNOWN)
         self.reason = reason
 
 
@@ -90,7 +90,7 @@ class AnswerTimeout(DriverError):
     """No answer came in time."""
 
     def __init__(self, link: str, request: str, timeout_s: float) -> None:
-        super().__init__(f"{link}: {request}: no answer within {timeout_s:g} s", Sent.UNKNOWN)
+        super().__init__(f"{link}: {request}: no answer within {timeout_s:g} s", Delivery.UNKNOWN)
         self.timeout_s = timeout_s
 
 
@@ -98,7 +98,7 @@ class AnswerMismatch(DriverError):
     """The answer does not fit its request: answers and requests are out of step."""
 
     def __init__(self, link: str, detail: str) -> None:
-        super().__init__(f"{link}: {detail}", Sent.UNKNOWN)
+        super().__init__(f"{link}: {detail}", Delivery.UNKNOWN)
 
 
 class ControllerException(DriverError):
@@ -108,7 +108,7 @@ class ControllerException(DriverError):
     """
 
     def __init__(
-        self, link: str, request: str, code: int, sent: Sent | None = None, about: str = "", *, tls: bool = False
+        self, link: str, request: str, code: int, sent: Delivery | None = None, about: str = "", *, tls: bool = False
     ) -> None:
         """`about` names what the request was for: signals or a command, with addresses as printed.
 
@@ -122,7 +122,7 @@ class ControllerException(DriverError):
             self.name += ", or the role in our certificate does not allow it"
         self.tls = tls
         if sent is None:
-            sent = Sent.NO if code == BUSY else Sent.YES
+            sent = Delivery.NO if code == BUSY else Delivery.YES
         told = f": {about}" if about else ""
         super().__init__(f"{link}: {request}: exception {code:02X} ({self.name}){told}", sent)
 
@@ -134,7 +134,7 @@ class UnitOffline(ControllerException):
     """
 
     def __init__(self, link: str, request: str, code: int) -> None:
-        super().__init__(link, request, code, Sent.NO if code == PATH_UNAVAILABLE else Sent.UNKNOWN)
+        super().__init__(link, request, code, Delivery.NO if code == PATH_UNAVAILABLE else Delivery.UNKNOWN)
 
 
 class PointsRefused(ControllerException):
@@ -148,7 +148,7 @@ class PressRefused(DriverError):
     """The permit said no immediately before the bytes would have left."""
 
     def __init__(self, link: str, request: str, reason: str) -> None:
-        super().__init__(f"{link}: {request}: not sent: {reason}", Sent.NO)
+        super().__init__(f"{link}: {request}: not sent: {reason}", Delivery.NO)
         self.reason = reason
 
 
@@ -158,7 +158,7 @@ class HeartbeatStopped(DriverError):
     def __init__(self, link: str, still_for_s: float, limit_s: float, hint: str = "", text: str = "") -> None:
         """`hint` says what else may be the matter; `text` stands in for the usual words."""
         told = text or f"its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)"
-        super().__init__(f"{link}: {told}{hint}", Sent.NO)
+        super().__init__(f"{link}: {told}{hint}", Delivery.NO)
         self.still_for_s = still_for_s
         self.limit_s = limit_s
 
@@ -176,7 +176,9 @@ class ControllerTaken(DriverError):
     """Another process on this machine drives this controller: two managers would press against each other."""
 
     def __init__(self, peer: str, process: str) -> None:
-        super().__init__(f"{peer} is driven by process {process} on this machine already; stop that one first", Sent.NO)
+        super().__init__(
+            f"{peer} is driven by process {process} on this machine already; stop that one first", Delivery.NO
+        )
         self.peer = peer
 
 
@@ -184,5 +186,5 @@ class LockUnusable(DriverError):
     """The lock that keeps other processes off a controller cannot be relied on; the message says why."""
 
     def __init__(self, peer: str, why: str) -> None:
-        super().__init__(f"nothing keeps another manager on this machine off {peer}: {why}", Sent.NO)
+        super().__init__(f"nothing keeps another manager on this machine off {peer}: {why}", Delivery.NO)
         self.peer = peer

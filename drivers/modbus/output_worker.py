@@ -7,7 +7,7 @@ import logging
 import math
 from contextlib import suppress
 
-from drivers.errors import BUSY, ControllerException, DriverError, PressRefused, Sent
+from drivers.errors import BUSY, ControllerException, Delivery, DriverError, PressRefused
 from drivers.modbus.exchange import Permit
 from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.output import match
@@ -159,11 +159,11 @@ class OutputWorker:
                 self._presses.finish(press, result, refused.reason)
         except DriverError as error:
             rejected = isinstance(error, ControllerException) and error.code != BUSY
-            sent = maybe_sent or not (error.sent is Sent.NO or _not_executed(error))
+            sent = maybe_sent or not (error.sent is Delivery.NO or _not_executed(error))
             arrived = isinstance(error, ControllerException)
             self._outputs.failed(step, maybe_sent=sent, now=loop.time(), rejected=rejected, arrived=arrived)
             if press is not None and press.expected is None:
-                result = Result.UNCONFIRMED if error.sent is Sent.UNKNOWN else Result.REJECTED
+                result = Result.UNCONFIRMED if error.sent is Delivery.UNKNOWN else Result.REJECTED
                 self._presses.finish(press, result, f"{self._writer.printed(step.name)}: {error}")
             self._complain(step, error, aloud=rejected and press is None and step.name not in self._complained)
         finally:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Collection, Mapping
 
-from drivers.errors import ControllerException, DriverError, Sent
+from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.confirm import confirm_of
 from drivers.modbus.exchange import Permit
@@ -197,4 +197,4 @@ class Writer:
 
 def _may_have_left(error: Exception) -> bool:
     """Whether a write that failed so is on the wire: a controller that answers has heard it, even where it did nothing."""
-    return isinstance(error, DriverError) and (error.sent is not Sent.NO or isinstance(error, ControllerException))
+    return isinstance(error, DriverError) and (error.sent is not Delivery.NO or isinstance(error, ControllerException))

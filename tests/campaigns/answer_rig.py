@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any, Protocol
 
-from drivers.errors import ControllerException, DriverError, Sent
+from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.exchange import Permit
 from drivers.modbus.memory import MemoryWire
 from drivers.modbus.settings import LinkSettings
@@ -241,7 +241,7 @@ class Asker:
 def objection_to(question: Question | None, told: bytes | DriverError, timeout_s: float) -> str | None:
     """What is wrong with what a caller was told, after everything that the connection brought."""
     if question is None:
-        if isinstance(told, DriverError) and told.sent is Sent.NO:
+        if isinstance(told, DriverError) and told.sent is Delivery.NO:
             return None
         return f"nothing was sent, and the caller was told {told!r}"
     answer = question.answer
@@ -249,7 +249,7 @@ def objection_to(question: Question | None, told: bytes | DriverError, timeout_s
         return None if answer == Payload(told) else f"took {told.hex(' ')!r}, where the judge allows {answer}"
     if isinstance(told, ControllerException):
         return None if answer == Refusal(told.code) else f"took {told}, where the judge allows {answer}"
-    if told.sent is Sent.NO and answer not in {Refusal(code) for code in NOT_EXECUTED}:
+    if told.sent is Delivery.NO and answer not in {Refusal(code) for code in NOT_EXECUTED}:
         return f"said {told!r}, not sent, of a request that left"
     if question.must_take(SURELY_WITHIN * timeout_s) and answer != Refusal(BUSY):
         return f"did not take {answer}, which came alone and in time: {told!r}"

@@ -10,9 +10,9 @@ from drivers.errors import (
     AnswerTimeout,
     ConnectionLost,
     ControllerException,
+    Delivery,
     DriverError,
     LinkDown,
-    Sent,
 )
 from drivers.modbus.exchange import Permit
 from drivers.modbus.settings import LinkSettings
@@ -113,7 +113,7 @@ class Careless:
         elif is_refusal:
             if self._mistake == RAISES and answer[8] > 250:
                 raise RuntimeError(RAISES)
-            self._tell(ControllerException("careless", str(request), answer[8], Sent.YES))
+            self._tell(ControllerException("careless", str(request), answer[8], Delivery.YES))
         elif self._fits(request, answer):
             self._tell(b"" if request.is_write else answer[9:])
         else:

@@ -12,7 +12,7 @@ from typing import cast
 
 import pytest
 
-from drivers.errors import ConnectFailed, Sent
+from drivers.errors import ConnectFailed, Delivery
 from drivers.modbus.wire import PymodbusWire
 from register_maps import frames
 from register_maps.words import Table
@@ -88,7 +88,7 @@ async def refusal(wire: PymodbusWire) -> ConnectFailed:
     with pytest.raises(ConnectFailed) as caught:
         await opened(wire)
     assert not wire.is_open
-    assert caught.value.sent is Sent.NO
+    assert caught.value.sent is Delivery.NO
     return caught.value
 
 

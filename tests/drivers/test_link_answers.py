@@ -10,8 +10,8 @@ from drivers.errors import (
     AnswerTimeout,
     ConnectionLost,
     ControllerException,
+    Delivery,
     LinkDown,
-    Sent,
     UnitOffline,
 )
 from drivers.modbus.exchange import Exchange
@@ -82,7 +82,7 @@ async def test_one_time_out_is_forgiven_and_says_that_nobody_knows() -> None:
         with pytest.raises(AnswerTimeout, match=r"lobby: write holding register 3 := 1, unit 1: no answer") as caught:
             await link.write(PRESS)
         assert now() - began == pytest.approx(0.5)
-        assert caught.value.sent is Sent.UNKNOWN
+        assert caught.value.sent is Delivery.UNKNOWN
         await link.read(READ)
         assert (link.epoch, link.stats.timeouts, link.stats.recycles) == (1, 1, 0)
 
@@ -127,7 +127,7 @@ async def test_a_recycle_tells_everyone_who_waits_and_sends_nothing_of_it_later(
         assert [type(read.result()) for read in reads] == [AnswerTimeout, AnswerTimeout, LinkDown]
         error = press.result()
         assert isinstance(error, LinkDown)
-        assert error.sent is Sent.NO
+        assert error.sent is Delivery.NO
         await link.wait_up()
         await elapse(10)
         assert device.executed == []
@@ -160,7 +160,7 @@ async def test_a_transaction_id_that_was_never_given_out_ends_the_connection(tid
         device.fail_next(edited(swap_tid(tid)))
         with pytest.raises(AnswerMismatch, match=f"transaction id {tid}") as caught:
             await link.write(PRESS)
-        assert caught.value.sent is Sent.UNKNOWN
+        assert caught.value.sent is Delivery.UNKNOWN
         assert ("tid_echo: false" in str(caught.value)) == (tid == 0)
         assert (link.state, link.stats.desyncs, link.stats.recycles) == (LinkState.DOWN, 1, 1)
         assert await link.wait_up() == 2
@@ -204,7 +204,7 @@ async def test_a_wrong_echo_of_a_write_ends_the_connection(spoil: Callable[[byte
     async with linked(device) as link:
         with pytest.raises(AnswerMismatch, match="write holding register 3 := 1") as caught:
             await link.write(PRESS)
-        assert caught.value.sent is Sent.UNKNOWN
+        assert caught.value.sent is Delivery.UNKNOWN
         assert link.stats.desyncs == 1
         assert await link.wait_up() == 2
         assert device.writes == [PRESS]
@@ -217,7 +217,7 @@ async def test_bytes_that_are_not_modbus_end_the_connection() -> None:
     async with linked(device) as link:
         with pytest.raises(ConnectionLost, match="not Modbus/TCP: protocol id") as caught:
             await link.read(READ)
-        assert caught.value.sent is Sent.UNKNOWN
+        assert caught.value.sent is Delivery.UNKNOWN
         assert await link.wait_up() == 2
 
 
@@ -266,7 +266,7 @@ async def test_an_exception_answer_is_told_with_its_code_and_name_and_the_connec
         for asking in (link.read(READ), link.write(PRESS)):
             with pytest.raises(ControllerException, match=rf"lobby: .*exception 0{code} \(") as caught:
                 await asking
-            assert (caught.value.code, caught.value.sent) == (code, Sent.YES)
+            assert (caught.value.code, caught.value.sent) == (code, Delivery.YES)
         assert len(device.heard) == 2
         assert (link.epoch, link.stats.exceptions) == (1, 2)
 
@@ -278,7 +278,7 @@ async def test_a_busy_answer_to_a_write_is_reported_as_not_sent_and_not_repeated
     async with linked(device) as link:
         with pytest.raises(ControllerException) as caught:
             await link.write(PRESS)
-        assert (caught.value.code, caught.value.sent) == (6, Sent.NO)
+        assert (caught.value.code, caught.value.sent) == (6, Delivery.NO)
         await elapse(10)
         assert len(device.heard) == 1
 
@@ -319,9 +319,9 @@ async def test_a_command_does_not_wait_while_reads_pause_for_a_busy_device() -> 
     assert [heard.request for heard in device.heard] == [READ_111, PRESS, READ_111, READ_222]
 
 
-@pytest.mark.parametrize(("code", "sent"), [(0x0A, Sent.NO), (0x0B, Sent.UNKNOWN)])
+@pytest.mark.parametrize(("code", "sent"), [(0x0A, Delivery.NO), (0x0B, Delivery.UNKNOWN)])
 @virtual
-async def test_a_gateway_that_cannot_reach_a_unit_keeps_the_connection(code: int, sent: Sent) -> None:
+async def test_a_gateway_that_cannot_reach_a_unit_keeps_the_connection(code: int, sent: Delivery) -> None:
     device = MemoryDevice()
     device.fail_next(exception(code), times=3)
     async with linked(device) as link:

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.errors import AnswerTimeout, PressRefused, Sent
+from drivers.errors import AnswerTimeout, Delivery, PressRefused
 from drivers.modbus.link import LinkSettings
 from drivers.modbus.memory import MemoryDevice, late, silence
 from register_maps import frames
@@ -123,7 +123,7 @@ async def test_a_press_that_is_no_longer_permitted_when_its_turn_comes_is_not_se
         fire.append("fire service")
     error = press.result()
     assert isinstance(error, PressRefused)
-    assert (error.sent, error.reason) == (Sent.NO, "fire service")
+    assert (error.sent, error.reason) == (Delivery.NO, "fire service")
     assert "write coil 9 := on" in str(error)
     assert device.writes == []
     assert behind.result() == b"\x00\x00"

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from drivers.errors import AnswerTimeout, PressRefused, Sent
+from drivers.errors import AnswerTimeout, Delivery, PressRefused
 from drivers.modbus.latency import SPARE_S
 from drivers.modbus.link import Link, LinkSettings, LinkState
 from drivers.modbus.memory import Fault, MemoryDevice, exception, late, silence
@@ -193,7 +193,7 @@ async def test_after_a_time_out_nothing_is_pressed_and_the_reason_says_so() -> N
         assert link.reason == "the controller did not answer the last request"
         with pytest.raises(PressRefused, match="the controller did not answer the last request") as caught:
             await link.write(PRESS, allowed)
-        assert caught.value.sent is Sent.NO
+        assert caught.value.sent is Delivery.NO
         assert device.writes == []
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.errors import ConnectionLost, ConnectProblem, LinkDown, Sent
+from drivers.errors import ConnectionLost, ConnectProblem, Delivery, LinkDown
 from drivers.modbus.link import OUTAGES, Link, LinkSettings, LinkState
 from drivers.modbus.memory import MemoryDevice, MemoryWire, hang_up, silence
 from register_maps import frames
@@ -40,7 +40,7 @@ async def test_while_it_is_down_everything_fails_at_once_with_the_reason_and_how
                 LinkDown, match=r"lobby: no connection for 3\.0 s: 127\.0\.0\.1:5020: refused"
             ) as caught:
                 await asking
-            assert caught.value.sent is Sent.NO
+            assert caught.value.sent is Delivery.NO
         assert now() == began
         assert device.heard == []
 
@@ -69,11 +69,11 @@ async def test_a_loss_leaves_the_one_in_flight_unknown_and_the_queued_ones_not_s
         read = group.create_task(outcome(link.read(READ)))
     error = press.result()
     assert isinstance(error, ConnectionLost)
-    assert error.sent is Sent.UNKNOWN
+    assert error.sent is Delivery.UNKNOWN
     for waiting in (queued, read):
         error = waiting.result()
         assert isinstance(error, LinkDown)
-        assert error.sent is Sent.NO
+        assert error.sent is Delivery.NO
     assert device.writes == [PRESS]
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from drivers.errors import DriverError, Sent
+from drivers.errors import Delivery, DriverError
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import Fault, MemoryDevice, edited, exception, hang_up, late, silence, twice
 from register_maps import frames
@@ -51,14 +51,14 @@ async def keep_reading(link: Link, chance: random.Random, good: list[int]) -> No
         await elapse(chance.choice([0.0, 0.01]))
 
 
-async def keep_writing(link: Link, numbers: range, told: dict[int, Sent]) -> None:
+async def keep_writing(link: Link, numbers: range, told: dict[int, Delivery]) -> None:
     for number in numbers:
         try:
             await link.write(frames.write_register(number, number))
         except DriverError as error:
             told[number] = error.sent
         else:
-            told[number] = Sent.YES
+            told[number] = Delivery.YES
         await elapse(0.1)
 
 
@@ -70,7 +70,7 @@ async def test_no_value_is_mixed_up_and_no_write_is_repeated(seed: int, tid_echo
     device = MemoryDevice(delay_s=0.005)
     device.values[Table.INPUT] = {address: address for address in range(REGISTERS)}
     good: list[int] = []
-    told: dict[int, Sent] = {}
+    told: dict[int, Delivery] = {}
     numbers = range(1000, 1200)
 
     async def misbehave() -> None:
@@ -89,6 +89,6 @@ async def test_no_value_is_mixed_up_and_no_write_is_repeated(seed: int, tid_echo
     carried_out = Counter(request.address for request in device.writes)
     heard = Counter(each.request.address for each in device.heard if each.request.is_write)
     assert max(heard.values()) == 1
-    assert all(told[number] is not Sent.NO for number in carried_out)
+    assert all(told[number] is not Delivery.NO for number in carried_out)
     assert len(good) > 200
     assert link.stats.connects > 3

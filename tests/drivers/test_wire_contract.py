@@ -11,7 +11,7 @@ from typing import Protocol, cast
 import pytest
 import uvloop
 
-from drivers.errors import ConnectFailed, ConnectProblem, Sent
+from drivers.errors import ConnectFailed, ConnectProblem, Delivery
 from drivers.modbus.memory import MemoryWire
 from drivers.modbus.tls import LinkTls
 from drivers.modbus.wire import PymodbusWire, Wire
@@ -351,7 +351,7 @@ def test_a_refused_connection_says_so(run: Runner) -> None:
         with pytest.raises(ConnectFailed, match="refused") as caught:
             await near.open(wire)
         assert caught.value.problem is ConnectProblem.REFUSED
-        assert caught.value.sent is Sent.NO
+        assert caught.value.sent is Delivery.NO
         assert wire.peer in str(caught.value)
         assert not wire.is_open
 

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 
 from drivers.driver import DriverOwner, NoOwner
-from drivers.errors import DriverError, Sent
+from drivers.errors import Delivery, DriverError
 from drivers.model import (
     Capabilities,
     Command,
@@ -141,7 +141,7 @@ class ScriptedDriver:
 
     async def read(self) -> LiftReading:
         if self.silent:
-            raise Silent("no answer", Sent.NO)
+            raise Silent("no answer", Delivery.NO)
         at, values = asyncio.get_running_loop().time(), self.values
         if self.takes_s:
             await asyncio.sleep(self.takes_s)
