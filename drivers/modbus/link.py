@@ -17,7 +17,7 @@ from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
-from drivers.sparing import TOLD_EVERY_S, Changes
+from drivers.rate_limits import TOLD_EVERY_S, Changes
 from register_maps.frames import Request
 
 __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]

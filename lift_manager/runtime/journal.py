@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.model import Command, Outcome, Proof, Result, Written
-from drivers.sparing import TOLD_EVERY_S, Changes, Sparing
+from drivers.rate_limits import TOLD_EVERY_S, Changes, Sparing
 from lift_manager.lift import audit
 from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.events import (

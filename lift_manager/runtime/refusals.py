@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from drivers.sparing import Sparing, newest
+from drivers.rate_limits import Sparing, newest
 from lift_manager.lift.journal import Json, Row, RowKind, short
 from lift_manager.lift.refusals import Refused
 from lift_manager.runtime.errors import raised
