@@ -15,7 +15,7 @@ OF_MANY = 6
 """Who had more than its share gets this part of it in the next minute. Chosen: what goes on for weeks must not fill a journal."""
 
 
-class Sparing:
+class RowRateLimiter:
     """Admits some rows a minute one by one; repeats of the last, and what is beyond, are counted."""
 
     def __init__(self, rows: int) -> None:
@@ -74,7 +74,7 @@ class Changes:
     """Admits some changes of one thing a minute one by one. While some are counted all are: the last summary then says how it is."""
 
     def __init__(self, rows: int) -> None:
-        self._sparing = Sparing(rows)
+        self._sparing = RowRateLimiter(rows)
 
     def admits(self, word: str, now: float) -> bool:
         """Whether this change is to be told by itself; else it is counted by its `word`."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.model import Command, Outcome, Proof, Result, Written
-from drivers.rate_limits import TOLD_EVERY_S, Changes, Sparing
+from drivers.rate_limits import TOLD_EVERY_S, Changes, RowRateLimiter
 from lift_manager.lift import audit
 from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.events import (
@@ -223,7 +223,7 @@ class _Link:
         self._logged_again_at = math.inf
         self._now = 0.0
         self._changes = _Changes(lambda counted, for_s: audit.links_row(lift, self._fault or "", counted, for_s))
-        self._reasons = Sparing(CHANGES)
+        self._reasons = RowRateLimiter(CHANGES)
 
     def seen(self, fault: str, now: float, *, answers: bool) -> tuple[Row, ...]:
         """Return the rows of a poll that was answered, or failed."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from drivers.rate_limits import Sparing, newest
+from drivers.rate_limits import RowRateLimiter, newest
 from lift_manager.lift.journal import Json, Row, RowKind, short
 from lift_manager.lift.refusals import Refused
 from lift_manager.runtime.errors import raised
@@ -44,7 +44,7 @@ class RefusalLog:
 
     def __init__(self, rows: Rows) -> None:
         self._rows = rows
-        self._sparing: OrderedDict[tuple[RowKind, str], Sparing] = OrderedDict()
+        self._sparing: OrderedDict[tuple[RowKind, str], RowRateLimiter] = OrderedDict()
         """By caller. Those without a key are one, and so are people: they sign with any name."""
         self.counts: Counter[tuple[str, str]] = Counter()
         """Every refusal, written down or not, by lift and code; the lift is empty where none of the site was named."""
@@ -85,7 +85,7 @@ class RefusalLog:
 
     def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
         now = asyncio.get_running_loop().time()
-        sparing, gone = newest(self._sparing, whose, lambda: Sparing(REFUSALS))
+        sparing, gone = newest(self._sparing, whose, lambda: RowRateLimiter(REFUSALS))
         if gone is not None:
             self._tell(*gone, now)
         if sparing.admits((row.lift, row.caller, row.text), now):
@@ -96,7 +96,7 @@ class RefusalLog:
         if sparing.due(now):
             self._tell(whose, sparing, now)
 
-    def _tell(self, whose: tuple[RowKind, str], sparing: Sparing, now: float) -> None:
+    def _tell(self, whose: tuple[RowKind, str], sparing: RowRateLimiter, now: float) -> None:
         if not sparing.counts:
             return
         answers, for_s = sparing.told(now)
