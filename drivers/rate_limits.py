@@ -70,7 +70,7 @@ class RowRateLimiter:
         return counted, now - self._since
 
 
-class Changes:
+class ChangeRateLimiter:
     """Admits some changes of one thing a minute one by one. While some are counted all are: the last summary then says how it is."""
 
     def __init__(self, rows: int) -> None:

@@ -17,7 +17,7 @@ from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
-from drivers.rate_limits import TOLD_EVERY_S, Changes
+from drivers.rate_limits import TOLD_EVERY_S, ChangeRateLimiter
 from register_maps.frames import Request
 
 __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
@@ -67,7 +67,7 @@ class Link:
         self._since: float | None = None
         self._quiet_since = 0.0
         self._warned = False
-        self._outages = Changes(OUTAGES)
+        self._outages = ChangeRateLimiter(OUTAGES)
         self._is_logged = True
         """Whether the last outage has a line of its own in the log."""
         self._summary: asyncio.TimerHandle | None = None

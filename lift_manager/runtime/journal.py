@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.model import Command, Outcome, Proof, Result, Written
-from drivers.rate_limits import TOLD_EVERY_S, Changes, RowRateLimiter
+from drivers.rate_limits import TOLD_EVERY_S, ChangeRateLimiter, RowRateLimiter
 from lift_manager.lift import audit
 from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.events import (
@@ -195,7 +195,7 @@ class _Changes:
 
     def __init__(self, summary: Callable[[Counter[str], float], Row]) -> None:
         """`summary` makes the row of changes that were counted."""
-        self._changes = Changes(CHANGES)
+        self._changes = ChangeRateLimiter(CHANGES)
         self._summary = summary
 
     def rows(self, row: Row, word: str, now: float) -> tuple[Row, ...]:
