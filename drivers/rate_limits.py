@@ -113,7 +113,7 @@ TURN_EVERY_S = 3.0
 and whoever wants another floor 900 times a second has neither the lift nor the journal worn out."""
 
 
-class Turns:
+class CallerTurns:
     """How many turns each caller has left."""
 
     def __init__(self) -> None:
