@@ -37,7 +37,7 @@ from lift_manager.lift.observation import (
 from lift_manager.lift.occupancy import (
     Boarding,
     Occupancy,
-    Parting,
+    OccupancyAtEnd,
     RobotWord,
     Stop,
     boarding_by_request,
@@ -215,7 +215,7 @@ def parting_of(
     release: tuple[FloorName, RobotWord | None] | None,
     *,
     arrived: bool,
-) -> Parting:
+) -> OccupancyAtEnd:
     """Return how robot and lift part if the session ends now. `release` is its holder's own: the floor and the robot's word."""
     boarding, policy = record.boarding, session.policy
     let_out = session.opened_at_target or policy.has_robot_words or not policy.stays
@@ -223,7 +223,7 @@ def parting_of(
     if release is not None:
         target = session.floor if let_out else None
         if has_exited(boarding, release[0], word, target, config):
-            return Parting.EXITED
+            return OccupancyAtEnd.EXITED
     doubt = leaves_doubt(
         boarding,
         released=release is not None,
@@ -232,7 +232,7 @@ def parting_of(
         has_words=policy.has_robot_words,
         let_out=let_out,
     )
-    return Parting.DOUBT if doubt else Parting.DONE
+    return OccupancyAtEnd.DOUBT if doubt else OccupancyAtEnd.DONE
 
 
 def end_session_part(
@@ -250,14 +250,14 @@ def end_session_part(
     parting = parting_of(draft.config, draft.record, session, release, arrived=arrived)
     boarding = draft.record.boarding
     draft.change(boarding=Boarding())
-    if parting is Parting.EXITED and release is not None:
+    if parting is OccupancyAtEnd.EXITED and release is not None:
         report_robot_left(draft, release[0])
         # what is on stays on until the lift knows that the robot left
         call_press.renew_call(draft)
         _set(draft, "in_place", replace(draft.record.in_place, renewed_at=draft.now))
         return
     release_stay(draft)
-    if parting is Parting.DOUBT:
+    if parting is OccupancyAtEnd.DOUBT:
         draft.change(abandoned_by=session.holder, boarding=boarding)
     is_taken = in_place_is_taken(draft.config, draft.record)
     if boarding.occupancy is Occupancy.ABOARD and (_is_level(draft.config, "in_place") or not is_taken):

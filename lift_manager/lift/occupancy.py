@@ -84,7 +84,7 @@ class Stop:
 
 
 @unique
-class Parting(StrEnum):
+class OccupancyAtEnd(StrEnum):
     """How the robot of a session and the lift part when the session ends."""
 
     DONE = "done"

@@ -23,7 +23,7 @@ from lift_manager.lift.draft import Draft
 from lift_manager.lift.endings import advice_now, alarm_of_robot, release_given
 from lift_manager.lift.events import RestrictionKind, SessionEnded, SessionRestored
 from lift_manager.lift.inhibits import restriction_text
-from lift_manager.lift.occupancy import Occupancy, Parting, SavedBoarding
+from lift_manager.lift.occupancy import Occupancy, OccupancyAtEnd, SavedBoarding
 from lift_manager.lift.record import DoorHold, DurableRecord, LiftRecord, Occupied, RobotModeHold, SavedSession
 from lift_manager.lift.robot_mode import kept_after
 from lift_manager.lift.session import (
@@ -86,8 +86,8 @@ def _left_behind(draft: Draft) -> tuple[tuple[Holder, bool] | None, bool]:
         return record.robot_in_car, record.owes_robot_left
     parting = handshake.parting_of(config, record, session, release, arrived=False)
     aboard = record.boarding.occupancy is Occupancy.ABOARD
-    exited = parting is Parting.EXITED and config.has(ROBOT_LEFT)
-    return (session.holder, aboard) if parting is Parting.DOUBT else None, record.owes_robot_left or exited
+    exited = parting is OccupancyAtEnd.EXITED and config.has(ROBOT_LEFT)
+    return (session.holder, aboard) if parting is OccupancyAtEnd.DOUBT else None, record.owes_robot_left or exited
 
 
 def _occupied(durable: DurableRecord, by: tuple[Holder, bool] | None, clock: datetime) -> Occupied | None:
