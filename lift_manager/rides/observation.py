@@ -34,7 +34,7 @@ Lifts = Mapping[str, LiftView]
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class RideInDoubt:
     """Another ride of the same holder whose robot may be in a car."""
 
     ride: str
@@ -63,7 +63,7 @@ class RideObservation:
     """How many wait in the queue before the ride."""
     busy: str = ""
     """Which other ride has the lift, in words; empty for none."""
-    doubt: Doubt | None = None
+    doubt: RideInDoubt | None = None
     """What speaks against a start of the ride, unless its robot has reported since."""
 
     @property

@@ -15,7 +15,7 @@ from lift_manager.lift.queue import ahead_of, place_of, waiting
 from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import FoundOutside, Input, QueueChange
-from lift_manager.rides.observation import Doubt, Lifts, LiftView, RideObservation
+from lift_manager.rides.observation import Lifts, LiftView, RideInDoubt, RideObservation
 from lift_manager.rides.record import RideRecord, SavedRide, must_outlive, save, waits_in_queue
 from lift_manager.rides.ride import Phase, RideRequest
 from lift_manager.rides.step import Step
@@ -230,10 +230,10 @@ def _busy(rides: Rides, record: RideRecord) -> str:
     return ""
 
 
-def _doubt(rides: Rides, lifts: Lifts, record: RideRecord) -> Doubt | None:
+def _doubt(rides: Rides, lifts: Lifts, record: RideRecord) -> RideInDoubt | None:
     """Return the newest other ride of the same holder whose robot may be in a car."""
     doubts = [
-        Doubt(one.id, one.lift, math.inf if one.ended_at is None else one.ended_at)
+        RideInDoubt(one.id, one.lift, math.inf if one.ended_at is None else one.ended_at)
         for one in rides.of_holder_maybe_aboard(record.holder)
         if one.id != record.id and _speaks_against(one, record, lifts)
     ]

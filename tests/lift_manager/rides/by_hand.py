@@ -14,7 +14,7 @@ from lift_manager.lift.queue import Queue
 from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.lift.state import LiftState, Quality, Restrictions
 from lift_manager.rides.inputs import CancelRide, Input, RideRequestToLift, RobotReport, Tick, ToLift
-from lift_manager.rides.observation import Doubt, LiftView, RideObservation
+from lift_manager.rides.observation import LiftView, RideInDoubt, RideObservation
 from lift_manager.rides.record import RideRecord
 from lift_manager.rides.ride import OVER, Phase, RideLimits, RideRequest, RideWord
 from lift_manager.rides.step import Step, step
@@ -135,7 +135,7 @@ class Sight:
     ahead: int = 0
     gone: str = ""
     busy: str = ""
-    doubt: Doubt | None = None
+    doubt: RideInDoubt | None = None
 
     @property
     def seen(self) -> RideObservation:

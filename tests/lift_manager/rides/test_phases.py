@@ -13,7 +13,7 @@ from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.lift.state import LiftState, Quality, Restrictions
 from lift_manager.rides.inputs import Replied
-from lift_manager.rides.observation import Doubt
+from lift_manager.rides.observation import RideInDoubt
 from lift_manager.rides.phases import REPEAT_S
 from lift_manager.rides.record import RESTORED_FOR_S, Clearing, published
 from lift_manager.rides.ride import Guidance, Phase
@@ -228,7 +228,7 @@ def test_a_queued_ride_takes_no_lift_after_a_restart_before_its_robot_is_heard()
     assert (late.actions, late.record.reason) == ((), f"{waits}; it has lost its place in the line")
 
 
-DOUBT = Doubt("r0", "A", 50.0)
+DOUBT = RideInDoubt("r0", "A", 50.0)
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ DOUBT = Doubt("r0", "A", 50.0)
     ],
 )
 def test_a_ride_of_before_a_doubt_does_not_start_by_the_name_of_its_holder(
-    robot: str, present_at: float, doubt: Doubt, words: str
+    robot: str, present_at: float, doubt: RideInDoubt, words: str
 ) -> None:
     waiting = replace(ride(present_at=present_at), request=replace(REQUEST, robot=robot))
     in_car = kept_out(maybe_aboard=waiting.holder)
