@@ -72,7 +72,7 @@ RideRequestToLift = OpenSession | RenewSession | CloseSession | EndSession | Giv
 
 
 @dataclass(frozen=True, slots=True)
-class ToLift:
+class LiftAction:
     """Request something of the ride's lift; the reply is the next input, `Replied`."""
 
     lift: str
@@ -84,7 +84,7 @@ class SettleOthers:
     """The robot is out of the car: the holder's earlier rides there get `FoundOutside` (`rides.in_doubt`)."""
 
 
-Action = ToLift | SettleOthers
+Action = LiftAction | SettleOthers
 
 
 @dataclass(frozen=True, slots=True)

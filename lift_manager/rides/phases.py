@@ -15,7 +15,7 @@ from lift_manager.lift.observation import Moment
 from lift_manager.lift.occupancy import Occupancy, RobotWord
 from lift_manager.lift.refusals import how_to_acknowledge
 from lift_manager.lift.session import Advice, EndReason, advise
-from lift_manager.rides.inputs import Action, RideRequestToLift, ToLift
+from lift_manager.rides.inputs import Action, LiftAction, RideRequestToLift
 from lift_manager.rides.observation import (
     RideObservation,
     is_live,
@@ -223,18 +223,18 @@ def _want_open(record: RideRecord, seen: RideObservation, moment: Moment, floor:
     return ()
 
 
-def close(record: RideRecord, robot: RobotWord | None = None) -> ToLift:
+def close(record: RideRecord, robot: RobotWord | None = None) -> LiftAction:
     """Return the request that ends the session of a ride; `robot` where its robot has reported that it left."""
     return _to_lift(record, CloseSession(record.session, record.holder, robot))
 
 
-def _command(record: RideRecord, kind: CommandType, floor: FloorName | None = None) -> ToLift:
+def _command(record: RideRecord, kind: CommandType, floor: FloorName | None = None) -> LiftAction:
     request = CommandRequest(session=record.session, holder=record.holder, kind=kind, floor=floor)
     return _to_lift(record, GiveCommand(request))
 
 
-def _to_lift(record: RideRecord, request: RideRequestToLift) -> ToLift:
-    return ToLift(record.lift, request)
+def _to_lift(record: RideRecord, request: RideRequestToLift) -> LiftAction:
+    return LiftAction(record.lift, request)
 
 
 # -- limits

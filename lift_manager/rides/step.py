@@ -24,13 +24,13 @@ from lift_manager.rides.inputs import (
     Event,
     FoundOutside,
     Input,
+    LiftAction,
     Replied,
     RideChanged,
     RobotReport,
     SettleOthers,
     TakeLift,
     Tick,
-    ToLift,
 )
 from lift_manager.rides.observation import RideObservation, is_live
 from lift_manager.rides.phases import (
@@ -305,7 +305,7 @@ def _take_exit(record: RideRecord, request: LiftRequest | CloseSession, seen: Ri
     if isinstance(request, CloseSession) and state.holder is None:
         floor = state.floor or record.request.destination
         left = LiftRequest(record.holder, floor, hold_door=False, robot=RobotWord.LEFT)
-        return Progress(record, (ToLift(record.lift, left),))
+        return Progress(record, (LiftAction(record.lift, left),))
     doubt = f"the lift has not shown how the robot got out; a person must look: {how_to_acknowledge(record.lift)}"
     reason = f"{record.reason}; {doubt}" if record.reason else doubt
     return Progress(replace(record, maybe_aboard=True, reason=reason))

@@ -30,13 +30,13 @@ from lift_manager.rides.inputs import (
     CancelRide,
     FoundOutside,
     Input,
+    LiftAction,
     QueueChange,
     Replied,
     RideChanged,
     RobotReport,
     TakeLift,
     Tick,
-    ToLift,
     row_of,
 )
 from lift_manager.rides.observation import LiftView, RideObservation
@@ -254,7 +254,7 @@ class SiteRides:
         done = step(before, happened, self._observe(seen_as), self._moment)
         self._note(done)
         for action in done.actions:
-            if not isinstance(action, ToLift):
+            if not isinstance(action, LiftAction):
                 for other in all_rides.in_doubt(self._rides, done.record.lift, done.record.holder):
                     self._step(other.id, FoundOutside())
                 continue
@@ -288,7 +288,7 @@ class SiteRides:
         holder = self._rides.by_id[ride.id].holder
         _log.info("%s: ride %s of %s is %s%s", event.lift, ride.id, holder, ride.phase, why, extra=extra)
 
-    def _carry_out(self, action: ToLift) -> SessionBegun | SessionInfo | CommandStatus | Accepted | Refused:
+    def _carry_out(self, action: LiftAction) -> SessionBegun | SessionInfo | CommandStatus | Accepted | Refused:
         """Request something of a lift; the ids that it may need are made here."""
         request = action.request
         if isinstance(request, OpenSession | GiveCommand | LiftRequest):
@@ -387,7 +387,7 @@ class _Lifts(Mapping[str, LiftView]):
 
 
 def _opens_session(action: object) -> bool:
-    return isinstance(action, ToLift) and isinstance(action.request, OpenSession)
+    return isinstance(action, LiftAction) and isinstance(action.request, OpenSession)
 
 
 def _only_lift(request: RideRequest) -> str:

@@ -13,7 +13,7 @@ from lift_manager.lift.occupancy import Occupancy, RobotWord
 from lift_manager.lift.queue import Queue
 from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.lift.state import LiftState, Quality, Restrictions
-from lift_manager.rides.inputs import CancelRide, Input, RideRequestToLift, RobotReport, Tick, ToLift
+from lift_manager.rides.inputs import CancelRide, Input, LiftAction, RideRequestToLift, RobotReport, Tick
 from lift_manager.rides.observation import LiftView, RideInDoubt, RideObservation
 from lift_manager.rides.record import RideRecord
 from lift_manager.rides.ride import OVER, Phase, RideLimits, RideRequest, RideWord
@@ -106,11 +106,11 @@ SESSION = SessionInfo(
 # -- what is requested of the lift
 
 
-def to_lift(request: RideRequestToLift) -> ToLift:
-    return ToLift("A", request)
+def to_lift(request: RideRequestToLift) -> LiftAction:
+    return LiftAction("A", request)
 
 
-def go_to(floor: str) -> ToLift:
+def go_to(floor: str) -> LiftAction:
     return to_lift(GiveCommand(CommandRequest(session="s1", holder=HOLDER, kind=CommandType.GO_TO, floor=floor)))
 
 
