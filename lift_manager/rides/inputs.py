@@ -42,7 +42,7 @@ class CancelRide:
 
 
 @dataclass(frozen=True, slots=True)
-class Replied:
+class LiftReply:
     """What an action of the ride came to, at once."""
 
     request: RideRequestToLift
@@ -61,7 +61,7 @@ class TakeLift:
     lift: str
 
 
-Input = Tick | RobotReport | BeginAgain | CancelRide | Replied | FoundOutside | TakeLift | Advised | CommandFollowed
+Input = Tick | RobotReport | BeginAgain | CancelRide | LiftReply | FoundOutside | TakeLift | Advised | CommandFollowed
 """`Advised` and `CommandFollowed` are the events of the ride's lift for the ride's holder (`rides.concerned`)."""
 
 
@@ -73,7 +73,7 @@ RideRequestToLift = OpenSession | RenewSession | CloseSession | EndSession | Giv
 
 @dataclass(frozen=True, slots=True)
 class LiftAction:
-    """Request something of the ride's lift; the reply is the next input, `Replied`."""
+    """Request something of the ride's lift; the reply is the next input, `LiftReply`."""
 
     lift: str
     request: RideRequestToLift

@@ -25,7 +25,7 @@ from lift_manager.rides.inputs import (
     FoundOutside,
     Input,
     LiftAction,
-    Replied,
+    LiftReply,
     RideChanged,
     RobotReport,
     SettleOthers,
@@ -115,7 +115,7 @@ def _take(record: RideRecord, happened: Input, seen: RideObservation, moment: Mo
             return Progress(replace(record, silent_since=None))
         case CancelRide():
             return _dated_progress(record, _cancel(record, happened, seen, moment), moment)
-        case Replied():
+        case LiftReply():
             return _take_reply(record, happened, seen, moment)
         case _:
             return Progress(_take_news(record, happened, seen, moment))
@@ -275,7 +275,7 @@ def _cancel(record: RideRecord, cancel: CancelRide, seen: RideObservation, momen
 # -- what requests came to
 
 
-def _take_reply(record: RideRecord, happened: Replied, seen: RideObservation, moment: Moment) -> Progress:
+def _take_reply(record: RideRecord, happened: LiftReply, seen: RideObservation, moment: Moment) -> Progress:
     request, reply = happened.request, happened.reply
     failure = reply.message if isinstance(reply, Refused) else ""
     match request:
@@ -313,7 +313,7 @@ def _take_exit(record: RideRecord, request: LiftRequest | CloseSession, seen: Ri
 
 def _lift_refusal(happened: Input) -> str:
     match happened:
-        case Replied(OpenSession(), Refused(code, message)) if code not in NOT_OF_THE_LIFT:
+        case LiftReply(OpenSession(), Refused(code, message)) if code not in NOT_OF_THE_LIFT:
             return message
         case _:
             return ""

@@ -31,8 +31,8 @@ from lift_manager.rides.inputs import (
     FoundOutside,
     Input,
     LiftAction,
+    LiftReply,
     QueueChange,
-    Replied,
     RideChanged,
     RobotReport,
     TakeLift,
@@ -259,7 +259,7 @@ class SiteRides:
                     self._step(other.id, FoundOutside())
                 continue
             reply = self._carry_out(action)
-            self._step(ride, Replied(action.request, reply))
+            self._step(ride, LiftReply(action.request, reply))
             if isinstance(reply, Refused):
                 break
         if done.record.is_over and not before.is_over:

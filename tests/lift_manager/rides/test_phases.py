@@ -12,7 +12,7 @@ from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.requests import SessionBegun
 from lift_manager.lift.session import Advice, EndReason, Holder
 from lift_manager.lift.state import LiftState, Quality, Restrictions
-from lift_manager.rides.inputs import Replied
+from lift_manager.rides.inputs import LiftReply
 from lift_manager.rides.observation import RideInDoubt
 from lift_manager.rides.phases import REPEAT_S
 from lift_manager.rides.record import RESTORED_FOR_S, Clearing, published
@@ -86,14 +86,14 @@ def test_the_robot_that_may_be_in_the_car_may_take_it_up_again() -> None:
 
 
 def test_a_lift_that_refused_is_asked_again_after_a_while_and_the_ride_says_why_it_waits() -> None:
-    refused = take(ride(), Replied(OPEN.request, NOT_NOW), sight(now=10.0)).record
+    refused = take(ride(), LiftReply(OPEN.request, NOT_NOW), sight(now=10.0)).record
     soon = tick(refused, sight(now=10.0 + REPEAT_S - 0.1))
     assert (soon.actions, soon.record.reason) == ((), NOT_NOW.message)
     assert tick(refused, sight(now=10.0 + REPEAT_S)).actions == (OPEN,)
 
 
 def test_a_ride_with_its_session_calls_the_car_to_the_robot() -> None:
-    called = take(ride(), Replied(OPEN.request, SessionBegun(SESSION, is_new=True)), sight(now=2.0)).record
+    called = take(ride(), LiftReply(OPEN.request, SessionBegun(SESSION, is_new=True)), sight(now=2.0)).record
     assert (called.phase, called.phase_since, called.session, called.ahead) == (Phase.CALLED, 2.0, "s1", None)
     assert tick(called, sight(here("L2", RobotDoor.CLOSED), session(None))).actions == (go_to("L1"),)
     under_way = tick(replace(called, requested_at=2.0), sight(away(), session("L1"), now=3.0))
@@ -188,7 +188,7 @@ def test_a_robot_inside_is_reported_before_the_car_is_sent_on() -> None:
 
 def test_what_was_refused_is_not_asked_for_again_at_once() -> None:
     seen = sight(here("L1"), session("L1", Occupancy.MAY_BOARD, there=True), now=1.0)
-    refused = take(ride(Phase.RIDING), Replied(IN_PLACE.request, NOT_NOW), seen).record
+    refused = take(ride(Phase.RIDING), LiftReply(IN_PLACE.request, NOT_NOW), seen).record
     waiting = tick(refused, replace(seen, now=2.0))
     assert (waiting.actions, waiting.record.reason) == ((), NOT_NOW.message)
     assert tick(refused, replace(seen, now=1.0 + REPEAT_S)).actions == (IN_PLACE, go_to("L3"))

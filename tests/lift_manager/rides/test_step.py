@@ -15,7 +15,7 @@ from lift_manager.lift.requests import SessionBegun
 from lift_manager.rides.inputs import (
     BeginAgain,
     FoundOutside,
-    Replied,
+    LiftReply,
     RideChanged,
     SettleOthers,
     TakeLift,
@@ -51,7 +51,7 @@ from tests.lift_manager.rides.by_hand import (
     to_lift,
 )
 
-OPENED = Replied(OPEN.request, SessionBegun(SESSION, is_new=True))
+OPENED = LiftReply(OPEN.request, SessionBegun(SESSION, is_new=True))
 IN_CAR = kept_out(maybe_aboard=HOLDER)
 TOLD_LEFT = to_lift(LiftRequest(HOLDER, "L2", hold_door=False, robot=RobotWord.LEFT))
 
@@ -124,39 +124,39 @@ def test_the_journal_has_a_row_of_each_phase_and_none_of_guidance() -> None:
 
 
 def test_a_lift_that_is_held_or_queued_for_did_not_turn_the_ride_away_for_a_reason_of_its_own() -> None:
-    own = take(ride(), Replied(OPEN.request, Refused(Refusal.OUTSIDE_HOURS, "its hours are over")), sight())
+    own = take(ride(), LiftReply(OPEN.request, Refused(Refusal.OUTSIDE_HOURS, "its hours are over")), sight())
     assert (own.lift_refusal, own.record.failure) == ("its hours are over", "its hours are over")
-    held = take(ride(), Replied(OPEN.request, Refused(Refusal.HELD, "A is held by rmf:tiny")), sight())
+    held = take(ride(), LiftReply(OPEN.request, Refused(Refusal.HELD, "A is held by rmf:tiny")), sight())
     assert (held.lift_refusal, held.record.failure) == ("", "A is held by rmf:tiny")
 
 
 def test_a_renewal_does_not_hide_why_the_request_before_it_failed() -> None:
     failed = ride(Phase.CALLED, failure="go_to rejected: no answer")
-    assert take(failed, Replied(RENEW.request, SESSION), sight(now=3.0)).record.failure == failed.failure
-    refused = take(failed, Replied(RENEW.request, Refused(Refusal.SESSION_OVER, "over")), sight(now=3.0)).record
+    assert take(failed, LiftReply(RENEW.request, SESSION), sight(now=3.0)).record.failure == failed.failure
+    refused = take(failed, LiftReply(RENEW.request, Refused(Refusal.SESSION_OVER, "over")), sight(now=3.0)).record
     assert (refused.failure, refused.requested_at) == ("over", 3.0)
 
 
 def test_once_the_lift_knows_that_the_robot_is_out_the_holders_earlier_rides_are_settled() -> None:
-    done = take(ride(Phase.DONE), Replied(CLOSE_LEFT.request, SESSION), sight(STATE))
+    done = take(ride(Phase.DONE), LiftReply(CLOSE_LEFT.request, SESSION), sight(STATE))
     assert done.actions == (SettleOthers(),)
 
 
 def test_a_lift_that_still_doubts_is_told_once_more_that_the_robot_left_and_then_a_person_must_look() -> None:
     over = ride(Phase.DONE)
-    closed = take(over, Replied(CLOSE_LEFT.request, SESSION), sight(IN_CAR))
+    closed = take(over, LiftReply(CLOSE_LEFT.request, SESSION), sight(IN_CAR))
     assert closed.actions == (TOLD_LEFT,)
-    settled = take(over, Replied(TOLD_LEFT.request, Accepted()), sight(STATE))
+    settled = take(over, LiftReply(TOLD_LEFT.request, Accepted()), sight(STATE))
     assert settled.actions == (SettleOthers(),)
-    doubted = take(over, Replied(TOLD_LEFT.request, Accepted()), sight(IN_CAR))
+    doubted = take(over, LiftReply(TOLD_LEFT.request, Accepted()), sight(IN_CAR))
     assert (doubted.actions, doubted.record.maybe_aboard) == ((), True)
     assert doubted.record.reason.startswith("the lift has not shown how the robot got out; a person must look")
-    held = take(over, Replied(CLOSE_LEFT.request, SESSION), sight(replace(IN_CAR, holder=OTHER)))
+    held = take(over, LiftReply(CLOSE_LEFT.request, SESSION), sight(replace(IN_CAR, holder=OTHER)))
     assert (held.actions, held.record.maybe_aboard) == ((), True)
 
 
 def test_a_session_that_is_given_back_without_a_word_of_the_robot_settles_nothing() -> None:
-    assert take(ride(Phase.CANCELLED), Replied(CLOSE.request, SESSION), sight()).actions == ()
+    assert take(ride(Phase.CANCELLED), LiftReply(CLOSE.request, SESSION), sight()).actions == ()
 
 
 # -- events of the lift
