@@ -18,7 +18,7 @@ REFUSALS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class TurnedAway:
+class FaceRefusal:
     """A request that a face refused by itself: for its key, its role, or the lift that it named."""
 
     code: str
@@ -62,7 +62,7 @@ class RefusalLog:
         """Count a refusal, whoever writes it down."""
         self.counts[lift, str(code)] += 1
 
-    def turned_away(self, who: TurnedAway) -> None:
+    def turned_away(self, who: FaceRefusal) -> None:
         """Note a request that reached no lift."""
         text = f"refused: {who.text}" + (f", from {who.address}" if who.address else "")
         data: dict[str, Json] = {"refused": who.code, "address": who.address}

@@ -47,7 +47,7 @@ from lift_manager.runtime.actor import LiftActor, new_id
 from lift_manager.runtime.bus import Bus, Event, Occurrence, StateChanged, Subscription
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.recorder import Clock, Recorder, wall_clock
-from lift_manager.runtime.refusals import RefusalLog, TurnedAway
+from lift_manager.runtime.refusals import FaceRefusal, RefusalLog
 from lift_manager.runtime.rides import SiteRides
 
 RECORDED_WITHIN_S = 0.5
@@ -142,7 +142,7 @@ class Site:
     ) -> Accepted:
         """Take a request that names a floor. All rules live behind this, the release for a closed door included."""
         if lift not in self._lifts:
-            self.refusals.turned_away(TurnedAway(Refusal.UNKNOWN_LIFT, "there is no such lift", lift, str(holder)))
+            self.refusals.turned_away(FaceRefusal(Refusal.UNKNOWN_LIFT, "there is no such lift", lift, str(holder)))
         return self._take(lift, LiftRequest(holder, floor, hold_door, robot, stays, new_id()), Accepted)
 
     def end_session(self, lift: str, holder: Holder, grace_s: float) -> Accepted:
@@ -241,7 +241,7 @@ class Site:
         """Take a lift from its holder; everything is released as at the end of any session, when `lock_out` does."""
         return self._decide(lift, by, "release", ForceRelease(by, reason, at_once), ForceReleased)
 
-    def turned_away(self, who: TurnedAway) -> None:
+    def turned_away(self, who: FaceRefusal) -> None:
         """Write down a request that a face refused by itself."""
         self.refusals.count(who.lift if who.lift in self._lifts else "", who.code)
         self.refusals.turned_away(who)

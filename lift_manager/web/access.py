@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from lift_manager.api.access import LiftIn, Need, Route, refusal
 from lift_manager.api.keys import Key, Keys, Secret, holds_key
-from lift_manager.runtime.refusals import TurnedAway
+from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.web.answers import answer, is_workshop, not_found, wrong_method
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.errors import RequestError
@@ -49,11 +49,11 @@ def caller(request: Request) -> Key | None:
     return key
 
 
-def turned_away(request: Request, code: str, text: str, lift: str) -> TurnedAway:
+def turned_away(request: Request, code: str, text: str, lift: str) -> FaceRefusal:
     """Return what the journal is told of a request that a face refuses by itself."""
     key, client = caller(request), request.client
     name = "" if key is None else caller_name(request.scope["path"], key)
-    return TurnedAway(code, text, lift, name, "" if client is None else client.host)
+    return FaceRefusal(code, text, lift, name, "" if client is None else client.host)
 
 
 class Gate:
@@ -64,7 +64,7 @@ class Gate:
         app: ASGIApp,
         routes: Sequence[Route],
         keys: Keys,
-        note: Callable[[TurnedAway], None],
+        note: Callable[[FaceRefusal], None],
         host_names: Collection[str] = (),
     ) -> None:
         """`note` hears of everybody who may not. Without keys the manager is known by `host_names`, its addresses and localhost alone."""
@@ -140,7 +140,7 @@ class Gate:
         address = str(client[0]) if client else ""
         self._log.refused(address or "an unknown address", why)
         name = "" if key is None else caller_name(scope["path"], key)
-        self._note(TurnedAway(error.code, why, "".join(lifts[:1]), name, address))
+        self._note(FaceRefusal(error.code, why, "".join(lifts[:1]), name, address))
         return error
 
 

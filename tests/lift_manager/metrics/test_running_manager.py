@@ -15,7 +15,7 @@ from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.bus import StateChanged
 from lift_manager.runtime.links import WireFrame
-from lift_manager.runtime.refusals import TurnedAway
+from lift_manager.runtime.refusals import FaceRefusal
 from register_maps.load import load
 from register_maps.words import Table
 from tests.lift_manager.metrics.measured import Labels, samples
@@ -116,7 +116,7 @@ def test_refusals_of_requests_and_at_the_door_are_counted_under_the_lifts_of_the
         refused = refusal(lambda: site.request("lift", ROBOT, "L9", hold_door=True))
         assert refused.code is Refusal.UNKNOWN_FLOOR
         refusal(lambda: site.request("a name that a caller made up", ROBOT, "L1", hold_door=True))
-        site.turned_away(TurnedAway("bad_key", "its key does not count", "", "", "10.0.0.9"))
+        site.turned_away(FaceRefusal("bad_key", "its key does not count", "", "", "10.0.0.9"))
         refusal(lambda: site.end_lockout("lift", "M. Weber"))
         read = await made.read()
         found = {

@@ -13,7 +13,7 @@ from lift_manager.lift.state import Quality
 from lift_manager.runtime.errors import NotFound, RequestRefused
 from lift_manager.runtime.journal import CHANGES, READ_WITHIN_S, LiftJournal
 from lift_manager.runtime.recorder import MemoryRecorder
-from lift_manager.runtime.refusals import REFUSALS, TurnedAway
+from lift_manager.runtime.refusals import REFUSALS, FaceRefusal
 from register_maps.words import Mode
 from tests.support.refusals import refusal, reply
 from tests.support.spine import spine
@@ -209,8 +209,8 @@ def test_whoever_is_turned_away_has_a_few_rows_and_the_rest_is_counted_and_told_
         async with spine(recorder=journal) as lift:
             journal.rows.clear()
             for n in range(1000):
-                lift.site.turned_away(TurnedAway("bad_key", "its key does not count", address=f"192.0.2.{n % 250}"))
-            lift.site.turned_away(TurnedAway("not_allowed", "may not do this", "lift", "workshop:r1", "192.0.2.7"))
+                lift.site.turned_away(FaceRefusal("bad_key", "its key does not count", address=f"192.0.2.{n % 250}"))
+            lift.site.turned_away(FaceRefusal("not_allowed", "may not do this", "lift", "workshop:r1", "192.0.2.7"))
             await lift.life.stop()
 
     run_virtual(main)

@@ -9,7 +9,7 @@ from lift_manager.lift.events import RestrictionKind
 from lift_manager.lift.inputs import JoinQueue, LeaveQueue
 from lift_manager.runtime.bus import StateChanged
 from lift_manager.runtime.errors import Conflict, Invalid, LiftTaken, NotFound, RequestRefused, Unavailable
-from lift_manager.runtime.refusals import TurnedAway
+from lift_manager.runtime.refusals import FaceRefusal
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import OTHER, PLAIN, ROBOT, Bench, SlowRecorder, on_bench
 from tests.support.virtual_time import elapse
@@ -63,7 +63,7 @@ def test_a_person_that_is_refused_has_a_row() -> None:
 
 def test_a_request_that_a_face_refuses_by_itself_is_counted_and_written_down() -> None:
     async def check(made: Bench) -> None:
-        made.site.turned_away(TurnedAway("bad_key", "its key does not count here", "lift", "", "10.0.0.7"))
+        made.site.turned_away(FaceRefusal("bad_key", "its key does not count here", "lift", "", "10.0.0.7"))
         assert made.rows[-1].text == "refused: its key does not count here, from 10.0.0.7"
         assert made.site.refusals.counts["lift", "bad_key"] == 1
 

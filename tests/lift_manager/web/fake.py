@@ -33,7 +33,7 @@ from lift_manager.lift.state import LiftState
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.errors import raised
 from lift_manager.runtime.recorder import MemoryRecorder, Recorder
-from lift_manager.runtime.refusals import TurnedAway
+from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.runtime.site import Site
 from lift_manager.web.app import make_app
 from lift_manager.web.connections import ConnectionLimits
@@ -95,7 +95,7 @@ class FakeSite(Site):
         """What people decided."""
         self.done: list[tuple[object, ...]] = []
         """What was requested of sessions."""
-        self.away: list[TurnedAway] = []
+        self.away: list[FaceRefusal] = []
         """Whom the face refused by itself."""
         self.sessions: dict[tuple[str, str], SessionInfo] = {}
         """By lift and id."""
@@ -241,7 +241,7 @@ class FakeSite(Site):
         self._decided("force_release", lift, by, reason, *(["now"] if at_once else []))
         return ForceReleased(lift, by, AT, reason, Holder("workshop", "robot-1"), maybe_aboard=True)
 
-    def turned_away(self, who: TurnedAway) -> None:
+    def turned_away(self, who: FaceRefusal) -> None:
         self.away.append(who)
 
     # -- what happens
