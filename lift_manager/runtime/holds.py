@@ -18,7 +18,7 @@ _ON = frozenset({OutputState.ON, OutputState.HELD})
 _GIVEN = _ON | {OutputState.REQUESTED}
 
 
-class Beginning(NamedTuple):
+class UnrecordedHold(NamedTuple):
     """A hold that has to be written down before it is put on."""
 
     command: Command
@@ -53,7 +53,7 @@ class Holds:
 
     def update(
         self, wanted: Mapping[Command, outputs.Hold], pressed: Collection[str], *, may_begin: bool
-    ) -> tuple[Beginning, ...]:
+    ) -> tuple[UnrecordedHold, ...]:
         """Take what should be on; return what has to be written down before it begins.
 
         `pressed` are the outputs whose press is not with the driver yet: what is on for the same command stays, and what is on
@@ -86,7 +86,7 @@ class Holds:
                     after[command] = Hold(known.begin, hold.until)
                 if may_begin and name not in self._waiting:
                     self._waiting[name] = _Waiting()
-                    beginnings.append(Beginning(command, self._state(name) is OutputState.LOST))
+                    beginnings.append(UnrecordedHold(command, self._state(name) is OutputState.LOST))
         self.declared = after
         return tuple(beginnings)
 
