@@ -19,7 +19,7 @@ from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
 from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, store_path_of
 from lift_manager.config.site import Site
 from lift_manager.lift.journal import RowKind
-from lift_manager.store.chain import Stored
+from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import (
     ALL,
@@ -239,7 +239,7 @@ def _export(
     wanted: Wanted,
     last: int | None,
     path: Path,
-    write: Callable[[Iterable[Stored], BinaryIO], int],
+    write: Callable[[Iterable[StoredRow], BinaryIO], int],
     *,
     force: bool,
 ) -> None:

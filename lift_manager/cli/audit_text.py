@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lift_manager.lift.journal import Json, RowKind
-from lift_manager.store.chain import Stored, canonical
+from lift_manager.store.chain import StoredRow, canonical
 from lift_manager.store.read import event_of, time_of
 
 _JOINERS = "\u200c\u200d"
@@ -37,7 +37,7 @@ _STYLES: Mapping[str, str] = {
 class Sheet:
     """Rows for people: a table for a terminal, a line each for everything else."""
 
-    def __init__(self, console: Console, zone: tzinfo | None, rows: Sequence[Stored], lifts: Iterable[str]) -> None:
+    def __init__(self, console: Console, zone: tzinfo | None, rows: Sequence[StoredRow], lifts: Iterable[str]) -> None:
         """Take the widths of the columns from the rows that are there, and from the names of lifts."""
         self._console, self._zone = console, zone
         wide = console.width >= 100 or not console.is_terminal
@@ -48,7 +48,7 @@ class Sheet:
         self._event = _width([event_of(row) for row in rows], least=15, most=24) if console.width >= 140 else 0
         self._day: date | None = None
 
-    def show(self, rows: Sequence[Stored]) -> None:
+    def show(self, rows: Sequence[StoredRow]) -> None:
         """Print some rows, below those that were printed before."""
         if not self._console.is_terminal:
             for row in rows:
@@ -88,7 +88,7 @@ class Sheet:
             table.add_column("event", width=self._event, style="dim", overflow="fold")
         return table
 
-    def _line(self, row: Stored) -> str:
+    def _line(self, row: StoredRow) -> str:
         at = time_of(row).astimezone(self._zone)
         cells = (
             f"{row.seq:>{self._number}}",
@@ -109,12 +109,12 @@ def shown(text: str) -> str:
     return "".join(sign if _is_shown(sign) else _escaped(sign) for sign in text)
 
 
-def write_csv(rows: Iterable[Stored], file: BinaryIO) -> int:
+def write_csv(rows: Iterable[StoredRow], file: BinaryIO) -> int:
     """Write every column, for people and spreadsheets; returns how many rows."""
     count = 0
     with _utf8(file) as text:
         writer = csv.writer(text, lineterminator="\r\n")
-        writer.writerow(Stored._fields)
+        writer.writerow(StoredRow._fields)
         for row in rows:
             texts = (row.kind, row.lift, row.caller, row.text, row.data)
             writer.writerow([row.seq, _utc(row), *(_cell(cell) for cell in texts), row.hash.hex()])
@@ -122,7 +122,7 @@ def write_csv(rows: Iterable[Stored], file: BinaryIO) -> int:
     return count
 
 
-def write_jsonl(rows: Iterable[Stored], file: BinaryIO) -> int:
+def write_jsonl(rows: Iterable[StoredRow], file: BinaryIO) -> int:
     """Write every column as it is, an object per line; returns how many rows."""
     count = 0
     with _utf8(file) as text:
@@ -132,11 +132,11 @@ def write_jsonl(rows: Iterable[Stored], file: BinaryIO) -> int:
     return count
 
 
-def _columns(row: Stored) -> dict[str, Json]:
+def _columns(row: StoredRow) -> dict[str, Json]:
     return row._asdict() | {"at": _utc(row), "data": _read_data(row.data), "hash": row.hash.hex()}
 
 
-def _utc(row: Stored) -> str:
+def _utc(row: StoredRow) -> str:
     return f"{time_of(row).replace(tzinfo=None).isoformat(timespec='microseconds')}Z"
 
 

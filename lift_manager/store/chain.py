@@ -13,7 +13,7 @@ from lift_manager.lift.journal import Json
 _encode = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode
 
 
-class Stored(NamedTuple):
+class StoredRow(NamedTuple):
     """A row as the table `rows` has it, in the order of its columns."""
 
     seq: int
@@ -48,12 +48,12 @@ def seed(site: str) -> bytes:
     return hashlib.sha256(f"lift-manager journal\n{site}".encode("utf-8", "replace")).digest()
 
 
-def row_hash(before: bytes, row: Stored) -> bytes:
+def row_hash(before: bytes, row: StoredRow) -> bytes:
     """Return the hash that this row must have after a row with the hash `before`; the row's own hash does not count."""
     return hashlib.sha256(before + _encode(row[:7]).encode()).digest()
 
 
-def follows(before: object, row: Stored) -> bool:
+def follows(before: object, row: StoredRow) -> bool:
     """Whether a row, as it was found in a file, is the one that was written after a row with the hash `before`."""
     as_written = all(type(cell) is kind for cell, kind in zip(row, _TYPES, strict=True))
     return isinstance(before, bytes) and as_written and row_hash(before, row) == row.hash

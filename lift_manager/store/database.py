@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from drivers.own_files import make_own
-from lift_manager.store.chain import Stored, follows, seed
+from lift_manager.store.chain import StoredRow, follows, seed
 from lift_manager.store.errors import StoreDamaged, StoreForeign
 from lift_manager.store.place import put_in_place
 
@@ -72,7 +72,7 @@ VERSION = len(MIGRATIONS)
 
 NOT_FOLLOWED = "it is a symbolic link, and these are not followed; put the file itself there"
 
-COLUMNS = ", ".join(Stored._fields)
+COLUMNS = ", ".join(StoredRow._fields)
 
 
 def create_database(path: Path, site: str, connect: Connect = connect) -> None:
@@ -125,7 +125,7 @@ def read_head(connection: sqlite3.Connection, path: Path) -> Head:
     if found is None or [type(value) for value in found] != [int, bytes, int]:
         raise StoreDamaged(path, "is damaged (it does not say which row is the newest)")
     head = Head(*found)
-    newest = Stored(*rows[0]) if rows else None
+    newest = StoredRow(*rows[0]) if rows else None
     if newest is None:
         if head.seq:
             raise StoreDamaged(path, f"was changed: row {head.seq} was the newest, and there are no rows")

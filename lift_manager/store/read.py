@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, NoReturn, Self
 
 from lift_manager.lift.journal import RowKind
-from lift_manager.store.chain import Stored
+from lift_manager.store.chain import StoredRow
 from lift_manager.store.database import COLUMNS, VERSION, Head, check_version, text_of
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable, StoreDamaged
 
@@ -51,7 +51,7 @@ class Wanted:
     event: str | None = None
     """The id of an event."""
 
-    def fits(self, row: Stored) -> bool:
+    def fits(self, row: StoredRow) -> bool:
         """Whether this row is one of them."""
         return (
             (self.lift is None or row.lift == self.lift)
@@ -110,12 +110,12 @@ class Reader:
         """Return a number that differs from the one before whenever somebody has written."""
         return self._one("PRAGMA data_version") or 0
 
-    def row(self, seq: int) -> Stored | None:
+    def row(self, seq: int) -> StoredRow | None:
         """Return one row. Raises RowUnreadable."""
         raw = self._batch(f"SELECT {COLUMNS} FROM rows WHERE seq = ?", seq)  # noqa: S608  constants
         return self._stored(raw[0]) if raw else None
 
-    def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[Stored]:
+    def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[StoredRow]:
         """Yield rows, oldest first, up to the one that is the newest when this begins. Raises JournalUnreadable."""
         last = self.last()
         if last is None:
@@ -129,9 +129,9 @@ class Reader:
                     yield row
                 seen = row.seq
 
-    def newest(self, wanted: Wanted, count: int, upto: int | None = None) -> Sequence[Stored]:
+    def newest(self, wanted: Wanted, count: int, upto: int | None = None) -> Sequence[StoredRow]:
         """Return the newest rows, oldest of them first, none of them newer than row `upto`. Raises JournalUnreadable."""
-        found: list[Stored] = []
+        found: list[StoredRow] = []
         last = self.last()
         if last is None:
             return found
@@ -165,7 +165,7 @@ class Reader:
         with self._in_words():
             return self._connection.execute(query, values).fetchall()
 
-    def _stored(self, raw: _Raw) -> Stored:
+    def _stored(self, raw: _Raw) -> StoredRow:
         seq, at, *texts, digest = raw
         if not isinstance(at, int) or _moment(at) is None:
             raise RowUnreadable(self.path, seq, f"has {at!r} for its time")
@@ -175,7 +175,7 @@ class Reader:
         if not isinstance(digest, bytes):
             raise RowUnreadable(self.path, seq, "has no bytes for its hash")
         kind, lift, caller, text, data = map(str, texts)
-        return Stored(seq, at, kind, lift, caller, text, data, digest)
+        return StoredRow(seq, at, kind, lift, caller, text, data, digest)
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -211,7 +211,7 @@ def open_journal(path: Path, *, copy: bool = False, busy_s: float = BUSY_S) -> R
 class News:
     """What has come since the last look."""
 
-    rows: tuple[Stored, ...] = ()
+    rows: tuple[StoredRow, ...] = ()
     cut: tuple[int, int] | None = None
     """These rows were written and cut before they could be read."""
     replaced: bool = False
@@ -222,7 +222,7 @@ class Follower:
     """Tells what comes after a row, over cuts, restarts of the manager and a journal that is put back."""
 
     def __init__(
-        self, path: Path, wanted: Wanted, after: Stored | None, *, copy: bool = False, busy_s: float = BUSY_S
+        self, path: Path, wanted: Wanted, after: StoredRow | None, *, copy: bool = False, busy_s: float = BUSY_S
     ) -> None:
         """Tell what comes after this row; None is before the first."""
         self._path, self._wanted = path, wanted
@@ -271,7 +271,7 @@ class Follower:
         return self._after is None or reader.row(self._after.seq) == self._after
 
 
-def event_of(row: Stored) -> str:
+def event_of(row: StoredRow) -> str:
     """Return the id of the event that a row is of; empty where it is of none, or older than such ids."""
     if '"event":' not in row.data:
         return ""
@@ -283,7 +283,7 @@ def event_of(row: Stored) -> str:
     return event if isinstance(event, str) else ""
 
 
-def time_of(row: Stored) -> datetime:
+def time_of(row: StoredRow) -> datetime:
     """When a row was written, in UTC."""
     return _EPOCH + timedelta(microseconds=row.at)
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
-from lift_manager.store.chain import Stored, canonical, clean, row_hash
+from lift_manager.store.chain import StoredRow, canonical, clean, row_hash
 from lift_manager.store.database import (
     BUSY_S,
     COLUMNS,
@@ -98,7 +98,7 @@ class SqliteStore:
         with self._failing():
             self._open()
             query = f"SELECT {COLUMNS} FROM rows ORDER BY seq DESC LIMIT ?"  # noqa: S608  constants
-            return [_noted(Stored(*row)) for row in self._opened().execute(query, (count,))][::-1]
+            return [_noted(StoredRow(*row)) for row in self._opened().execute(query, (count,))][::-1]
 
     def tend(self, now: int, *, check: bool) -> Tended:
         """Do one short step of upkeep; with `check` begin to see whether rows have to go. Raises CommitFailed."""
@@ -170,7 +170,7 @@ class SqliteStore:
 
     @contextmanager
     def _leading_to(
-        self, stored: Sequence[Stored], records: Iterable[str], *, repeated: int
+        self, stored: Sequence[StoredRow], records: Iterable[str], *, repeated: int
     ) -> Iterator[sqlite3.Connection]:
         """Commit what is done within, with the head that follows from it; after a failure the caller repeats so many of the rows."""
         connection, head = self._opened(), self._known()
@@ -206,7 +206,7 @@ class SqliteStore:
             return Tended(more=True)
         return Tended(more=False)
 
-    def _chained(self, rows: Iterable[Stored]) -> list[Stored]:
+    def _chained(self, rows: Iterable[StoredRow]) -> list[StoredRow]:
         """Return the rows with their numbers and hashes, as they follow the newest one."""
         newest, hash_, _ = self._known()
         chained = []
@@ -355,12 +355,12 @@ def _record(path: Path, lift: object, text: object, hash_: object) -> SavedLift:
         raise StoreDamaged(path, f"is damaged (the record of lift {lift!r}, {error})") from error
 
 
-def _stored(noted: Noted) -> Stored:
+def _stored(noted: Noted) -> StoredRow:
     """Return a row as the table has it, without its number and hash."""
     at, row = noted
     told = canonical(row.told)
-    return Stored(0, at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), told, b"")
+    return StoredRow(0, at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), told, b"")
 
 
-def _noted(row: Stored) -> Noted:
+def _noted(row: StoredRow) -> Noted:
     return Noted(row.at, Row(RowKind(row.kind), row.text, row.lift, row.caller, json.loads(row.data)))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lift_manager.lift.journal import RowKind
-from lift_manager.store.chain import Stored, row_hash, seed
+from lift_manager.store.chain import StoredRow, row_hash, seed
 from lift_manager.store.database import Head
 from lift_manager.store.errors import ChainBroken, JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.read import BATCH, Reader
@@ -49,13 +49,13 @@ class Chain:
     """A chain that holds."""
 
     rows: int
-    newest: Stored | None
+    newest: StoredRow | None
     """None where there is no row."""
     first: int
     """The oldest row; 0 where there is none."""
     cut: Cut | None
     """By which the rows before `first` are gone."""
-    oldest: Stored | None = None
+    oldest: StoredRow | None = None
     """Row `first`; None where there is none."""
 
 
@@ -110,8 +110,8 @@ class _Walk:
             raise ChainBroken(first, "was put in: the numbers of a journal begin at 1")
         before = self._beginning(first)
         rows = 0
-        oldest: Stored | None = None
-        newest: Stored | None = None
+        oldest: StoredRow | None = None
+        newest: StoredRow | None = None
         for row in self._rows(first):
             if before is None or (problem := self._problem(before, row)) is None:
                 pass
@@ -187,7 +187,7 @@ class _Walk:
                 return Cut(anchor, through, bytes.fromhex(digest), row.at)
         return None
 
-    def _rows(self, first: int) -> Iterator[Stored]:
+    def _rows(self, first: int) -> Iterator[StoredRow]:
         """Yield rows that follow one another without a gap."""
         expected = first
         try:
@@ -206,7 +206,7 @@ class _Walk:
         except JournalUnreadable as error:
             self._broken(ChainBroken(expected, f"cannot be read, or one of the {BATCH} after it: {error}"))
 
-    def _problem(self, before: bytes, row: Stored) -> str | None:
+    def _problem(self, before: bytes, row: StoredRow) -> str | None:
         if row_hash(before, row) == row.hash:
             return None
         if row.seq == 1:

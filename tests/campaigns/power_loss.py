@@ -21,7 +21,7 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from lift_manager.store.chain import Stored, row_hash, seed
+from lift_manager.store.chain import StoredRow, row_hash, seed
 from lift_manager.store.database import open_database, read_head
 from lift_manager.store.errors import StoreError
 from lift_manager.store.sqlite import read_records
@@ -111,7 +111,7 @@ def _judged(path: Path, answered: set[int], report: Report) -> str | None:
             read_head(connection, path)
             if (whole := connection.execute("PRAGMA integrity_check").fetchall()) != [("ok",)]:
                 return f"damaged: {whole[:3]}"
-            rows = [Stored(*row) for row in connection.execute("SELECT * FROM rows ORDER BY seq")]
+            rows = [StoredRow(*row) for row in connection.execute("SELECT * FROM rows ORDER BY seq")]
     except (sqlite3.DatabaseError, OSError, StoreError) as error:
         return f"does not open: {error}"
     if (broken := _broken(rows)) is not None:
@@ -130,7 +130,7 @@ def _judged(path: Path, answered: set[int], report: Report) -> str | None:
     return None
 
 
-def _broken(rows: list[Stored]) -> str | None:
+def _broken(rows: list[StoredRow]) -> str | None:
     """Say which row does not follow from the one before."""
     before = seed(SITE)
     if rows and rows[0].seq > 1:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
 from lift_manager.cli.main import app
 from lift_manager.lift.journal import Json, Row, RowKind
-from lift_manager.store.chain import Stored
+from lift_manager.store.chain import StoredRow
 from lift_manager.store.place import store_path
 from lift_manager.store.read import open_journal
 from lift_manager.store.retention import Limits
@@ -195,7 +195,7 @@ def test_the_spreadsheet_runs_no_cell_and_has_every_column(used: Building, tmp_p
 @each_row("text", ["=1", "+1", "-1", "@x", "\t=1", "\r=1", "\n=1", "\uff1d1", "a;=1", 'a;"=1', ";;-1", '"=1'])
 def test_no_cell_begins_as_a_formula_even_where_a_semicolon_parts_cells(text: str) -> None:
     file = io.BytesIO()
-    write_csv([Stored(1, 0, text, text, text, text, text, b"")], file)
+    write_csv([StoredRow(1, 0, text, text, text, text, text, b"")], file)
     for delimiter in ",;":
         for line in csv.reader(io.StringIO(file.getvalue().decode(), newline=""), delimiter=delimiter):
             assert not [
@@ -223,7 +223,7 @@ def test_the_lines_of_json_are_exact_so_that_the_chain_can_be_walked_from_them(u
 def test_data_that_no_manager_has_written_is_exported_as_text() -> None:
     for text in ("{", '{"b":1,"a":2}', '{"a": 1}', "NaN", '{"a":1,"a":2}', "[" * 100_000):
         file = io.BytesIO()
-        assert write_jsonl([Stored(1, 0, "", "", "", "", text, b"")], file) == 1
+        assert write_jsonl([StoredRow(1, 0, "", "", "", "", text, b"")], file) == 1
         assert json.loads(file.getvalue())["data"] == text
 
 
@@ -231,10 +231,10 @@ def test_an_export_writes_a_row_before_it_takes_the_next_but_a_few_so_that_a_mil
     file = io.BytesIO()
     ahead = []
 
-    def rows() -> Iterator[Stored]:
+    def rows() -> Iterator[StoredRow]:
         for seq in range(1, 2001):
             ahead.append((seq - 1) * 100 - len(file.getvalue()))
-            yield Stored(seq, 0, "", "", "", "x" * 100, "{}", b"")
+            yield StoredRow(seq, 0, "", "", "", "x" * 100, "{}", b"")
 
     for write in (write_csv, write_jsonl):
         file = io.BytesIO()
@@ -417,7 +417,7 @@ def test_as_a_process_it_prints_utf_8_and_ends_with_what_was_found(used: Buildin
 
 
 ROWS = [
-    Stored(
+    StoredRow(
         7,
         1_795_147_200_000_000,
         "request",
@@ -427,7 +427,7 @@ ROWS = [
         "{}",
         b"",
     ),
-    Stored(
+    StoredRow(
         8,
         1_795_190_400_000_000,
         "alarm",
@@ -437,7 +437,7 @@ ROWS = [
         "{}",
         b"",
     ),
-    Stored(9, 1_795_190_401_000_000, "of a later version", "east", "", "", "{}", b""),
+    StoredRow(9, 1_795_190_401_000_000, "of a later version", "east", "", "", "{}", b""),
 ]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import Recorder
-from lift_manager.store.chain import Stored, row_hash, seed
+from lift_manager.store.chain import StoredRow, row_hash, seed
 from lift_manager.store.committer import Committer
 from lift_manager.store.database import Connect, connect
 from lift_manager.store.retention import Limits
@@ -39,12 +39,12 @@ def opened_raw(path: Path) -> Iterator[sqlite3.Connection]:
         yield connection
 
 
-def stored(path: Path) -> list[Stored]:
+def stored(path: Path) -> list[StoredRow]:
     """Read every row and see that number and hash of each follow from the one before."""
     if not path.exists():
         return []
     with opened_raw(path) as connection:
-        rows = [Stored(*row) for row in connection.execute("SELECT * FROM rows ORDER BY seq")]
+        rows = [StoredRow(*row) for row in connection.execute("SELECT * FROM rows ORDER BY seq")]
         assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
     before = seed(SITE)
     if rows and rows[0].seq > 1:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lift_manager.lift.journal import Row, RowKind
-from lift_manager.store.chain import Stored
+from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import JournalBusy, JournalUnreadable, RowUnreadable
 from lift_manager.store.read import (
     ALL,
@@ -62,7 +62,7 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
     manager.end()
 
 
-def texts(rows: News | Iterable[Stored]) -> list[str]:
+def texts(rows: News | Iterable[StoredRow]) -> list[str]:
     return [row.text for row in (rows.rows if isinstance(rows, News) else rows)]
 
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from lift_manager.lift import journal as domain
 from lift_manager.lift.journal import RowKind
-from lift_manager.store.chain import Stored
+from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import ALL, Reader, Wanted, open_journal
 from lift_manager.store.retention import Limits
@@ -107,7 +107,7 @@ def test_the_hash_of_a_row_is_what_sha256sum_says_of_it() -> None:
     fields = (1, T0, "press", "east", "workshop:r1", 'go_to Überfloor "2"', '{"floor":"Ü2"}')
     golden = bytes.fromhex("d6c10b0698eb800858684522cf413074c63ce7fc119568c1e78d26a0384992fe")
     assert digest(seed(), fields) == golden
-    assert holds([(*fields, golden)]).newest == Stored(*fields, golden)
+    assert holds([(*fields, golden)]).newest == StoredRow(*fields, golden)
 
 
 def test_what_the_manager_writes_has_the_hash_of_the_format_and_holds(tmp_path: Path) -> None:
@@ -271,7 +271,7 @@ def test_rows_that_a_manager_cuts_while_they_are_walked_are_no_fault(tmp_path: P
     class Cutting(Reader):
         """Its third row is the last of a batch, and the manager cuts before the next."""
 
-        def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[Stored]:
+        def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[StoredRow]:
             for row in super().rows(wanted, after):
                 yield row
                 if row.seq == 3:
