@@ -24,7 +24,7 @@ from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import (
     ALL,
     Follower,
-    Wanted,
+    RowFilter,
     microseconds,
     open_journal,
     time_of,
@@ -134,7 +134,7 @@ def audit(  # noqa: PLR0913  a parameter per option
         raise typer.BadParameter("the whole chain is verified; leave out what chooses rows", param_hint="--verify")
     source = _source(site, journal)
     now = datetime.now(UTC).astimezone(source.zone)
-    wanted = Wanted(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
+    wanted = RowFilter(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
     try:
         if walk:
             _verify(source, seal)
@@ -150,7 +150,7 @@ def audit(  # noqa: PLR0913  a parameter per option
         raise fail(shown(str(error))) from error
 
 
-def _show(source: Source, wanted: Wanted, last: int | None) -> None:
+def _show(source: Source, wanted: RowFilter, last: int | None) -> None:
     count = LAST if last is None else last
     with open_journal(source.path, copy=source.copy) as reader:
         found = reader.newest(wanted, count + 1)
@@ -163,7 +163,7 @@ def _show(source: Source, wanted: Wanted, last: int | None) -> None:
     Sheet(out, source.zone, rows, _lifts(source)).show(rows)
 
 
-def _follow(source: Source, wanted: Wanted, count: int) -> None:
+def _follow(source: Source, wanted: RowFilter, count: int) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
         newest = next(iter(reader.newest(ALL, 1)), None)
         rows = reader.newest(wanted, count, newest.seq if newest is not None else None)
@@ -236,7 +236,7 @@ def _odd(source: Source, chain: Chain) -> Iterator[str]:
 
 def _export(
     source: Source,
-    wanted: Wanted,
+    wanted: RowFilter,
     last: int | None,
     path: Path,
     write: Callable[[Iterable[StoredRow], BinaryIO], int],
@@ -279,7 +279,7 @@ def _lifts(source: Source) -> Iterable[str]:
     return () if source.site is None else source.site.lifts
 
 
-def _nothing(source: Source, wanted: Wanted, *, any_rows: bool) -> str:
+def _nothing(source: Source, wanted: RowFilter, *, any_rows: bool) -> str:
     if wanted.lift is not None and source.site is not None and wanted.lift not in source.site.lifts:
         return f"no row is of a lift {wanted.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
     if any_rows or wanted == ALL:

@@ -35,7 +35,7 @@ _TEXTS = ("kind", "lift", "caller", "text", "data")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class RowFilter:
     """Which rows. All of it must be so; what is left out is no condition."""
 
     lift: str | None = None
@@ -64,7 +64,7 @@ class Wanted:
         )
 
 
-ALL = Wanted()
+ALL = RowFilter()
 
 
 class Reader:
@@ -115,7 +115,7 @@ class Reader:
         raw = self._batch(f"SELECT {COLUMNS} FROM rows WHERE seq = ?", seq)  # noqa: S608  constants
         return self._stored(raw[0]) if raw else None
 
-    def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[StoredRow]:
+    def rows(self, wanted: RowFilter = ALL, after: int | None = None) -> Iterator[StoredRow]:
         """Yield rows, oldest first, up to the one that is the newest when this begins. Raises JournalUnreadable."""
         last = self.last()
         if last is None:
@@ -129,7 +129,7 @@ class Reader:
                     yield row
                 seen = row.seq
 
-    def newest(self, wanted: Wanted, count: int, upto: int | None = None) -> Sequence[StoredRow]:
+    def newest(self, wanted: RowFilter, count: int, upto: int | None = None) -> Sequence[StoredRow]:
         """Return the newest rows, oldest of them first, none of them newer than row `upto`. Raises JournalUnreadable."""
         found: list[StoredRow] = []
         last = self.last()
@@ -222,7 +222,7 @@ class Follower:
     """Tells what comes after a row, over cuts, restarts of the manager and a journal that is put back."""
 
     def __init__(
-        self, path: Path, wanted: Wanted, after: StoredRow | None, *, copy: bool = False, busy_s: float = BUSY_S
+        self, path: Path, wanted: RowFilter, after: StoredRow | None, *, copy: bool = False, busy_s: float = BUSY_S
     ) -> None:
         """Tell what comes after this row; None is before the first."""
         self._path, self._wanted = path, wanted

@@ -12,7 +12,7 @@ from lift_manager.app import Building, build
 from lift_manager.cli.logs import JsonFormatter
 from lift_manager.config.load import load_site
 from lift_manager.runtime.recorder import Recorder
-from lift_manager.store.read import Wanted, event_of, open_journal
+from lift_manager.store.read import RowFilter, event_of, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import opened
 from lift_manager.web.app import make_app
@@ -63,5 +63,5 @@ def test_log_journal_and_stream_name_an_event_alike(tmp_path: Path, caplog: pyte
         rows = [row for row in reader.rows() if event_of(row)]
         assert [event_of(row) for row in rows] == list(told.values())
         for what, event in told.items():
-            (row,) = reader.rows(Wanted(event=event))
+            (row,) = reader.rows(RowFilter(event=event))
             assert json.loads(row.data)["said"] == {"locked_out": "lockout", "lockout_over": "lockout_end"}[what]

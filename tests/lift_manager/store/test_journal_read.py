@@ -16,7 +16,7 @@ from lift_manager.store.read import (
     BATCH,
     Follower,
     News,
-    Wanted,
+    RowFilter,
     microseconds,
     open_journal,
     time_of,
@@ -66,7 +66,7 @@ def texts(rows: News | Iterable[StoredRow]) -> list[str]:
     return [row.text for row in (rows.rows if isinstance(rows, News) else rows)]
 
 
-def all_texts(path: Path, wanted: Wanted = ALL) -> list[str]:
+def all_texts(path: Path, wanted: RowFilter = ALL) -> list[str]:
     with open_journal(path) as reader:
         found = texts(reader.rows(wanted))
         assert texts(reader.newest(wanted, 10**6)) == found
@@ -81,16 +81,16 @@ def test_rows_are_chosen_by_lift_kind_caller_time_and_text(manager: Manager) -> 
     manager.write("f", caller="rmfx:fleet")
     path = manager.path
     assert all_texts(path) == ["a", "b", "c", "Door BLOCKED", "straße", "f"]
-    assert all_texts(path, Wanted(lift="west")) == ["c"]
-    assert all_texts(path, Wanted(lift="wes")) == []
-    assert all_texts(path, Wanted(kinds=frozenset({RowKind.ALARM, RowKind.LINK}))) == ["c"]
-    assert all_texts(path, Wanted(caller="rmf:fleet/robot")) == ["Door BLOCKED"]
-    assert all_texts(path, Wanted(caller="rmf")) == ["Door BLOCKED", "straße"]
-    assert all_texts(path, Wanted(find="blocked")) == ["Door BLOCKED"]
-    assert all_texts(path, Wanted(find="STRASSE")) == ["straße"]
-    assert all_texts(path, Wanted(since=T0 + 4_000_000)) == ["straße", "f"]
-    assert all_texts(path, Wanted(until=T0 + 1_000_000)) == ["a"]
-    assert all_texts(path, Wanted(lift="east", since=T0 + 1_000_000, until=T0 + 4_000_000)) == ["b", "Door BLOCKED"]
+    assert all_texts(path, RowFilter(lift="west")) == ["c"]
+    assert all_texts(path, RowFilter(lift="wes")) == []
+    assert all_texts(path, RowFilter(kinds=frozenset({RowKind.ALARM, RowKind.LINK}))) == ["c"]
+    assert all_texts(path, RowFilter(caller="rmf:fleet/robot")) == ["Door BLOCKED"]
+    assert all_texts(path, RowFilter(caller="rmf")) == ["Door BLOCKED", "straße"]
+    assert all_texts(path, RowFilter(find="blocked")) == ["Door BLOCKED"]
+    assert all_texts(path, RowFilter(find="STRASSE")) == ["straße"]
+    assert all_texts(path, RowFilter(since=T0 + 4_000_000)) == ["straße", "f"]
+    assert all_texts(path, RowFilter(until=T0 + 1_000_000)) == ["a"]
+    assert all_texts(path, RowFilter(lift="east", since=T0 + 1_000_000, until=T0 + 4_000_000)) == ["b", "Door BLOCKED"]
 
 
 def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_batches(manager: Manager) -> None:
@@ -99,7 +99,7 @@ def test_the_newest_rows_come_with_the_oldest_of_them_first_also_over_several_ba
     with open_journal(manager.path) as reader:
         assert texts(reader.newest(ALL, 3)) == [f"{count - 2}", f"{count - 1}", f"{count}"]
         assert texts(reader.newest(ALL, 2, upto=7)) == ["6", "7"]
-        assert texts(reader.newest(Wanted(until=T0 + 2_000_000), 9)) == ["1", "2"]
+        assert texts(reader.newest(RowFilter(until=T0 + 2_000_000), 9)) == ["1", "2"]
         assert list(reader.newest(ALL, 0)) == []
         assert len(list(reader.rows())) == count
         assert texts(reader.rows(after=count - 1)) == [f"{count}"]
@@ -165,7 +165,7 @@ def test_a_copy_with_its_log_is_read_to_its_newest_row(manager: Manager, tmp_pat
 
 
 @contextmanager
-def following(manager: Manager, wanted: Wanted = ALL) -> Iterator[Follower]:
+def following(manager: Manager, wanted: RowFilter = ALL) -> Iterator[Follower]:
     with open_journal(manager.path) as reader:
         newest = next(iter(reader.newest(ALL, 1)), None)
     follower = Follower(manager.path, wanted, newest)
@@ -177,7 +177,7 @@ def following(manager: Manager, wanted: Wanted = ALL) -> Iterator[Follower]:
 
 def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
     manager.write("a")
-    with following(manager, Wanted(lift="east")) as follower:
+    with following(manager, RowFilter(lift="east")) as follower:
         assert follower.news() == News()
         manager.write("b", "c")
         manager.write("d", lift="west")

@@ -18,7 +18,7 @@ from lift_manager.lift import journal as domain
 from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
-from lift_manager.store.read import ALL, Reader, Wanted, open_journal
+from lift_manager.store.read import ALL, Reader, RowFilter, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
 from lift_manager.store.store import Noted
@@ -271,7 +271,7 @@ def test_rows_that_a_manager_cuts_while_they_are_walked_are_no_fault(tmp_path: P
     class Cutting(Reader):
         """Its third row is the last of a batch, and the manager cuts before the next."""
 
-        def rows(self, wanted: Wanted = ALL, after: int | None = None) -> Iterator[StoredRow]:
+        def rows(self, wanted: RowFilter = ALL, after: int | None = None) -> Iterator[StoredRow]:
             for row in super().rows(wanted, after):
                 yield row
                 if row.seq == 3:
