@@ -208,7 +208,7 @@ def open_journal(path: Path, *, copy: bool = False, busy_s: float = BUSY_S) -> R
 
 
 @dataclass(frozen=True, slots=True)
-class News:
+class NewRows:
     """What has come since the last look."""
 
     rows: tuple[StoredRow, ...] = ()
@@ -238,14 +238,14 @@ class Follower:
             self._reader.close()
             self._reader = None
 
-    def news(self) -> News:
+    def news(self) -> NewRows:
         """Look once. Raises JournalUnreadable."""
         try:
             return self._read()
         except JournalBusy:
-            return News()
+            return NewRows()
 
-    def _read(self) -> News:
+    def _read(self) -> NewRows:
         file = _identity(self._path)
         replaced = False
         if self._reader is None or self._reader.immutable or file != self._file:
@@ -255,7 +255,7 @@ class Follower:
             self._changes = None
         changes = self._reader.changes()
         if changes == self._changes:
-            return News()
+            return NewRows()
         after = None if replaced or self._after is None else self._after.seq
         rows = list(self._reader.rows(after=after))
         if replaced and self._after is not None:
@@ -264,7 +264,7 @@ class Follower:
         cut = (after + 1, rows[0].seq - 1) if after is not None and rows and rows[0].seq > after + 1 else None
         self._after = rows[-1] if rows else self._reader.row(self._reader.last() or 0) if replaced else self._after
         self._file, self._changes = file, changes
-        return News(tuple(row for row in rows if self._wanted.fits(row)), cut, replaced)
+        return NewRows(tuple(row for row in rows if self._wanted.fits(row)), cut, replaced)
 
     def _knows(self, reader: Reader) -> bool:
         """Whether the journal goes on from the row that was told last."""

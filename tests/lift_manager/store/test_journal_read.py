@@ -15,7 +15,7 @@ from lift_manager.store.read import (
     ALL,
     BATCH,
     Follower,
-    News,
+    NewRows,
     RowFilter,
     microseconds,
     open_journal,
@@ -62,8 +62,8 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
     manager.end()
 
 
-def texts(rows: News | Iterable[StoredRow]) -> list[str]:
-    return [row.text for row in (rows.rows if isinstance(rows, News) else rows)]
+def texts(rows: NewRows | Iterable[StoredRow]) -> list[str]:
+    return [row.text for row in (rows.rows if isinstance(rows, NewRows) else rows)]
 
 
 def all_texts(path: Path, wanted: RowFilter = ALL) -> list[str]:
@@ -178,11 +178,11 @@ def following(manager: Manager, wanted: RowFilter = ALL) -> Iterator[Follower]:
 def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
     manager.write("a")
     with following(manager, RowFilter(lift="east")) as follower:
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         manager.write("b", "c")
         manager.write("d", lift="west")
         assert texts(follower.news()) == ["b", "c"]
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         manager.write("e")
         assert texts(follower.news()) == ["e"]
 
@@ -190,7 +190,7 @@ def test_a_follower_tells_each_new_row_once(manager: Manager) -> None:
 def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) -> None:
     manager.write()
     with following(manager) as follower:
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         manager.write("a")
         assert texts(follower.news()) == ["a"]
 
@@ -198,11 +198,11 @@ def test_a_follower_of_a_journal_without_rows_tells_the_first(manager: Manager) 
 def test_a_follower_goes_on_over_a_cut_and_over_a_restart_of_the_manager(manager: Manager) -> None:
     manager.write("a", "b", "c")
     with following(manager) as follower:
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         manager.cut_through(2)
         assert follower.news().cut is None
         manager.end()
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         again = Manager(manager.path)
         again.write("d")
         assert texts(follower.news()) == ["d"]
@@ -221,7 +221,7 @@ def test_a_follower_tells_which_rows_were_cut_before_it_could_read_them(manager:
 def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager, tmp_path: Path) -> None:
     manager.write("a", "b")
     with following(manager) as follower:
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         manager.end()
         for file in tmp_path.glob("x.db*"):
             file.rename(tmp_path / f"old-{file.name}")
@@ -238,7 +238,7 @@ def test_a_follower_tells_that_another_journal_is_in_the_place(manager: Manager,
 def test_a_follower_goes_on_in_a_copy_that_was_put_back_and_has_its_last_row(manager: Manager, tmp_path: Path) -> None:
     manager.write("a", "b")
     with following(manager) as follower:
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
         manager.end()
         with closing(sqlite3.connect(manager.path)) as old, closing(sqlite3.connect(tmp_path / "copy")) as copy:
             old.backup(copy)
@@ -263,7 +263,7 @@ def test_a_file_that_is_locked_is_told_in_words_and_a_follower_waits_for_it(mana
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(JournalBusy, match="is locked by another program"):
             open_journal(manager.path, busy_s=0.01)
-        assert follower.news() == News()
+        assert follower.news() == NewRows()
     assert texts(follower.news()) == ["b"]
     follower.close()
 
