@@ -37,14 +37,14 @@ class Limits:
     """Of 1,000,000 bytes, without the log beside the file."""
 
 
-class Aim(NamedTuple):
+class RetentionTarget(NamedTuple):
     """What has to go before a check is over."""
 
     older_than_us: int
     above_bytes: int
 
 
-def aim(connection: sqlite3.Connection, limits: Limits, now_us: int) -> Aim:
+def aim(connection: sqlite3.Connection, limits: Limits, now_us: int) -> RetentionTarget:
     """Return what has to go now. Raises CommitFailed for a row that says nothing of its age.
 
     By age only a bite goes, and none soon after another: a clock that is wrong for an hour must not wipe out a year, however
@@ -55,7 +55,7 @@ def aim(connection: sqlite3.Connection, limits: Limits, now_us: int) -> Aim:
     if oldest is not None and _may_age(connection, now_us):
         older_than_us = min(now_us - limits.keep_days * _DAY_US, _time(*oldest) + BITE_DAYS * _DAY_US)
     most = limits.max_mb * 1_000_000
-    return Aim(older_than_us, round(_BELOW * most) if _used_bytes(connection) > most else most)
+    return RetentionTarget(older_than_us, round(_BELOW * most) if _used_bytes(connection) > most else most)
 
 
 class Cut(NamedTuple):
@@ -66,7 +66,7 @@ class Cut(NamedTuple):
     """Says so, and has the hash of the last one, from which the others are verified."""
 
 
-def next_cut(connection: sqlite3.Connection, aim: Aim) -> Cut | None:
+def next_cut(connection: sqlite3.Connection, aim: RetentionTarget) -> Cut | None:
     """Return what goes next, or None if nothing has to go. Raises CommitFailed for rows that say nothing of their age or their hash."""
     found = connection.execute("SELECT seq, at FROM rows ORDER BY seq LIMIT ?", (STEP_ROWS,)).fetchall()
     oldest = [(seq, _time(seq, at)) for seq, at in found]
@@ -121,7 +121,7 @@ def _damaged(seq: int) -> CommitFailed:
     return CommitFailed(what, "see what `lift-manager audit --verify` says of it")
 
 
-def _too_many(connection: sqlite3.Connection, aim: Aim) -> int:
+def _too_many(connection: sqlite3.Connection, aim: RetentionTarget) -> int:
     """Return about how many rows have to go because of the size."""
     used = _used_bytes(connection)
     if used <= aim.above_bytes:

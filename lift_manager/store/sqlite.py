@@ -37,7 +37,7 @@ from lift_manager.store.database import (
 from lift_manager.store.errors import MOVE_AWAY, CommitFailed, StoreDamaged, StoreForeign, StoreUnusable
 from lift_manager.store.outage import commit_failed
 from lift_manager.store.record import RecordDamaged, decode, digest, encode
-from lift_manager.store.retention import Aim, Cut, Limits, aim, next_cut, shrink_step
+from lift_manager.store.retention import Cut, Limits, RetentionTarget, aim, next_cut, shrink_step
 from lift_manager.store.store import Noted, Tended
 
 CARRY_OVER_ROWS = 200
@@ -76,7 +76,7 @@ class SqliteStore:
         self._already = 0
         """So many rows with which the next commit begins are in the file: the one that failed had reached the disk."""
         self._identity: tuple[tuple[int, int], ...] = ()
-        self._aim: Aim | None = None
+        self._aim: RetentionTarget | None = None
         self._since_carried_over = CARRY_OVER_ROWS  # what a crash left in the log is carried over soon
 
     def load(self) -> Mapping[str, SavedLift]:
