@@ -29,7 +29,7 @@ from lift_manager.store.outage import (
     no_thread,
     silent,
 )
-from lift_manager.store.store import Noted, Store
+from lift_manager.store.store import PendingRow, Store
 
 _log = logging.getLogger(__name__)
 
@@ -76,7 +76,7 @@ class Jobs(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
-    noted: Noted
+    noted: PendingRow
     answer: Future[str | None] | None = None
 
     def tell(self, why: str | None) -> None:
@@ -218,7 +218,7 @@ class Committer:
         return True
 
     def _put(self, row: Row, answer: Future[str | None] | None = None) -> None:
-        self._queue.append(_Waiting(Noted(_micros(self._clock()), row), answer))
+        self._queue.append(_Waiting(PendingRow(_micros(self._clock()), row), answer))
         self._number += 1
 
     def _tell_lost(self) -> None:

@@ -38,7 +38,7 @@ from lift_manager.store.errors import MOVE_AWAY, CommitFailed, StoreDamaged, Sto
 from lift_manager.store.outage import commit_failed
 from lift_manager.store.record import RecordDamaged, decode, digest, encode
 from lift_manager.store.retention import Cut, Limits, RetentionTarget, aim, next_cut, shrink_step
-from lift_manager.store.store import Noted, Tended
+from lift_manager.store.store import PendingRow, Tended
 
 CARRY_OVER_ROWS = 200
 """After so many rows the log beside the file is carried over into it. Chosen: often enough for that to take milliseconds."""
@@ -84,7 +84,7 @@ class SqliteStore:
         self._records = read_records(self.path, self._site)
         return dict(self._records)
 
-    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
         """Return once these are on the disk; says whether the file wants to be tended. Raises CommitFailed."""
         with self._failing():
             self._open()
@@ -93,7 +93,7 @@ class SqliteStore:
         self._begins = False
         return self._since_carried_over >= CARRY_OVER_ROWS
 
-    def tail(self, count: int) -> Sequence[Noted]:
+    def tail(self, count: int) -> Sequence[PendingRow]:
         """Return the newest rows, the oldest of them first. Raises CommitFailed."""
         with self._failing():
             self._open()
@@ -147,7 +147,7 @@ class SqliteStore:
                 what = f"is another file than the one that this manager wrote to, and {self.path.name}-wal belongs to that one"
                 raise StoreDamaged(self.path, what, "put that one back; to go on with this one, take both away first")
 
-    def _commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> None:
+    def _commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> None:
         stored = self._chained(_stored(one) for one in rows)
         with self._leading_to(stored, records, repeated=self._already + len(stored)) as connection:
             connection.executemany(_INSERT, stored)
@@ -162,7 +162,7 @@ class SqliteStore:
 
     def _cut(self, cut: Cut, now: int) -> None:
         """Let the oldest rows go, and write the anchor that says so: both or neither."""
-        stored = self._chained([_stored(Noted(now, cut.anchor))])
+        stored = self._chained([_stored(PendingRow(now, cut.anchor))])
         with self._leading_to(stored, (), repeated=self._already) as connection:
             connection.executemany(_INSERT, stored)
             connection.execute("DELETE FROM rows WHERE seq <= ?", (cut.through,))
@@ -355,12 +355,12 @@ def _record(path: Path, lift: object, text: object, hash_: object) -> SavedLift:
         raise StoreDamaged(path, f"is damaged (the record of lift {lift!r}, {error})") from error
 
 
-def _stored(noted: Noted) -> StoredRow:
+def _stored(noted: PendingRow) -> StoredRow:
     """Return a row as the table has it, without its number and hash."""
     at, row = noted
     told = canonical(row.told)
     return StoredRow(0, at, row.kind.value, clean(row.lift), clean(row.caller), clean(row.text), told, b"")
 
 
-def _noted(row: StoredRow) -> Noted:
-    return Noted(row.at, Row(RowKind(row.kind), row.text, row.lift, row.caller, json.loads(row.data)))
+def _noted(row: StoredRow) -> PendingRow:
+    return PendingRow(row.at, Row(RowKind(row.kind), row.text, row.lift, row.caller, json.loads(row.data)))

@@ -9,7 +9,7 @@ from lift_manager.lift.journal import Row
 from lift_manager.runtime.recorder import SavedLift
 
 
-class Noted(NamedTuple):
+class PendingRow(NamedTuple):
     """A row of the journal and when it was noted."""
 
     at: int
@@ -36,14 +36,14 @@ class Store(Protocol):
         """Return the record of every lift that was ever committed. Raises StoreUnusable or CommitFailed."""
         ...
 
-    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
         """Store these records and append these rows; returns whether the store wants to be tended. Raises CommitFailed.
 
         Without records and rows it is a trial, for which the disk does as much as for a row.
         """
         ...
 
-    def tail(self, count: int) -> Sequence[Noted]:
+    def tail(self, count: int) -> Sequence[PendingRow]:
         """Return the newest rows, the oldest of them first. Raises CommitFailed."""
         ...
 
@@ -62,14 +62,14 @@ class MemoryStore:
     def __init__(self, keep: int = 10_000) -> None:
         """Keep the newest `keep` rows."""
         self.records: dict[str, SavedLift] = {}
-        self.rows: list[Noted] = []
+        self.rows: list[PendingRow] = []
         self._keep = keep
 
     def load(self) -> Mapping[str, SavedLift]:
         """Return the record of every lift that was ever committed."""
         return dict(self.records)
 
-    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
         """Store these records and append these rows; nothing has to be tended."""
         self.records |= records
         self.rows += rows
@@ -77,7 +77,7 @@ class MemoryStore:
             del self.rows[: -self._keep]
         return False
 
-    def tail(self, count: int) -> Sequence[Noted]:
+    def tail(self, count: int) -> Sequence[PendingRow]:
         """Return the newest rows, the oldest of them first."""
         return self.rows[len(self.rows) - count :] if count < len(self.rows) else tuple(self.rows)
 

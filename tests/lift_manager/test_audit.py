@@ -24,7 +24,7 @@ from lift_manager.store.place import store_path
 from lift_manager.store.read import open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import Noted
+from lift_manager.store.store import PendingRow
 from tests.support.programs import Started, run
 from tests.support.rows import each_row
 
@@ -62,7 +62,7 @@ class Building:
         if self._store is None:
             self._store = SqliteStore(self.journal, NAME, Limits(keep_days=400, max_mb=500))
         noted = [
-            Noted(int(at.timestamp()) * 1_000_000 + 123_456, Row(RowKind(kind), text, lift, caller, data or {}))
+            PendingRow(int(at.timestamp()) * 1_000_000 + 123_456, Row(RowKind(kind), text, lift, caller, data or {}))
             for at, kind, lift, caller, text in rows
         ]
         self._store.commit({}, noted)

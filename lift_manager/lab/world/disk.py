@@ -23,7 +23,7 @@ from lift_manager.lift.journal import Row
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import Committer
 from lift_manager.store.outage import commit_failed
-from lift_manager.store.store import MemoryStore, Noted, Tended
+from lift_manager.store.store import MemoryStore, PendingRow, Tended
 
 SLOT_S = 0.25
 """Commits that begin within one slot of this length take the same time. Chosen: about as long as the commits of a busy moment."""
@@ -119,7 +119,7 @@ class _OneManagersStore:
     def load(self) -> Mapping[str, SavedLift]:
         return self._disk.store.load()
 
-    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[Noted]) -> bool:
+    def commit(self, records: Mapping[str, SavedLift], rows: Sequence[PendingRow]) -> bool:
         if self.dropped:
             return False
         tend = self._disk.store.commit(records, rows)
@@ -127,7 +127,7 @@ class _OneManagersStore:
             hear([noted.row for noted in rows])
         return tend
 
-    def tail(self, count: int) -> Sequence[Noted]:
+    def tail(self, count: int) -> Sequence[PendingRow]:
         return self._disk.store.tail(count)
 
     def tend(self, now: int, *, check: bool) -> Tended:

@@ -19,7 +19,7 @@ from lift_manager.store.errors import StoreUnusable
 from lift_manager.store.place import store_path
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import Noted
+from lift_manager.store.store import PendingRow
 from tests.lift_manager.store.journal_disk import (
     SITE,
     WITHIN_S,
@@ -91,7 +91,7 @@ LOCKED = SavedLift(DurableRecord(restrictions=(LOCKOUT,)))
 def locked_out(path: Path) -> Path:
     """A store of 60 presses and a lift that a person has locked out."""
     store = SqliteStore(path, SITE, Limits(400, 500))
-    store.commit({"east": LOCKED}, [Noted(1_800_000_000_000_000, press(number)) for number in range(60)])
+    store.commit({"east": LOCKED}, [PendingRow(1_800_000_000_000_000, press(number)) for number in range(60)])
     store.close()
     return path
 
@@ -226,7 +226,7 @@ def test_a_damaged_row_among_the_oldest_is_a_refusal_to_cut_and_ends_nobody(
 ) -> None:
     old = round(datetime(2020, 1, 1, tzinfo=UTC).timestamp()) * 1_000_000
     store = SqliteStore(path, SITE, Limits(400, 500))
-    store.commit({}, [Noted(old, Row(RowKind.LINK, ""))] * 60)
+    store.commit({}, [PendingRow(old, Row(RowKind.LINK, ""))] * 60)
     store.close()
     write_presses(path, 2, keep_days=10_000)
     sql(f"UPDATE rows SET {column} = 'x' WHERE seq IN (1, 60)")(path)

@@ -23,7 +23,7 @@ from lift_manager.store.read import (
 )
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import Noted
+from lift_manager.store.store import PendingRow
 
 SITE = "Main hospital"
 T0 = 1_795_200_000_000_000
@@ -41,7 +41,7 @@ class Manager:
     def write(self, *texts: str, lift: str = "east", kind: str = "press", caller: str = "workshop:r1") -> None:
         rows = []
         for text in texts:
-            rows.append(Noted(self._at, Row(RowKind(kind), text, lift, caller)))
+            rows.append(PendingRow(self._at, Row(RowKind(kind), text, lift, caller)))
             self._at += 1_000_000
         self._store.commit({}, rows)
 

@@ -13,7 +13,7 @@ from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.committer import Committer
 from lift_manager.store.retention import BITE_DAYS, STEP_ROWS, Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import Noted, Tended
+from lift_manager.store.store import PendingRow, Tended
 from tests.lift_manager.store.journal_disk import SITE, journal, opened_raw, press, stored, writing
 
 START = datetime(2026, 3, 2, tzinfo=UTC)
@@ -31,7 +31,7 @@ def micros(at: datetime) -> int:
 
 def fill(path: Path, ats: list[datetime], text: str = "said") -> None:
     store = SqliteStore(path, SITE, Limits(10_000, 10_000))
-    store.commit({}, [Noted(micros(at), Row(RowKind.REQUEST, text, "east")) for at in ats])
+    store.commit({}, [PendingRow(micros(at), Row(RowKind.REQUEST, text, "east")) for at in ats])
     store.close()
 
 

@@ -21,7 +21,7 @@ from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import ALL, Reader, RowFilter, open_journal
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import Noted
+from lift_manager.store.store import PendingRow
 from lift_manager.store.verify import Chain, Seal, read_seal, verify
 
 SITE = "Main hospital"
@@ -114,7 +114,9 @@ def test_what_the_manager_writes_has_the_hash_of_the_format_and_holds(tmp_path: 
     path = tmp_path / "x.db"
     store = SqliteStore(path, SITE, Limits(keep_days=400, max_mb=500))
     said = [(f"text {n} 電梯", {"a": [1, 2.5, None]}) for n in range(30)]
-    store.commit({}, [Noted(T0, domain.Row(RowKind.PRESS, text, "öst", "rmf:\u200dá", data)) for text, data in said])
+    store.commit(
+        {}, [PendingRow(T0, domain.Row(RowKind.PRESS, text, "öst", "rmf:\u200dá", data)) for text, data in said]
+    )
     with open_journal(path) as reader:
         before = seed()
         for row in reader.rows():

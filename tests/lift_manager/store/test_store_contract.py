@@ -9,7 +9,7 @@ from lift_manager.lift.journal import Row, RowKind
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.retention import Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import MemoryStore, Noted, Store
+from lift_manager.store.store import MemoryStore, PendingRow, Store
 from tests.lift_manager.store.journal_disk import LIFTS, SITE, press
 from tests.lift_manager.store.test_recall_contract import EVERYTHING, RECORD, VALUES
 
@@ -26,8 +26,8 @@ def again(request: pytest.FixtureRequest, tmp_path: Path) -> Again:
     return lambda: SqliteStore(tmp_path / "var" / "site.db", SITE, Limits(400, 500))
 
 
-def noted(number: int) -> Noted:
-    return Noted(1_800_000_000_000_000 + number, press(number))
+def noted(number: int) -> PendingRow:
+    return PendingRow(1_800_000_000_000_000 + number, press(number))
 
 
 def test_a_store_that_nothing_was_committed_to_is_empty(again: Again) -> None:
@@ -93,8 +93,8 @@ def test_upkeep_ends_and_leaves_what_is_young(again: Again) -> None:
 def test_a_row_without_a_lift_and_one_of_an_event_are_rows_too(again: Again) -> None:
     store = again()
     rows = [
-        Noted(1, Row(RowKind.MANAGER, "started")),
-        Noted(2, Row(RowKind.ALARM, "the door is blocked", EAST, data={"a": [1, 2.5, None]})),
+        PendingRow(1, Row(RowKind.MANAGER, "started")),
+        PendingRow(2, Row(RowKind.ALARM, "the door is blocked", EAST, data={"a": [1, 2.5, None]})),
     ]
     store.commit({}, rows)
     assert list(store.tail(2)) == rows
