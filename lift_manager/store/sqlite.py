@@ -38,7 +38,7 @@ from lift_manager.store.errors import MOVE_AWAY, CommitFailed, StoreDamaged, Sto
 from lift_manager.store.outage import commit_failed
 from lift_manager.store.record import RecordDamaged, decode, digest, encode
 from lift_manager.store.retention import Cut, Limits, RetentionTarget, aim, next_cut, shrink_step
-from lift_manager.store.store import PendingRow, Tended
+from lift_manager.store.store import PendingRow, UpkeepStep
 
 CARRY_OVER_ROWS = 200
 """After so many rows the log beside the file is carried over into it. Chosen: often enough for that to take milliseconds."""
@@ -100,7 +100,7 @@ class SqliteStore:
             query = f"SELECT {COLUMNS} FROM rows ORDER BY seq DESC LIMIT ?"  # noqa: S608  constants
             return [_noted(StoredRow(*row)) for row in self._opened().execute(query, (count,))][::-1]
 
-    def tend(self, now: int, *, check: bool) -> Tended:
+    def tend(self, now: int, *, check: bool) -> UpkeepStep:
         """Do one short step of upkeep; with `check` begin to see whether rows have to go. Raises CommitFailed."""
         try:
             with self._failing():
@@ -188,23 +188,23 @@ class SqliteStore:
             raise StoreDamaged(self.path, what, "put it back, with the file of its name and `-wal` that was beside it")
         self._head, self._attempt = after, None
 
-    def _tend(self, now: int, *, check: bool) -> Tended:
+    def _tend(self, now: int, *, check: bool) -> UpkeepStep:
         connection = self._opened()
         if check and self._aim is None:
             self._aim = aim(connection, self._limits, now)
         if self._since_carried_over >= CARRY_OVER_ROWS:
             _, log_pages, _ = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
             self._since_carried_over = 0
-            return Tended(more=True, log_pages=log_pages)
+            return UpkeepStep(more=True, log_pages=log_pages)
         cut = None if self._aim is None else next_cut(connection, self._aim)
         if cut is not None:
             self._cut(cut, now)
-            return Tended(more=True)
+            return UpkeepStep(more=True)
         self._aim = None
         if shrink_step(connection):
             self._since_carried_over += CARRY_OVER_ROWS // 4
-            return Tended(more=True)
-        return Tended(more=False)
+            return UpkeepStep(more=True)
+        return UpkeepStep(more=False)
 
     def _chained(self, rows: Iterable[StoredRow]) -> list[StoredRow]:
         """Return the rows with their numbers and hashes, as they follow the newest one."""

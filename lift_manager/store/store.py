@@ -17,7 +17,7 @@ class PendingRow(NamedTuple):
     row: Row
 
 
-class Tended(NamedTuple):
+class UpkeepStep(NamedTuple):
     """What one step of upkeep leaves to do."""
 
     more: bool
@@ -47,7 +47,7 @@ class Store(Protocol):
         """Return the newest rows, the oldest of them first. Raises CommitFailed."""
         ...
 
-    def tend(self, now: int, *, check: bool) -> Tended:
+    def tend(self, now: int, *, check: bool) -> UpkeepStep:
         """Do one short step of upkeep; with `check` look whether rows have to go. Raises CommitFailed and StoreDamaged."""
         ...
 
@@ -81,9 +81,9 @@ class MemoryStore:
         """Return the newest rows, the oldest of them first."""
         return self.rows[len(self.rows) - count :] if count < len(self.rows) else tuple(self.rows)
 
-    def tend(self, now: int, *, check: bool) -> Tended:
+    def tend(self, now: int, *, check: bool) -> UpkeepStep:
         """Have nothing to do."""
-        return Tended(more=False)
+        return UpkeepStep(more=False)
 
     def close(self) -> None:
         """Have nothing to close."""

@@ -23,7 +23,7 @@ from lift_manager.lift.journal import Row
 from lift_manager.runtime.recorder import SavedLift
 from lift_manager.store.committer import Committer
 from lift_manager.store.outage import commit_failed
-from lift_manager.store.store import MemoryStore, PendingRow, Tended
+from lift_manager.store.store import MemoryStore, PendingRow, UpkeepStep
 
 SLOT_S = 0.25
 """Commits that begin within one slot of this length take the same time. Chosen: about as long as the commits of a busy moment."""
@@ -130,7 +130,7 @@ class _OneManagersStore:
     def tail(self, count: int) -> Sequence[PendingRow]:
         return self._disk.store.tail(count)
 
-    def tend(self, now: int, *, check: bool) -> Tended:
+    def tend(self, now: int, *, check: bool) -> UpkeepStep:
         return self._disk.store.tend(now, check=check)
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ from lift_manager.lift.journal import Row, RowKind
 from lift_manager.store.committer import Committer
 from lift_manager.store.retention import BITE_DAYS, STEP_ROWS, Limits
 from lift_manager.store.sqlite import SqliteStore
-from lift_manager.store.store import PendingRow, Tended
+from lift_manager.store.store import PendingRow, UpkeepStep
 from tests.lift_manager.store.journal_disk import SITE, journal, opened_raw, press, stored, writing
 
 START = datetime(2026, 3, 2, tzinfo=UTC)
@@ -35,7 +35,7 @@ def fill(path: Path, ats: list[datetime], text: str = "said") -> None:
     store.close()
 
 
-def tended(path: Path, limits: Limits, now: datetime) -> list[Tended]:
+def tended(path: Path, limits: Limits, now: datetime) -> list[UpkeepStep]:
     """Do everything that one check finds to do."""
     store = SqliteStore(path, SITE, limits)
     done = [store.tend(micros(now), check=True)]
