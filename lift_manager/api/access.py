@@ -24,7 +24,7 @@ class Role(StrEnum):
 
 
 @unique
-class Need(StrEnum):
+class AccessLevel(StrEnum):
     """What a route asks of its caller."""
 
     NOTHING = "nothing"
@@ -41,11 +41,11 @@ OF_SOME_LIFTS = frozenset({Role.ROBOT, Role.RMF})
 """Roles whose keys name the lifts that they are for."""
 
 ROLES = {
-    Need.READ: frozenset(Role),
-    Need.COMMAND: frozenset({Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER}),
-    Need.RMF: frozenset({Role.RMF}),
-    Need.OPERATE: frozenset({Role.OPERATOR, Role.COMMISSIONER}),
-    Need.COMMISSION: frozenset({Role.COMMISSIONER}),
+    AccessLevel.READ: frozenset(Role),
+    AccessLevel.COMMAND: frozenset({Role.ROBOT, Role.OPERATOR, Role.COMMISSIONER}),
+    AccessLevel.RMF: frozenset({Role.RMF}),
+    AccessLevel.OPERATE: frozenset({Role.OPERATOR, Role.COMMISSIONER}),
+    AccessLevel.COMMISSION: frozenset({Role.COMMISSIONER}),
 }
 
 
@@ -66,7 +66,7 @@ class Route:
     methods: tuple[str, ...]
     path: str
     """As a pattern of the web framework."""
-    need: Need
+    need: AccessLevel
     lift_in: LiftIn | None = None
 
 
@@ -80,65 +80,65 @@ _RIDES = "/api/v1/rides"
 _RIDE = f"{_RIDES}/{{ride}}"
 
 ROUTES: tuple[Route, ...] = (
-    Route(_GET, "/", Need.NOTHING),
-    Route(_GET, "/docs", Need.NOTHING),
-    Route(_FILE, "/docs/{path:path}", Need.NOTHING),
-    Route(_GET, "/redoc", Need.NOTHING),
-    Route(_FILE, "/redoc/{path:path}", Need.NOTHING),
-    Route(_FILE, "/openapi.json", Need.NOTHING),
-    Route(_GET, "/errors.md", Need.NOTHING),
-    Route(_GET, "/healthz", Need.NOTHING),
-    Route(_GET, "/readyz", Need.NOTHING),
-    Route(_GET, "/metrics", Need.READ),
-    Route(_GET, f"{_WORKSHOP}/lift_names", Need.READ),
-    Route(_GET, f"{_WORKSHOP}/lift_state", Need.READ, LiftIn.QUERY),
-    Route(_POST, f"{_WORKSHOP}/lift_request", Need.COMMAND, LiftIn.QUERY),
-    Route(_POST, f"{_LIFT}/acknowledge", Need.OPERATE, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/lockout", Need.OPERATE, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/lockout/end", Need.OPERATE, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/drain", Need.OPERATE, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/drain/end", Need.OPERATE, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/session/force-release", Need.OPERATE, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/sessions", Need.COMMAND, LiftIn.PATH),
-    Route(_POST, f"{_SESSION}/renew", Need.COMMAND, LiftIn.PATH),
-    Route(_POST, f"{_SESSION}/close", Need.COMMAND, LiftIn.PATH),
-    Route(_POST, f"{_SESSION}/hand-over", Need.COMMAND, LiftIn.PATH),
-    Route(_POST, f"{_SESSION}/commands", Need.COMMAND, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/rmf/wanted", Need.RMF, LiftIn.PATH),
-    Route(_POST, f"{_LIFT}/rmf/ended", Need.RMF, LiftIn.PATH),
-    Route(_GET, "/api/v1/rmf", Need.READ),
-    Route(_GET, _RIDES, Need.READ),
-    Route(_POST, _RIDES, Need.COMMAND, LiftIn.BODY),
-    Route(_GET, _RIDE, Need.READ),
-    Route(_POST, f"{_RIDE}/entered", Need.COMMAND, LiftIn.BODY),
-    Route(_POST, f"{_RIDE}/left", Need.COMMAND, LiftIn.BODY),
-    Route(_POST, f"{_RIDE}/here", Need.COMMAND, LiftIn.BODY),
-    Route(_POST, f"{_RIDE}/cancel", Need.COMMAND, LiftIn.BODY),
-    Route(_GET, "/api/v1/events", Need.READ),
-    Route(_GET, "/api/v1/links", Need.COMMISSION),
-    Route(_GET, "/api/v1/links/{link:path}/frames", Need.COMMISSION),
-    Route(_GET, "/api/v1/lifts", Need.READ),
-    Route(_GET, f"{_LIFT}/capabilities", Need.READ, LiftIn.PATH),
-    Route(_GET, f"{_LIFT}/signals", Need.READ, LiftIn.PATH),
-    Route(_GET, f"{_SESSION}/commands/{{command}}", Need.COMMAND, LiftIn.PATH),
-    Route(_GET, _SESSION, Need.COMMAND, LiftIn.PATH),
-    Route(_GET, _LIFT, Need.READ, LiftIn.PATH),
+    Route(_GET, "/", AccessLevel.NOTHING),
+    Route(_GET, "/docs", AccessLevel.NOTHING),
+    Route(_FILE, "/docs/{path:path}", AccessLevel.NOTHING),
+    Route(_GET, "/redoc", AccessLevel.NOTHING),
+    Route(_FILE, "/redoc/{path:path}", AccessLevel.NOTHING),
+    Route(_FILE, "/openapi.json", AccessLevel.NOTHING),
+    Route(_GET, "/errors.md", AccessLevel.NOTHING),
+    Route(_GET, "/healthz", AccessLevel.NOTHING),
+    Route(_GET, "/readyz", AccessLevel.NOTHING),
+    Route(_GET, "/metrics", AccessLevel.READ),
+    Route(_GET, f"{_WORKSHOP}/lift_names", AccessLevel.READ),
+    Route(_GET, f"{_WORKSHOP}/lift_state", AccessLevel.READ, LiftIn.QUERY),
+    Route(_POST, f"{_WORKSHOP}/lift_request", AccessLevel.COMMAND, LiftIn.QUERY),
+    Route(_POST, f"{_LIFT}/acknowledge", AccessLevel.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/lockout", AccessLevel.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/lockout/end", AccessLevel.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/drain", AccessLevel.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/drain/end", AccessLevel.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/session/force-release", AccessLevel.OPERATE, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/sessions", AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/renew", AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/close", AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/hand-over", AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_SESSION}/commands", AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/rmf/wanted", AccessLevel.RMF, LiftIn.PATH),
+    Route(_POST, f"{_LIFT}/rmf/ended", AccessLevel.RMF, LiftIn.PATH),
+    Route(_GET, "/api/v1/rmf", AccessLevel.READ),
+    Route(_GET, _RIDES, AccessLevel.READ),
+    Route(_POST, _RIDES, AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_GET, _RIDE, AccessLevel.READ),
+    Route(_POST, f"{_RIDE}/entered", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/left", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/here", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_POST, f"{_RIDE}/cancel", AccessLevel.COMMAND, LiftIn.BODY),
+    Route(_GET, "/api/v1/events", AccessLevel.READ),
+    Route(_GET, "/api/v1/links", AccessLevel.COMMISSION),
+    Route(_GET, "/api/v1/links/{link:path}/frames", AccessLevel.COMMISSION),
+    Route(_GET, "/api/v1/lifts", AccessLevel.READ),
+    Route(_GET, f"{_LIFT}/capabilities", AccessLevel.READ, LiftIn.PATH),
+    Route(_GET, f"{_LIFT}/signals", AccessLevel.READ, LiftIn.PATH),
+    Route(_GET, f"{_SESSION}/commands/{{command}}", AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_GET, _SESSION, AccessLevel.COMMAND, LiftIn.PATH),
+    Route(_GET, _LIFT, AccessLevel.READ, LiftIn.PATH),
 )
 """All that can be asked. What is not in here is answered as if it did not exist, whatever the application has."""
 
 
-def refusal(role: Role, own: Sequence[str], need: Need, asked: Sequence[str]) -> str:
+def refusal(role: Role, own: Sequence[str], need: AccessLevel, asked: Sequence[str]) -> str:
     """Return why a key may not do this, in words; empty where it may.
 
     `own` are the lifts that the key names, `asked` those that the request names: a robot, and RMF, command nothing else, and
     nothing that names no lift.
     """
-    if need is Need.NOTHING:
+    if need is AccessLevel.NOTHING:
         return ""
     allowed = ROLES[need]
     if role not in allowed:
         return f"this needs a key with the role {_listed([other for other in Role if other in allowed])}; this key's is {role}"
-    if role in OF_SOME_LIFTS and need is not Need.READ and (not asked or set(asked) - set(own)):
+    if role in OF_SOME_LIFTS and need is not AccessLevel.READ and (not asked or set(asked) - set(own)):
         return (
             f"this key commands {_listed(own, 'and') or 'no lift'} and no other; another lift needs a key that names it"
         )

@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.routing import compile_path
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from lift_manager.api.access import LiftIn, Need, Route, refusal
+from lift_manager.api.access import AccessLevel, LiftIn, Route, refusal
 from lift_manager.api.keys import Key, Keys, Secret, holds_key
 from lift_manager.runtime.refusals import FaceRefusal
 from lift_manager.web.answers import answer, is_workshop, not_found, wrong_method
@@ -99,7 +99,7 @@ class Gate:
         if not self._keys.needed and by_a_foreign_name(Request(scope), self._host_names):
             error = RequestError("another_site", BY_NAME)
             raise self._refused(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
-        if route is not None and route.need is Need.NOTHING:
+        if route is not None and route.need is AccessLevel.NOTHING:
             return
         key = scope[_CALLER] = self._caller(scope)
         if route is None:

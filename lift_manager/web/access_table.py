@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from lift_manager.api.access import ROUTES, Need, Role, Route, refusal
+from lift_manager.api.access import ROUTES, AccessLevel, Role, Route, refusal
 
 FILE = Path(__file__).with_name("ACCESS.md")
 
@@ -51,7 +51,7 @@ def _table(columns: tuple[str, ...], cells: Callable[[Route], tuple[bool, ...]])
 def _with_keys(route: Route) -> tuple[bool, ...]:
     own, other = ["its"], ["another"]
     return (
-        route.need is Need.NOTHING,
+        route.need is AccessLevel.NOTHING,
         not refusal(Role.VIEWER, (), route.need, own),
         not refusal(Role.ROBOT, own, route.need, own),
         not refusal(Role.ROBOT, own, route.need, other),
@@ -63,7 +63,7 @@ def _with_keys(route: Route) -> tuple[bool, ...]:
 
 
 def _without_keys(route: Route) -> tuple[bool, ...]:
-    return True, route.need not in {Need.OPERATE, Need.COMMISSION}
+    return True, route.need not in {AccessLevel.OPERATE, AccessLevel.COMMISSION}
 
 
 if __name__ == "__main__":

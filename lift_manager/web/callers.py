@@ -7,7 +7,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from lift_manager.api.access import Need, refusal
+from lift_manager.api.access import AccessLevel, refusal
 from lift_manager.api.keys import Keys
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.site import Site
@@ -68,7 +68,7 @@ async def no_other_computer(request: Request) -> None:
 def refuse_foreign_lifts(request: Request, lifts: Sequence[str]) -> None:
     """Raise RequestError for a robot's key that does not name each of these lifts."""
     key = caller(request)
-    if key is not None and (why := refusal(key.role, key.lifts, Need.COMMAND, lifts)):
+    if key is not None and (why := refusal(key.role, key.lifts, AccessLevel.COMMAND, lifts)):
         about = f"the key {key.name} may not do this"
         site_of(request).turned_away(turned_away(request, "not_allowed", about, "".join(lifts[:1])))
         raise RequestError("not_allowed", why)
@@ -109,5 +109,5 @@ def refuse_heir(request: Request, keys: Keys, to: str, lift: str) -> None:
         raise RequestError(
             "malformed", "to is not the name of a live key; `lift-manager keys list` shows them", field="to"
         )
-    if refusal(heir.role, heir.lifts, Need.COMMAND, [lift]):
+    if refusal(heir.role, heir.lifts, AccessLevel.COMMAND, [lift]):
         raise RequestError("malformed", f"to is the name of a key that may not command {lift}", field="to")

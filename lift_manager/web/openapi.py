@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from fastapi import Body, FastAPI, Path
 from starlette.routing import compile_path
 
-from lift_manager.api.access import ROLES, Need, Role, Route
+from lift_manager.api.access import ROLES, AccessLevel, Role, Route
 from lift_manager.api.keys import Keys
 from lift_manager.api.problem import MEDIA_TYPE, Problem
 from lift_manager.lift.config import LIFT_NAME
@@ -193,9 +193,9 @@ def _add_components(document: Document) -> None:
         schema["examples"] = [example.model_dump(mode="json", by_alias=True)]
 
 
-def _describe(path: str, operation: Document, need: Need) -> None:
+def _describe(path: str, operation: Document, need: AccessLevel) -> None:
     # {}: a site without keys asks for none
-    operation["security"] = [] if need is Need.NOTHING else [{SCHEME: []}, {}]
+    operation["security"] = [] if need is AccessLevel.NOTHING else [{SCHEME: []}, {}]
     operation["description"] = f"{operation.get('description', '').rstrip()}\n\n{_who(need)}\n"
     content = {MEDIA_TYPE: {"schema": PROBLEM}}
     if not is_api(path):
@@ -203,7 +203,7 @@ def _describe(path: str, operation: Document, need: Need) -> None:
     responses: Document = operation["responses"]
     if "HTTPValidationError" in str(responses.get("422")):
         del responses["422"]
-    refusals = [*_REFUSALS.items()] if need is Need.NOTHING else [*_OF_KEYS.items(), *_REFUSALS.items()]
+    refusals = [*_REFUSALS.items()] if need is AccessLevel.NOTHING else [*_OF_KEYS.items(), *_REFUSALS.items()]
     for status, text in refusals:
         response = responses.setdefault(str(status), {"description": "", "content": content})
         response["description"] = f"{response['description']} {text}".strip()
@@ -224,12 +224,12 @@ def _suggest(operation: Document, lifts: Sequence[str]) -> None:
             example["value"] = {**example["value"], "lift": lifts[0]}
 
 
-def _who(need: Need) -> str:
-    if need is Need.NOTHING:
+def _who(need: AccessLevel) -> str:
+    if need is AccessLevel.NOTHING:
         return "Needs no key."
     roles = ", ".join(role for role in Role if role in ROLES[need])
     limit = {
-        Need.COMMAND: " (a robot: for the lifts that its key names)",
-        Need.RMF: " (for the lifts that its key names)",
+        AccessLevel.COMMAND: " (a robot: for the lifts that its key names)",
+        AccessLevel.RMF: " (for the lifts that its key names)",
     }.get(need, "")
     return f"Where keys are used, the roles that may: {roles}{limit}."

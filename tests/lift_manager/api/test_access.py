@@ -6,7 +6,7 @@ import traceback
 import pytest
 from starlette.routing import compile_path
 
-from lift_manager.api.access import ROLES, ROUTES, LiftIn, Need, Role, Route, refusal
+from lift_manager.api.access import ROLES, ROUTES, AccessLevel, LiftIn, Role, Route, refusal
 from lift_manager.api.keys import Key, KeyRing, Secret, digest_of, holds_key, is_token, redacted, token
 
 SECRET = "5ec2e7" * 10 + "beef"
@@ -20,7 +20,11 @@ def test_viewer_operator_and_commissioner_each_may_all_that_the_one_before_may()
         {need for need, roles in ROLES.items() if role in roles}
         for role in (Role.VIEWER, Role.OPERATOR, Role.COMMISSIONER)
     ]
-    assert allowed == [{Need.READ}, {Need.READ, Need.COMMAND, Need.OPERATE}, set(Need) - {Need.NOTHING, Need.RMF}]
+    assert allowed == [
+        {AccessLevel.READ},
+        {AccessLevel.READ, AccessLevel.COMMAND, AccessLevel.OPERATE},
+        set(AccessLevel) - {AccessLevel.NOTHING, AccessLevel.RMF},
+    ]
 
 
 @pytest.mark.parametrize(
@@ -28,32 +32,32 @@ def test_viewer_operator_and_commissioner_each_may_all_that_the_one_before_may()
     [(["east"], True), (["west"], False), (["east", "west"], False), ([], False), (["east", "east"], True)],
 )
 def test_a_robot_commands_its_own_lifts_and_nothing_that_names_none(asked: list[str], may: bool) -> None:
-    assert (not refusal(Role.ROBOT, ["east"], Need.COMMAND, asked)) is may
-    assert refusal(Role.ROBOT, ["east"], Need.READ, asked) == ""
+    assert (not refusal(Role.ROBOT, ["east"], AccessLevel.COMMAND, asked)) is may
+    assert refusal(Role.ROBOT, ["east"], AccessLevel.READ, asked) == ""
 
 
 @pytest.mark.parametrize(("asked", "may"), [(["east"], True), (["west"], False), ([], False)])
 def test_only_a_key_of_rmf_speaks_for_rmf_of_its_own_lifts_and_it_may_read_and_nothing_else(
     asked: list[str], may: bool
 ) -> None:
-    assert (not refusal(Role.RMF, ["east"], Need.RMF, asked)) is may
-    assert [need for need, roles in ROLES.items() if Role.RMF in roles] == [Need.READ, Need.RMF]
-    assert refusal(Role.RMF, ["east"], Need.READ, asked) == ""
+    assert (not refusal(Role.RMF, ["east"], AccessLevel.RMF, asked)) is may
+    assert [need for need, roles in ROLES.items() if Role.RMF in roles] == [AccessLevel.READ, AccessLevel.RMF]
+    assert refusal(Role.RMF, ["east"], AccessLevel.READ, asked) == ""
     for role in set(Role) - {Role.RMF}:
-        assert "needs a key with the role rmf; this key's is" in refusal(role, ["east"], Need.RMF, ["east"])
+        assert "needs a key with the role rmf; this key's is" in refusal(role, ["east"], AccessLevel.RMF, ["east"])
 
 
 def test_a_refusal_names_the_roles_that_may_or_the_lifts_of_the_key() -> None:
-    assert refusal(Role.VIEWER, (), Need.OPERATE, ["east"]) == (
+    assert refusal(Role.VIEWER, (), AccessLevel.OPERATE, ["east"]) == (
         "this needs a key with the role operator or commissioner; this key's is viewer"
     )
-    assert refusal(Role.ROBOT, ["east", "west"], Need.COMMAND, ["north"]) == (
+    assert refusal(Role.ROBOT, ["east", "west"], AccessLevel.COMMAND, ["north"]) == (
         "this key commands east and west and no other; another lift needs a key that names it"
     )
 
 
 def test_every_route_that_a_robot_may_command_says_where_its_lift_is() -> None:
-    assert all(route.lift_in is not None for route in ROUTES if route.need in (Need.COMMAND, Need.RMF))
+    assert all(route.lift_in is not None for route in ROUTES if route.need in (AccessLevel.COMMAND, AccessLevel.RMF))
     assert all(("{lift}" in route.path) is (route.lift_in is LiftIn.PATH) for route in ROUTES)
 
 

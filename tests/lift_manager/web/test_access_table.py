@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from starlette.types import Message, Scope
 
-from lift_manager.api.access import ROUTES, LiftIn, Need, Role, Route
+from lift_manager.api.access import ROUTES, AccessLevel, LiftIn, Role, Route
 from lift_manager.api.keys import KeyRing, Keys
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.links import WireFrame
@@ -240,7 +240,7 @@ def test_a_route_that_is_not_in_the_table_does_not_exist_with_any_key_or_none() 
 
 
 def test_a_route_in_the_table_is_reached() -> None:
-    routes = [*ROUTES, Route(("GET",), "/api/v1/remembered", Need.READ)]
+    routes = [*ROUTES, Route(("GET",), "/api/v1/remembered", AccessLevel.READ)]
     app = make_app(FakeSite(), ring(Role.VIEWER), routes)
 
     @app.get("/api/v1/remembered")

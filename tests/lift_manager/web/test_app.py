@@ -3,7 +3,7 @@ import logging
 
 import pytest
 
-from lift_manager.api.access import ROUTES, Need, Route
+from lift_manager.api.access import ROUTES, AccessLevel, Route
 from lift_manager.lift.refusals import Accepted
 from lift_manager.lift.session import Holder
 from lift_manager.web.app import make_app
@@ -90,7 +90,7 @@ def test_a_bug_is_logged_once_with_its_traceback_and_answered_without(caplog: py
 
 
 def test_a_bug_elsewhere_is_answered_in_json() -> None:
-    app = make_app(FakeSite(), routes=[*ROUTES, Route(("GET",), "/bug", Need.READ)])
+    app = make_app(FakeSite(), routes=[*ROUTES, Route(("GET",), "/bug", AccessLevel.READ)])
 
     @app.get("/bug")
     async def bug() -> None:

@@ -10,7 +10,7 @@ import pytest
 from openapi_spec_validator import OpenAPIV31SpecValidator
 from pydantic import BaseModel, ValidationError
 
-from lift_manager.api.access import ROUTES, Need, Role
+from lift_manager.api.access import ROUTES, AccessLevel, Role
 from lift_manager.api.keys import KeyRing, Keys
 from lift_manager.api.people import AcknowledgeRequest
 from lift_manager.api.problem import MEDIA_TYPE
@@ -238,7 +238,7 @@ def test_the_bodies_that_may_be_left_out_are_said_to_be() -> None:
 
 def test_lifts_document_the_etag_of_both_answers() -> None:
     for route in ROUTES:
-        if route.path.startswith("/api/v1/lifts") and route.need is Need.READ:
+        if route.path.startswith("/api/v1/lifts") and route.need is AccessLevel.READ:
             said = operation("get", route.path.replace(":path}", "}"))
             for status in ("200", "304"):
                 assert {"ETag", "Cache-Control", "lift-age-s"} <= said["responses"][status]["headers"].keys()

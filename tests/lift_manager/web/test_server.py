@@ -14,7 +14,7 @@ import uvloop
 from fastapi import FastAPI
 from starlette.responses import StreamingResponse
 
-from lift_manager.api.access import ROUTES, Need, Route
+from lift_manager.api.access import ROUTES, AccessLevel, Route
 from lift_manager.web.app import make_app
 from lift_manager.web.errors import ListenError
 from lift_manager.web.server import listen, serve
@@ -193,7 +193,7 @@ def test_what_is_no_http_is_answered_400_in_the_envelope(sent: bytes) -> None:
 @on_both_loops
 def test_open_connections_do_not_delay_the_stop(loop: Loop, caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        streams = [Route(("GET",), path, Need.READ) for path in ("/stream", "/flood")]
+        streams = [Route(("GET",), path, AccessLevel.READ) for path in ("/stream", "/flood")]
         app = with_stream(make_app(FakeSite(), routes=[*ROUTES, *streams]))
         async with AsyncExitStack() as stack:
             port = await stack.enter_async_context(serving(app))
