@@ -117,7 +117,7 @@ class RmfEndedRequest(RequestModel):
     adapter: AdapterId = ""
 
 
-class RmfTaken(Answer):
+class RmfAccepted(Answer):
     """It is decided so; what was decided shows from this event on."""
 
     boot: str

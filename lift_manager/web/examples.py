@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 from lift_manager.api.lifts import ClosedEvidence, Held, Lift, LiftCapabilities, Lifts, Restricted, Signal, Signals
 from lift_manager.api.rides import Plan, Ride, Rides
-from lift_manager.api.rmf import RmfAlarms, RmfHolder, RmfLiftAnswer, RmfSiteAnswer, RmfTaken
+from lift_manager.api.rmf import RmfAccepted, RmfAlarms, RmfHolder, RmfLiftAnswer, RmfSiteAnswer
 from lift_manager.api.sessions import Command, Session
 from lift_manager.lift.commands import CommandState, CommandType
 from lift_manager.lift.observation import RobotDoor
@@ -145,4 +145,4 @@ _RMF_LIFT = RmfLiftAnswer(
 )
 _ALARMS = RmfAlarms(fire_alarm=False, emergency_signal=False, emergency_fleets=(), clear_on_acknowledge=False)
 RMF_SITE = RmfSiteAnswer(boot="18c2f3a90b", event=412, lifts=(_RMF_LIFT,), end_grace_s=3.0, alarms=_ALARMS)
-RMF_TAKEN = RmfTaken(boot="18c2f3a90b", event=413)
+RMF_TAKEN = RmfAccepted(boot="18c2f3a90b", event=413)

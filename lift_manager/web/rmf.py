@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends
 
-from lift_manager.api.rmf import RmfEndedRequest, RmfSiteAnswer, RmfTaken, RmfWantedRequest
+from lift_manager.api.rmf import RmfAccepted, RmfEndedRequest, RmfSiteAnswer, RmfWantedRequest
 from lift_manager.lift.refusals import STOPPING, Refusal
 from lift_manager.lift.rmf import rmf_holder
 from lift_manager.runtime.errors import raised
@@ -68,7 +68,7 @@ async def wanted(
     body: Annotated[
         RmfWantedRequest, in_body({"AGV mode": {"session_id": "fleet/amr-7", "floor": "L2", "hold_door": True}})
     ],
-) -> RmfTaken:
+) -> RmfAccepted:
     """The first one opens the session. Taken is not arrived: the site tells what became of it."""
     holder = rmf_holder(body.session_id, body.adapter)
     with naming_field({Refusal.UNKNOWN_FLOOR: "floor"}):
@@ -87,12 +87,12 @@ async def ended(
     lift: LiftName,
     site: ServedSite,
     body: Annotated[RmfEndedRequest, in_body({"END_SESSION": {"session_id": "fleet/amr-7", "grace_s": 3.0}})],
-) -> RmfTaken:
+) -> RmfAccepted:
     """Of a session that is over already the answer is yes."""
     site.end_session(lift, rmf_holder(body.session_id, body.adapter), body.grace_s)
     return _taken(site, lift)
 
 
-def _taken(site: Site, lift: str) -> RmfTaken:
+def _taken(site: Site, lift: str) -> RmfAccepted:
     site.freshen(lift)
-    return RmfTaken(boot=site.boot, event=site.newest)
+    return RmfAccepted(boot=site.boot, event=site.newest)
