@@ -56,7 +56,7 @@ def turned_away(request: Request, code: str, text: str, lift: str) -> FaceRefusa
     return FaceRefusal(code, text, lift, name, "" if client is None else client.host)
 
 
-class Gate:
+class Authenticator:
     """Passes on what is in the table of routes, and may be asked by who asks it. All else ends here."""
 
     def __init__(

@@ -19,7 +19,7 @@ from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.links import FrameSource
 from lift_manager.runtime.site import Site
 from lift_manager.web import health, lifts, people, rides, rmf, sessions, workshop_docs
-from lift_manager.web.access import Gate
+from lift_manager.web.access import Authenticator
 from lift_manager.web.answers import answer, failed, is_workshop, not_found, request_error
 from lift_manager.web.body import LingeringResponse
 from lift_manager.web.error_table import error_table
@@ -77,7 +77,7 @@ def make_app(
     app.state.site, app.state.keys = site, keys
     app.state.streams = events.Streams(site, frames, streams or streams_limit())
     app.state.max_age_s = {name: site.config(name).capabilities.max_age_s for name in site.lift_names()}
-    app.add_middleware(Gate, routes=routes, keys=keys, note=site.turned_away, host_names=host_names)
+    app.add_middleware(Authenticator, routes=routes, keys=keys, note=site.turned_away, host_names=host_names)
     app.add_middleware(LastResort)
     app.add_api_route("/", _to_docs, include_in_schema=False)
     app.add_api_route("/errors.md", _errors, include_in_schema=False)
