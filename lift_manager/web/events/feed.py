@@ -42,7 +42,7 @@ class About:
     ride: str | None = None
 
 
-class Heard:
+class PublishedEvent:
     """One event; its bytes are made when the first reader wants them, and made again when the ages in them have passed."""
 
     __slots__ = ("_ages", "_at", "_event", "_good_until", "_id", "_max_age_of", "_wire", "lifts", "number", "ride")
@@ -97,7 +97,7 @@ class Feed:
     def __init__(self, site: Site, places: Places) -> None:
         self._site = site
         self._places = places
-        self._kept: deque[Heard] = deque(maxlen=KEPT)
+        self._kept: deque[PublishedEvent] = deque(maxlen=KEPT)
         self._everything: dict[Reader, None] = {}
         self._of_lift: defaultdict[str, dict[Reader, None]] = defaultdict(dict)
         self._of_ride: defaultdict[str, dict[Reader, None]] = defaultdict(dict)
@@ -105,7 +105,7 @@ class Feed:
         """The lift of each ride that goes on."""
         self._watched: dict[str, str] = {}
         """The lift of each ride that somebody hears of."""
-        self._moved: dict[int, Heard] = {}
+        self._moved: dict[int, PublishedEvent] = {}
         """By the number of the event that tells of another lift for a ride: how that lift was then."""
         self._taken: dict[tuple[About, bool], _Taken] = {}
         """The snapshots of the last moment: a hundred readers that come back at once cost one."""
@@ -152,11 +152,11 @@ class Feed:
         lifts: tuple[str, ...] = (event.lift,)
         if isinstance(event, RideChanged) and (left := self._follow(event)) != event.lift:
             lifts = (event.lift, left)
-        heard = Heard(occurrence.id, occurrence.at, event, lifts, self._max_age_s)
+        heard = PublishedEvent(occurrence.id, occurrence.at, event, lifts, self._max_age_s)
         self._keep(heard)
         if len(lifts) > 1:
             there = StateChanged(event.lift, self._site.state(event.lift))
-            now_there = Heard("", occurrence.at, there, lifts, self._max_age_s)
+            now_there = PublishedEvent("", occurrence.at, there, lifts, self._max_age_s)
             self._moved[heard.number] = now_there
             for reader in self._of_ride.get(heard.ride, ()):
                 reader.put(now_there)
@@ -165,7 +165,7 @@ class Feed:
                 reader.put(heard)
         self._tell_riders(heard)
 
-    def _tell_riders(self, heard: Heard) -> None:
+    def _tell_riders(self, heard: PublishedEvent) -> None:
         if heard.ride:
             for reader in self._of_ride.get(heard.ride, ()):
                 reader.put(heard)
@@ -200,21 +200,21 @@ class Feed:
         except NotFound:
             return None
 
-    def _keep(self, heard: Heard) -> None:
+    def _keep(self, heard: PublishedEvent) -> None:
         if len(self._kept) == KEPT:
             self._moved.pop(self._kept[0].number, None)
         self._kept.append(heard)
         while self._kept[0].at < heard.at - KEPT_S:
             self._moved.pop(self._kept.popleft().number, None)
 
-    def _missed(self, last_id: str, about: About) -> list[Heard] | None:
+    def _missed(self, last_id: str, about: About) -> list[PublishedEvent] | None:
         """Return what came after an event; None where that cannot be told."""
         number, newest = number_of(last_id, self._site.boot), self._site.newest
         if number is None or number > newest or not self._reaches(number):
             return None
         return self._after(number, about)
 
-    def _after(self, number: int, about: About) -> list[Heard]:
+    def _after(self, number: int, about: About) -> list[PublishedEvent]:
         after = list(takewhile(lambda heard: heard.number > number, reversed(self._kept)))[::-1]
         if about.ride is not None:
             return list(self._missed_of_ride(after, about.ride))
@@ -222,7 +222,7 @@ class Feed:
             return [heard for heard in after if about.lift in heard.lifts]
         return after
 
-    def _missed_of_ride(self, after: list[Heard], ride: str) -> Iterator[Heard]:
+    def _missed_of_ride(self, after: list[PublishedEvent], ride: str) -> Iterator[PublishedEvent]:
         changes = (heard for heard in after if heard.ride == ride)
         first = next(changes, None)
         # the last of these is the lift that it was on before
@@ -236,12 +236,12 @@ class Feed:
             elif heard.is_state and lift in heard.lifts:
                 yield heard
 
-    def _renew(self, about: About, lost: int, since: float) -> tuple[bytes, list[Heard]]:
+    def _renew(self, about: About, lost: int, since: float) -> tuple[bytes, list[PublishedEvent]]:
         taken, after = self._snapshot(about, lost=False, since=since)
         # what came after it was counted as lost, and comes all the same
         return sse.event("lost", Lost(events=lost - len(after))) + taken, after
 
-    def _snapshot(self, about: About, *, lost: bool, since: float = -math.inf) -> tuple[bytes, list[Heard]]:
+    def _snapshot(self, about: About, *, lost: bool, since: float = -math.inf) -> tuple[bytes, list[PublishedEvent]]:
         """Return how things are, or were a moment ago but after `since`, and what came after it."""
         now = asyncio.get_running_loop().time()
         taken = self._taken.get((about, lost))

@@ -14,7 +14,7 @@ from lift_manager.lift.events import Alarm
 from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Phase
-from lift_manager.web.events.feed import KEPT, KEPT_S, About, Feed, Heard
+from lift_manager.web.events.feed import KEPT, KEPT_S, About, Feed, PublishedEvent
 from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, Places, Reader
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import key, ring
@@ -331,9 +331,9 @@ def test_an_event_is_encoded_once_however_many_hear_it() -> None:
         manager = Happening()
         encoded: list[str] = []
         with manager.tap(
-            lambda occurrence: heard.append(Heard(occurrence.id, occurrence.at, occurrence.event, (), age))
+            lambda occurrence: heard.append(PublishedEvent(occurrence.id, occurrence.at, occurrence.event, (), age))
         ):
-            heard: list[Heard] = []
+            heard: list[PublishedEvent] = []
 
             def age(lift: str) -> float:
                 encoded.append(lift)
