@@ -35,7 +35,7 @@ FRESH_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class StreamScope:
     """What a reader wants to hear of: one lift, one ride with the states of its lift, or, with neither, everything."""
 
     lift: str | None = None
@@ -107,12 +107,12 @@ class Feed:
         """The lift of each ride that somebody hears of."""
         self._moved: dict[int, PublishedEvent] = {}
         """By the number of the event that tells of another lift for a ride: how that lift was then."""
-        self._taken: dict[tuple[About, bool], _Taken] = {}
+        self._taken: dict[tuple[StreamScope, bool], _Taken] = {}
         """The snapshots of the last moment: a hundred readers that come back at once cost one."""
         self._listening: ExitStack | None = None
 
     @contextmanager
-    def reader(self, about: About, last_id: str | None, admits: Callable[[], bool]) -> Iterator[Reader]:
+    def reader(self, about: StreamScope, last_id: str | None, admits: Callable[[], bool]) -> Iterator[Reader]:
         """Serve a reader for as long as the context lasts.
 
         `last_id` is the newest event that it has heard: it hears what came after, or where that is gone, how things are. `admits`
@@ -207,14 +207,14 @@ class Feed:
         while self._kept[0].at < heard.at - KEPT_S:
             self._moved.pop(self._kept.popleft().number, None)
 
-    def _missed(self, last_id: str, about: About) -> list[PublishedEvent] | None:
+    def _missed(self, last_id: str, about: StreamScope) -> list[PublishedEvent] | None:
         """Return what came after an event; None where that cannot be told."""
         number, newest = number_of(last_id, self._site.boot), self._site.newest
         if number is None or number > newest or not self._reaches(number):
             return None
         return self._after(number, about)
 
-    def _after(self, number: int, about: About) -> list[PublishedEvent]:
+    def _after(self, number: int, about: StreamScope) -> list[PublishedEvent]:
         after = list(takewhile(lambda heard: heard.number > number, reversed(self._kept)))[::-1]
         if about.ride is not None:
             return list(self._missed_of_ride(after, about.ride))
@@ -236,12 +236,14 @@ class Feed:
             elif heard.is_state and lift in heard.lifts:
                 yield heard
 
-    def _renew(self, about: About, lost: int, since: float) -> tuple[bytes, list[PublishedEvent]]:
+    def _renew(self, about: StreamScope, lost: int, since: float) -> tuple[bytes, list[PublishedEvent]]:
         taken, after = self._snapshot(about, lost=False, since=since)
         # what came after it was counted as lost, and comes all the same
         return sse.event("lost", Lost(events=lost - len(after))) + taken, after
 
-    def _snapshot(self, about: About, *, lost: bool, since: float = -math.inf) -> tuple[bytes, list[PublishedEvent]]:
+    def _snapshot(
+        self, about: StreamScope, *, lost: bool, since: float = -math.inf
+    ) -> tuple[bytes, list[PublishedEvent]]:
         """Return how things are, or were a moment ago but after `since`, and what came after it."""
         now = asyncio.get_running_loop().time()
         taken = self._taken.get((about, lost))
@@ -258,7 +260,7 @@ class Feed:
         """Whether everything after this event is kept."""
         return number == self._site.newest or (bool(self._kept) and self._kept[0].number <= number + 1)
 
-    def _take(self, about: About, *, lost: bool) -> Snapshot:
+    def _take(self, about: StreamScope, *, lost: bool) -> Snapshot:
         site = self._site
         site.freshen()
         if about.ride is not None:

@@ -19,7 +19,7 @@ from lift_manager.web.access import caller
 from lift_manager.web.body import shown
 from lift_manager.web.callers import ServedSite, no_other_computer
 from lift_manager.web.errors import RequestError
-from lift_manager.web.events.feed import About, Feed
+from lift_manager.web.events.feed import Feed, StreamScope
 from lift_manager.web.events.frames import FrameFeed
 from lift_manager.web.events.readers import Places
 from lift_manager.web.events.sse import MEDIA_TYPE
@@ -148,7 +148,7 @@ async def events(
             raise RequestError("unknown_ride", text) from refused
     streams: Streams = request.app.state.streams
     # the header is newer: a client that reconnects sends the same address again
-    reading = partial(streams.events.reader, About(lift, ride), last_event_id or after or None, _admits(request))
+    reading = partial(streams.events.reader, StreamScope(lift, ride), last_event_id or after or None, _admits(request))
     return EventStream(streams.places, reading, caller(request))
 
 

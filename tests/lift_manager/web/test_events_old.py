@@ -12,7 +12,7 @@ from starlette.types import Message as Sent
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
 from lift_manager.rides.ride import Guidance, Phase
-from lift_manager.web.events.feed import About, Feed
+from lift_manager.web.events.feed import Feed, StreamScope
 from lift_manager.web.events.readers import Places, Reader
 from lift_manager.web.events.stream import EventStream
 from register_maps.words import Door, Mode, Motion, Side
@@ -42,7 +42,7 @@ async def said(reader: Reader) -> list[Message]:
 @contextmanager
 def away(feed: Feed) -> Iterator[None]:
     """Somebody listens, so that events are kept for whoever comes back."""
-    with feed.reader(About(), None, lambda: True):
+    with feed.reader(StreamScope(), None, lambda: True):
         yield
 
 
@@ -54,10 +54,10 @@ def test_a_reader_that_comes_back_is_not_told_to_drive_by_what_was_so_before(gui
         with away(feed):
             manager.rides_on(replace(a_ride(CALLER), guidance=guidance))
             await elapse(MAX_AGE_S - 0.5)
-            with feed.reader(About(), "b0-0", lambda: True) as reader:
+            with feed.reader(StreamScope(), "b0-0", lambda: True) as reader:
                 (young,) = await said(reader)
             await elapse(0.6)
-            with feed.reader(About(), "b0-0", lambda: True) as reader:
+            with feed.reader(StreamScope(), "b0-0", lambda: True) as reader:
                 (late,) = await said(reader)
             assert (young.data["ride"]["guidance"], young.data["ride"]["reason"]) == (guidance, "")
             assert young.data["age_s"] == pytest.approx(1.5)
@@ -80,7 +80,7 @@ def test_other_guidance_is_told_as_it_was_however_old() -> None:
             for guidance in plain:
                 manager.rides_on(replace(a_ride(CALLER), guidance=guidance, reason="as it is"))
             await elapse(100)
-            with feed.reader(About(), "b0-0", lambda: True) as reader:
+            with feed.reader(StreamScope(), "b0-0", lambda: True) as reader:
                 found = await said(reader)
             told = [(message.data["ride"]["guidance"], message.data["ride"]["reason"]) for message in found]
             assert told == [(guidance, "as it is") for guidance in plain]
@@ -96,10 +96,10 @@ def test_a_reader_that_comes_back_is_told_an_open_door_of_before_as_one_that_nob
             manager.shift("lift", **OPEN, destination="L2", holder=Holder("api", "amr-7"), held_since_s=1.0)
             manager.shift("goods", **OPEN)
             await elapse(MAX_AGE_S - 0.2)
-            with feed.reader(About(), "b0-0", lambda: True) as reader:
+            with feed.reader(StreamScope(), "b0-0", lambda: True) as reader:
                 young = await said(reader)
             await elapse(0.11)
-            with feed.reader(About(), "b0-0", lambda: True) as reader:
+            with feed.reader(StreamScope(), "b0-0", lambda: True) as reader:
                 late = [message.data["lift"] for message in await said(reader)]
             assert [message.data["lift"]["robot_door"] for message in young] == ["open", "open"]
             for lift in late:
@@ -124,7 +124,7 @@ def test_what_was_encoded_for_another_reader_a_moment_ago_is_not_handed_out_once
             doors, guidance = [], []
             for wait_s in (1.85, 0.1, 0.1):
                 await elapse(wait_s)
-                with feed.reader(About(), "b0-0", lambda: True) as reader:
+                with feed.reader(StreamScope(), "b0-0", lambda: True) as reader:
                     state, ride = await said(reader)
                 doors.append(state.data["lift"]["robot_door"])
                 guidance.append(ride.data["ride"]["guidance"])
@@ -140,11 +140,11 @@ def test_a_snapshot_of_a_moment_ago_is_not_handed_out_once_a_lift_in_it_is_too_o
         feed = Feed(manager, Places(10))
         with away(feed):
             manager.shift("lift", **OPEN, age_s=1.9)
-            with feed.reader(About(lift="lift"), None, lambda: True) as reader:
+            with feed.reader(StreamScope(lift="lift"), None, lambda: True) as reader:
                 (first,) = await said(reader)
             await elapse(0.15)
             manager.lifts = {**manager.lifts, "lift": replace(manager.lifts["lift"], robot_door=RobotDoor.CLOSED)}
-            with feed.reader(About(lift="lift"), None, lambda: True) as reader:
+            with feed.reader(StreamScope(lift="lift"), None, lambda: True) as reader:
                 (second,) = await said(reader)
             assert [one.data["lifts"][0]["robot_door"] for one in (first, second)] == ["open", "closed"]
 
@@ -168,7 +168,7 @@ def test_a_slow_reader_is_not_told_to_drive_by_what_waited_for_it() -> None:
             await gone.wait()
             return {"type": "http.disconnect"}
 
-        stream = EventStream(places, lambda: feed.reader(About(), None, lambda: True))
+        stream = EventStream(places, lambda: feed.reader(StreamScope(), None, lambda: True))
         serving = asyncio.ensure_future(stream({"type": "http", "app": None}, receive, send))
         await elapse(0.1)
         manager.rides_on(a_ride(CALLER))

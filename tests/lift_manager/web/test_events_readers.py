@@ -14,7 +14,7 @@ from lift_manager.lift.events import Alarm
 from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Phase
-from lift_manager.web.events.feed import KEPT, KEPT_S, About, Feed, PublishedEvent
+from lift_manager.web.events.feed import KEPT, KEPT_S, Feed, PublishedEvent, StreamScope
 from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, Places, Reader
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import key, ring
@@ -57,7 +57,7 @@ def test_a_reader_that_hears_nothing_hears_a_heartbeat_every_second_and_no_other
     async def main() -> None:
         manager, noted = Happening(), Noting()
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always) as reader:
+        with feed.reader(StreamScope(), None, always) as reader:
             taking = asyncio.ensure_future(noted.take(reader))
             await elapse(10.1)
             quiet = noted.sent[1:]
@@ -85,7 +85,7 @@ def test_nothing_is_listened_to_before_the_first_reader_and_no_timer_runs_after_
         manager, places = Happening(), Places(10)
         feed = Feed(manager, places)
         ears = [manager.has_ears]
-        with feed.reader(About(), None, always):
+        with feed.reader(StreamScope(), None, always):
             ears.append(manager.has_ears)
             await elapse(3)
         # the virtual loop fails a test whose timers go on for ever: nothing is left to wait for
@@ -97,7 +97,7 @@ def test_nothing_is_listened_to_before_the_first_reader_and_no_timer_runs_after_
 def test_a_reader_that_is_too_slow_is_told_how_many_it_lost_and_how_things_are() -> None:
     async def main() -> None:
         manager = Happening()
-        with Feed(manager, Places(10)).reader(About(), None, always) as reader:
+        with Feed(manager, Places(10)).reader(StreamScope(), None, always) as reader:
             (first,) = await said(reader)
             assert (first.event, first.data["lost"]) == ("snapshot", False)
             for number in range(QUEUE_LENGTH + 50):
@@ -117,10 +117,10 @@ def test_a_reader_that_comes_back_and_is_too_slow_loses_what_it_has_missed_as_we
     async def main() -> None:
         manager = Happening()
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always):
+        with feed.reader(StreamScope(), None, always):
             for _ in range(400):
                 manager.happens(Alarm("lift", "missed"))
-        with feed.reader(About(), "b0-0", always) as reader:
+        with feed.reader(StreamScope(), "b0-0", always) as reader:
             for _ in range(QUEUE_LENGTH + 1):
                 manager.happens(Alarm("lift", "lost"))
             lost, _ = await said(reader)
@@ -138,7 +138,7 @@ def test_what_is_published_for_a_snapshot_does_not_come_again_behind_it() -> Non
 
     async def main() -> None:
         manager = Late()
-        with Feed(manager, Places(10)).reader(About(), None, always) as reader:
+        with Feed(manager, Places(10)).reader(StreamScope(), None, always) as reader:
             (first,) = await said(reader)
             assert first.data["lifts"][0]["reason"] == "told for the snapshot"
             assert first.id == "b0-1"
@@ -156,7 +156,7 @@ def test_what_is_published_for_a_snapshot_does_not_come_again_behind_it() -> Non
 def test_what_waits_is_sent_in_pieces_of_a_bounded_size() -> None:
     async def main() -> None:
         manager = Happening()
-        with Feed(manager, Places(10)).reader(About(), None, always) as reader:
+        with Feed(manager, Places(10)).reader(StreamScope(), None, always) as reader:
             await said(reader)
             for _ in range(100):
                 manager.happens(Alarm("lift", "x" * 2000))
@@ -177,7 +177,10 @@ def test_a_reader_hears_of_its_own_lift_alone_and_of_the_same_as_those_who_hear_
     async def main() -> None:
         manager = Happening()
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always) as one, feed.reader(About(lift="lift"), None, always) as other:
+        with (
+            feed.reader(StreamScope(), None, always) as one,
+            feed.reader(StreamScope(lift="lift"), None, always) as other,
+        ):
             await said(one)
             await said(other)
             manager.shift("lift", floor="L2")
@@ -195,7 +198,7 @@ def test_an_age_is_right_when_it_is_sent_however_long_it_waited() -> None:
         manager = Happening()
         ride = a_ride(CALLER, "r1", "lift")
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always) as reader:
+        with feed.reader(StreamScope(), None, always) as reader:
             await said(reader)
             manager.shift("lift", age_s=0.1, holder=CALLER, held_since_s=5.0)
             manager.happens(RideChanged("lift", ride))
@@ -205,7 +208,7 @@ def test_an_age_is_right_when_it_is_sent_however_long_it_waited() -> None:
             assert state.data["lift"]["session"]["for_s"] == pytest.approx(15.0)
             assert late.data["ride"]["phase_ends_in_s"] == pytest.approx(90.0)
         await elapse(100)
-        with feed.reader(About(), "b0-0", always) as reader:
+        with feed.reader(StreamScope(), "b0-0", always) as reader:
             state, late = await said(reader)
             assert state.data["lift"]["age_s"] == pytest.approx(110.1)
             assert late.data["ride"]["phase_ends_in_s"] == 0.0
@@ -217,14 +220,14 @@ def test_events_older_than_five_minutes_are_not_kept() -> None:
     async def main() -> None:
         manager = Happening()
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always):
+        with feed.reader(StreamScope(), None, always):
             manager.happens(Alarm("lift", "old"))
             await elapse(KEPT_S + 1)
             manager.happens(Alarm("lift", "new"))
-        with feed.reader(About(), "b0-0", always) as reader:
+        with feed.reader(StreamScope(), "b0-0", always) as reader:
             (first,) = await said(reader)
             assert (first.event, first.data["lost"]) == ("snapshot", True)
-        with feed.reader(About(), "b0-1", always) as reader:
+        with feed.reader(StreamScope(), "b0-1", always) as reader:
             (first,) = await said(reader)
             assert first.data["text"] == "new"
 
@@ -234,7 +237,7 @@ def test_events_older_than_five_minutes_are_not_kept() -> None:
 def test_a_reader_that_has_heard_everything_goes_on_whatever_is_kept() -> None:
     async def main() -> None:
         manager = Happening(newest=KEPT * 2)
-        with Feed(manager, Places(10)).reader(About(), f"b0-{KEPT * 2}", always) as reader:
+        with Feed(manager, Places(10)).reader(StreamScope(), f"b0-{KEPT * 2}", always) as reader:
             manager.happens(Alarm("lift", "next"))
             (first,) = await said(reader)
             assert first.data["text"] == "next"
@@ -247,9 +250,9 @@ def test_rides_that_are_over_are_in_the_snapshot_of_their_own_reader_alone() -> 
         manager = Happening()
         manager.fake_rides.going_on(a_ride(CALLER, "r1"), replace(a_ride(CALLER, "r2"), phase=Phase.DONE))
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always) as reader:
+        with feed.reader(StreamScope(), None, always) as reader:
             (all_,) = await said(reader)
-        with feed.reader(About(ride="r2"), None, always) as reader:
+        with feed.reader(StreamScope(ride="r2"), None, always) as reader:
             (own,) = await said(reader)
         assert [ride["id"] for ride in all_.data["rides"]] == ["r1"]
         assert [ride["id"] for ride in own.data["rides"]] == ["r2"]
@@ -264,7 +267,7 @@ def test_a_reader_that_may_not_read_any_more_hears_no_more_within_a_second(begin
         of = None if begins is None else keys[0].find(Secret(key(begins)))
         assert keys[0].admits(of)
         noted, places = Noting(), Places(10)
-        with Feed(Happening(), places).reader(About(), None, lambda: keys[-1].admits(of)) as reader:
+        with Feed(Happening(), places).reader(StreamScope(), None, lambda: keys[-1].admits(of)) as reader:
             taking = asyncio.ensure_future(noted.take(reader))
             await elapse(3)
             assert not taking.done()
@@ -288,17 +291,20 @@ def test_readers_that_begin_together_share_a_snapshot_and_hear_what_came_after_i
     async def main() -> None:
         manager = Counting()
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always) as first:
+        with feed.reader(StreamScope(), None, always) as first:
             (one,) = await said(first)
             manager.happens(Alarm("lift", "between them"))
             await elapse(0.2)
-            with feed.reader(About(), None, always) as second, feed.reader(About(lift="lift"), None, always) as other:
+            with (
+                feed.reader(StreamScope(), None, always) as second,
+                feed.reader(StreamScope(lift="lift"), None, always) as other,
+            ):
                 two, between = await said(second)
                 assert (two, between.data["text"]) == (one, "between them")
                 assert [message.id for message in await said(other)] == ["b0-1"]
                 assert manager.asked_for == 2
             await elapse(0.2)
-            with feed.reader(About(), None, always) as third:
+            with feed.reader(StreamScope(), None, always) as third:
                 (three,) = await said(third)
                 assert (three.event, three.id, manager.asked_for) == ("snapshot", "b0-1", 3)
 
@@ -309,7 +315,7 @@ def test_readers_that_are_too_slow_together_share_a_snapshot_and_lose_nothing_th
     async def main() -> None:
         manager = Counting()
         feed = Feed(manager, Places(10))
-        with feed.reader(About(), None, always) as one, feed.reader(About(), None, always) as other:
+        with feed.reader(StreamScope(), None, always) as one, feed.reader(StreamScope(), None, always) as other:
             for reader in (one, other):
                 await said(reader)
             for _ in range(QUEUE_LENGTH + 1):
