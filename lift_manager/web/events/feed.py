@@ -22,7 +22,7 @@ from lift_manager.runtime.errors import NotFound
 from lift_manager.runtime.site import Site
 from lift_manager.web.events import sse
 from lift_manager.web.events.encoding import ages, invites_for_s, shown
-from lift_manager.web.events.readers import Places, Reader
+from lift_manager.web.events.readers import OpenStreams, Reader
 
 KEPT = 4096
 """Events kept for readers that come back. Chosen: 20 s of a hundred lifts that all move, when a reader comes back within two; 8 MB at most."""
@@ -94,7 +94,7 @@ class _Taken(NamedTuple):
 class Feed:
     """One for an application. It begins to listen with the first reader, and goes on for those that come back."""
 
-    def __init__(self, site: Site, places: Places) -> None:
+    def __init__(self, site: Site, places: OpenStreams) -> None:
         self._site = site
         self._places = places
         self._kept: deque[PublishedEvent] = deque(maxlen=KEPT)

@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from lift_manager.api.events import Frame, Lost
 from lift_manager.runtime.links import FrameSource, WireFrame
 from lift_manager.web.events import sse
-from lift_manager.web.events.readers import Entry, Places, Reader
+from lift_manager.web.events.readers import Entry, OpenStreams, Reader
 from register_maps import frames
 
 
@@ -44,7 +44,7 @@ class _Link:
 class FrameFeed:
     """One for an application. Frames are not kept: a reader that comes back hears what passes from then on."""
 
-    def __init__(self, source: FrameSource, places: Places) -> None:
+    def __init__(self, source: FrameSource, places: OpenStreams) -> None:
         self._source = source
         self._places = places
         self._links: dict[str, _Link] = {}

@@ -111,7 +111,7 @@ class Reader:
             self._waiter.set_result(None)
 
 
-class Places:
+class OpenStreams:
     """All open streams of one application."""
 
     def __init__(self, most: int) -> None:

@@ -21,7 +21,7 @@ from lift_manager.web.callers import ServedSite, no_other_computer
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.feed import Feed, StreamScope
 from lift_manager.web.events.frames import FrameFeed
-from lift_manager.web.events.readers import Places
+from lift_manager.web.events.readers import OpenStreams
 from lift_manager.web.events.sse import MEDIA_TYPE
 from lift_manager.web.events.stream import EventStream
 from lift_manager.web.json_route import JsonRoute
@@ -82,7 +82,7 @@ class Streams:
 
     def __init__(self, site: Site, frames: FrameSource | None, most: int) -> None:
         """At most so many streams are open at a time."""
-        self.places = Places(most)
+        self.places = OpenStreams(most)
         self.events = Feed(site, self.places)
         self.links = () if frames is None else frames.link_names()
         self.frames = None if frames is None else FrameFeed(frames, self.places)

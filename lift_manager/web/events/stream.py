@@ -12,7 +12,7 @@ from lift_manager.api.keys import Key
 from lift_manager.web.answers import answer
 from lift_manager.web.ending import ending_of
 from lift_manager.web.errors import RequestError
-from lift_manager.web.events.readers import Places, Reader
+from lift_manager.web.events.readers import OpenStreams, Reader
 from lift_manager.web.events.sse import MEDIA_TYPE
 
 HEADERS = {
@@ -27,7 +27,7 @@ class EventStream(Response):
     """Server-sent events. Nothing is kept for it before it is answered with."""
 
     def __init__(
-        self, places: Places, reading: Callable[[], AbstractContextManager[Reader]], key: Key | None = None
+        self, places: OpenStreams, reading: Callable[[], AbstractContextManager[Reader]], key: Key | None = None
     ) -> None:
         """`reading` opens what is to be sent; it takes a place of `places`. `key` is whose stream it is."""
         super().__init__(headers=HEADERS)

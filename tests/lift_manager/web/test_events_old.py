@@ -13,7 +13,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
 from lift_manager.rides.ride import Guidance, Phase
 from lift_manager.web.events.feed import Feed, StreamScope
-from lift_manager.web.events.readers import Places, Reader
+from lift_manager.web.events.readers import OpenStreams, Reader
 from lift_manager.web.events.stream import EventStream
 from register_maps.words import Door, Mode, Motion, Side
 from tests.lift_manager.web.fake_rides import a_ride
@@ -50,7 +50,7 @@ def away(feed: Feed) -> Iterator[None]:
 def test_a_reader_that_comes_back_is_not_told_to_drive_by_what_was_so_before(guidance: Guidance, old: str) -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with away(feed):
             manager.rides_on(replace(a_ride(CALLER), guidance=guidance))
             await elapse(MAX_AGE_S - 0.5)
@@ -74,7 +74,7 @@ def test_a_reader_that_comes_back_is_not_told_to_drive_by_what_was_so_before(gui
 def test_other_guidance_is_told_as_it_was_however_old() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         plain = [guidance for guidance in Guidance if guidance not in {Guidance.ENTER, Guidance.LEAVE}]
         with away(feed):
             for guidance in plain:
@@ -91,7 +91,7 @@ def test_other_guidance_is_told_as_it_was_however_old() -> None:
 def test_a_reader_that_comes_back_is_told_an_open_door_of_before_as_one_that_nobody_knows() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with away(feed):
             manager.shift("lift", **OPEN, destination="L2", holder=Holder("api", "amr-7"), held_since_s=1.0)
             manager.shift("goods", **OPEN)
@@ -117,7 +117,7 @@ def test_a_reader_that_comes_back_is_told_an_open_door_of_before_as_one_that_nob
 def test_what_was_encoded_for_another_reader_a_moment_ago_is_not_handed_out_once_it_is_too_old() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with away(feed):
             manager.shift("lift", **OPEN)
             manager.rides_on(a_ride(CALLER))
@@ -137,7 +137,7 @@ def test_what_was_encoded_for_another_reader_a_moment_ago_is_not_handed_out_once
 def test_a_snapshot_of_a_moment_ago_is_not_handed_out_once_a_lift_in_it_is_too_old() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with away(feed):
             manager.shift("lift", **OPEN, age_s=1.9)
             with feed.reader(StreamScope(lift="lift"), None, lambda: True) as reader:
@@ -156,7 +156,7 @@ def test_a_slow_reader_is_not_told_to_drive_by_what_waited_for_it() -> None:
 
     async def main() -> None:
         manager = Happening()
-        feed, places = Feed(manager, Places(10)), Places(10)
+        feed, places = Feed(manager, OpenStreams(10)), OpenStreams(10)
         room, sent, gone = asyncio.Event(), bytearray(), asyncio.Event()
 
         async def send(message: Sent) -> None:

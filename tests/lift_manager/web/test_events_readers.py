@@ -15,7 +15,7 @@ from lift_manager.lift.session import Holder
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Phase
 from lift_manager.web.events.feed import KEPT, KEPT_S, Feed, PublishedEvent, StreamScope
-from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, Places, Reader
+from lift_manager.web.events.readers import BATCH_BYTES, QUEUE_LENGTH, OpenStreams, Reader
 from tests.lift_manager.web.fake_rides import a_ride
 from tests.lift_manager.web.keyed import key, ring
 from tests.lift_manager.web.listening import Happening, Message, messages
@@ -56,7 +56,7 @@ class Noting:
 def test_a_reader_that_hears_nothing_hears_a_heartbeat_every_second_and_no_other_hears_more() -> None:
     async def main() -> None:
         manager, noted = Happening(), Noting()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always) as reader:
             taking = asyncio.ensure_future(noted.take(reader))
             await elapse(10.1)
@@ -82,7 +82,7 @@ def test_a_reader_that_hears_nothing_hears_a_heartbeat_every_second_and_no_other
 
 def test_nothing_is_listened_to_before_the_first_reader_and_no_timer_runs_after_the_last() -> None:
     async def main() -> None:
-        manager, places = Happening(), Places(10)
+        manager, places = Happening(), OpenStreams(10)
         feed = Feed(manager, places)
         ears = [manager.has_ears]
         with feed.reader(StreamScope(), None, always):
@@ -97,7 +97,7 @@ def test_nothing_is_listened_to_before_the_first_reader_and_no_timer_runs_after_
 def test_a_reader_that_is_too_slow_is_told_how_many_it_lost_and_how_things_are() -> None:
     async def main() -> None:
         manager = Happening()
-        with Feed(manager, Places(10)).reader(StreamScope(), None, always) as reader:
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), None, always) as reader:
             (first,) = await said(reader)
             assert (first.event, first.data["lost"]) == ("snapshot", False)
             for number in range(QUEUE_LENGTH + 50):
@@ -116,7 +116,7 @@ def test_a_reader_that_is_too_slow_is_told_how_many_it_lost_and_how_things_are()
 def test_a_reader_that_comes_back_and_is_too_slow_loses_what_it_has_missed_as_well() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always):
             for _ in range(400):
                 manager.happens(Alarm("lift", "missed"))
@@ -138,7 +138,7 @@ def test_what_is_published_for_a_snapshot_does_not_come_again_behind_it() -> Non
 
     async def main() -> None:
         manager = Late()
-        with Feed(manager, Places(10)).reader(StreamScope(), None, always) as reader:
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), None, always) as reader:
             (first,) = await said(reader)
             assert first.data["lifts"][0]["reason"] == "told for the snapshot"
             assert first.id == "b0-1"
@@ -156,7 +156,7 @@ def test_what_is_published_for_a_snapshot_does_not_come_again_behind_it() -> Non
 def test_what_waits_is_sent_in_pieces_of_a_bounded_size() -> None:
     async def main() -> None:
         manager = Happening()
-        with Feed(manager, Places(10)).reader(StreamScope(), None, always) as reader:
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), None, always) as reader:
             await said(reader)
             for _ in range(100):
                 manager.happens(Alarm("lift", "x" * 2000))
@@ -176,7 +176,7 @@ def test_what_waits_is_sent_in_pieces_of_a_bounded_size() -> None:
 def test_a_reader_hears_of_its_own_lift_alone_and_of_the_same_as_those_who_hear_everything() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with (
             feed.reader(StreamScope(), None, always) as one,
             feed.reader(StreamScope(lift="lift"), None, always) as other,
@@ -197,7 +197,7 @@ def test_an_age_is_right_when_it_is_sent_however_long_it_waited() -> None:
     async def main() -> None:
         manager = Happening()
         ride = a_ride(CALLER, "r1", "lift")
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always) as reader:
             await said(reader)
             manager.shift("lift", age_s=0.1, holder=CALLER, held_since_s=5.0)
@@ -219,7 +219,7 @@ def test_an_age_is_right_when_it_is_sent_however_long_it_waited() -> None:
 def test_events_older_than_five_minutes_are_not_kept() -> None:
     async def main() -> None:
         manager = Happening()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always):
             manager.happens(Alarm("lift", "old"))
             await elapse(KEPT_S + 1)
@@ -237,7 +237,7 @@ def test_events_older_than_five_minutes_are_not_kept() -> None:
 def test_a_reader_that_has_heard_everything_goes_on_whatever_is_kept() -> None:
     async def main() -> None:
         manager = Happening(newest=KEPT * 2)
-        with Feed(manager, Places(10)).reader(StreamScope(), f"b0-{KEPT * 2}", always) as reader:
+        with Feed(manager, OpenStreams(10)).reader(StreamScope(), f"b0-{KEPT * 2}", always) as reader:
             manager.happens(Alarm("lift", "next"))
             (first,) = await said(reader)
             assert first.data["text"] == "next"
@@ -249,7 +249,7 @@ def test_rides_that_are_over_are_in_the_snapshot_of_their_own_reader_alone() -> 
     async def main() -> None:
         manager = Happening()
         manager.fake_rides.going_on(a_ride(CALLER, "r1"), replace(a_ride(CALLER, "r2"), phase=Phase.DONE))
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always) as reader:
             (all_,) = await said(reader)
         with feed.reader(StreamScope(ride="r2"), None, always) as reader:
@@ -266,7 +266,7 @@ def test_a_reader_that_may_not_read_any_more_hears_no_more_within_a_second(begin
         keys = [ring(Role.VIEWER)] if begins else [KeyRing()]
         of = None if begins is None else keys[0].find(Secret(key(begins)))
         assert keys[0].admits(of)
-        noted, places = Noting(), Places(10)
+        noted, places = Noting(), OpenStreams(10)
         with Feed(Happening(), places).reader(StreamScope(), None, lambda: keys[-1].admits(of)) as reader:
             taking = asyncio.ensure_future(noted.take(reader))
             await elapse(3)
@@ -290,7 +290,7 @@ class Counting(Happening):
 def test_readers_that_begin_together_share_a_snapshot_and_hear_what_came_after_it() -> None:
     async def main() -> None:
         manager = Counting()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always) as first:
             (one,) = await said(first)
             manager.happens(Alarm("lift", "between them"))
@@ -314,7 +314,7 @@ def test_readers_that_begin_together_share_a_snapshot_and_hear_what_came_after_i
 def test_readers_that_are_too_slow_together_share_a_snapshot_and_lose_nothing_that_came_after_it() -> None:
     async def main() -> None:
         manager = Counting()
-        feed = Feed(manager, Places(10))
+        feed = Feed(manager, OpenStreams(10))
         with feed.reader(StreamScope(), None, always) as one, feed.reader(StreamScope(), None, always) as other:
             for reader in (one, other):
                 await said(reader)
