@@ -12,10 +12,10 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from lift_manager.web.connections import ConnectionLimits, Connections
-from lift_manager.web.ending import KEY, Ending
 from lift_manager.web.errors import ListenError
 from lift_manager.web.http_protocol import JsonHttpProtocol
 from lift_manager.web.limits import HANDSHAKE_WITHIN_S, Acceptor, NextContext, connections_limit
+from lift_manager.web.shutdown import KEY, Ending
 from lift_manager.web.tls import ServerCertificates
 
 BACKLOG = 2048

@@ -10,10 +10,10 @@ from starlette.types import Receive, Scope, Send
 
 from lift_manager.api.keys import Key
 from lift_manager.web.answers import answer
-from lift_manager.web.ending import ending_of
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.readers import OpenStreams, Reader
 from lift_manager.web.events.sse import MEDIA_TYPE
+from lift_manager.web.shutdown import ending_of
 
 HEADERS = {
     "cache-control": "no-store",
