@@ -15,7 +15,7 @@ from lift_manager.web.connections import ConnectionLimits, Connections
 from lift_manager.web.errors import ListenError
 from lift_manager.web.http_protocol import JsonHttpProtocol
 from lift_manager.web.limits import HANDSHAKE_WITHIN_S, Acceptor, NextContext, connections_limit
-from lift_manager.web.shutdown import KEY, Ending
+from lift_manager.web.shutdown import KEY, ShutdownSignal
 from lift_manager.web.tls import ServerCertificates
 
 BACKLOG = 2048
@@ -129,7 +129,7 @@ class _Server(uvicorn.Server):
         self._tls = tls
         self._handshake_s = handshake_s
         self._connections = connections
-        self._ending = Ending()
+        self._ending = ShutdownSignal()
         self._acceptors: list[Acceptor] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:

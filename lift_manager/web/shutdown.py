@@ -11,7 +11,7 @@ KEY = "lift_manager.ending"
 """In the state that a server gives to each request."""
 
 
-class Ending:
+class ShutdownSignal:
     """Who wants to know that a server ends."""
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Ending:
             del self._hear[key]
 
 
-def ending_of(scope: Scope) -> Ending:
+def ending_of(scope: Scope) -> ShutdownSignal:
     """Return the ending of the server that a request came to; one that never comes where the server has none."""
     found = scope.get("state", {}).get(KEY)
-    return found if isinstance(found, Ending) else Ending()
+    return found if isinstance(found, ShutdownSignal) else ShutdownSignal()
