@@ -33,7 +33,7 @@ class ShutdownSignal:
             del self._hear[key]
 
 
-def ending_of(scope: Scope) -> ShutdownSignal:
+def shutdown_signal(scope: Scope) -> ShutdownSignal:
     """Return the ending of the server that a request came to; one that never comes where the server has none."""
     found = scope.get("state", {}).get(KEY)
     return found if isinstance(found, ShutdownSignal) else ShutdownSignal()

@@ -13,7 +13,7 @@ from lift_manager.web.answers import answer
 from lift_manager.web.errors import RequestError
 from lift_manager.web.events.readers import OpenStreams, Reader
 from lift_manager.web.events.sse import MEDIA_TYPE
-from lift_manager.web.shutdown import ending_of
+from lift_manager.web.shutdown import shutdown_signal
 
 HEADERS = {
     "cache-control": "no-store",
@@ -43,7 +43,7 @@ class EventStream(Response):
             error = RequestError("too_many_streams", text, headers=headers)
             await answer(scope["path"], error)(scope, receive, send)
             return
-        with self._places.counted(self._key), self._reading() as reader, ending_of(scope).heard(reader.end):
+        with self._places.counted(self._key), self._reading() as reader, shutdown_signal(scope).heard(reader.end):
             await StreamingResponse(_sent(reader), headers=HEADERS, media_type=MEDIA_TYPE)(scope, receive, send)
 
 
