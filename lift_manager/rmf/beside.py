@@ -17,8 +17,8 @@ from typing import Protocol
 from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 from lift_manager.plain.answers import NotJson, json_of, nobody, problem_of, refusal, stranger
 from lift_manager.plain.backoff import Backoff
+from lift_manager.plain.change_signal import News, event_number
 from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Server
-from lift_manager.plain.news import News, event_number
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
 from lift_manager.plain.sse import EventParser, TooLong
