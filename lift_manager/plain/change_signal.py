@@ -15,7 +15,7 @@ def event_number(event_id: str) -> EventNumber | None:
     return (boot, int(number)) if number.isdecimal() and len(number) < 20 else None
 
 
-class News:
+class ChangeSignal:
     """Any thread may tell; one waits, and says what it was shown."""
 
     def __init__(self) -> None:

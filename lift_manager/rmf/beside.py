@@ -17,7 +17,7 @@ from typing import Protocol
 from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 from lift_manager.plain.answers import NotJson, json_of, nobody, problem_of, refusal, stranger
 from lift_manager.plain.backoff import Backoff
-from lift_manager.plain.change_signal import News, event_number
+from lift_manager.plain.change_signal import ChangeSignal, event_number
 from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Server
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
@@ -74,7 +74,7 @@ class Beside:
         self._server = server
         self._pace = pace or Pace()
         self._end = threading.Event()
-        self._news = News()
+        self._news = ChangeSignal()
         self._waiting = _Waiting()
         self._listener = _Listener(server, self._pace, self._news, self._end)
         self._works: list[_Work] = [self._listener]
@@ -172,7 +172,9 @@ def _run(work: _Work, ears: _Ears) -> None:
 class _Watcher:
     """Asks how the lifts are: often enough that what is known stays fresh, and at once when there is news."""
 
-    def __init__(self, server: Server, pace: Pace, news: News, ears: _Ears, on_back: Callable[[], None]) -> None:
+    def __init__(
+        self, server: Server, pace: Pace, news: ChangeSignal, ears: _Ears, on_back: Callable[[], None]
+    ) -> None:
         self.connection = Connection(server)
         self._server = server
         self._pace = pace
@@ -237,7 +239,7 @@ class _Watcher:
 class _Listener:
     """Hears from the event stream that there is news. Without a stream the watcher finds out a little later."""
 
-    def __init__(self, server: Server, pace: Pace, news: News, end: threading.Event) -> None:
+    def __init__(self, server: Server, pace: Pace, news: ChangeSignal, end: threading.Event) -> None:
         self.connection = Connection(server)
         self._server = server
         self._pace = pace
@@ -289,7 +291,7 @@ class _Carrier:
     """Carries what the adapter asks to the manager, and the answer back."""
 
     def __init__(
-        self, server: Server, pace: Pace, waiting: _Waiting, news: News, ears: _Ears, *, only_ended: bool
+        self, server: Server, pace: Pace, waiting: _Waiting, news: ChangeSignal, ears: _Ears, *, only_ended: bool
     ) -> None:
         self.connection = Connection(server)
         self._server = server
