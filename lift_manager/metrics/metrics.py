@@ -13,7 +13,7 @@ from lift_manager.metrics.exposition import OPEN_TYPE, PLAIN_TYPE, Family, Kind,
 from lift_manager.metrics.lag import Lags
 from lift_manager.metrics.lifts import LiftFamilies
 from lift_manager.metrics.links import link_families
-from lift_manager.metrics.rmf import Counted, rmf_families
+from lift_manager.metrics.rmf import AdapterCounts, rmf_families
 from lift_manager.runtime.bus import Occurrence
 from lift_manager.runtime.life import SiteLife
 from lift_manager.runtime.links import LinkSource
@@ -34,9 +34,9 @@ class Metrics:
         self._version = version
         self._counts = EventCounts({name: site.config(name).capabilities.commands for name in site.lift_names()})
         self._lags = Lags()
-        self._rmf: Counted | None = None
+        self._rmf: AdapterCounts | None = None
 
-    def count_rmf(self, counts: Counted) -> None:
+    def count_rmf(self, counts: AdapterCounts) -> None:
         """Show what an adapter to Open-RMF in this process counts, too."""
         self._rmf = counts
 

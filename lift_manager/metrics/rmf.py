@@ -12,7 +12,7 @@ from prometheus_client.registry import Collector
 from lift_manager.metrics.exposition import Family, Kind, labelled
 
 
-class Counted(Protocol):
+class AdapterCounts(Protocol):
     """The counts of an adapter, as `rmf.counts.Counts`."""
 
     @property
@@ -34,7 +34,7 @@ class _Counter:
     samples: tuple[tuple[tuple[str, ...], int], ...]
 
 
-def rmf_families(counts: Counted) -> Iterator[Family]:
+def rmf_families(counts: AdapterCounts) -> Iterator[Family]:
     """Yield the counts as `/metrics` of the manager shows them."""
     for counter in _counters(counts):
         family = Family(f"{counter.name}_total", Kind.COUNTER, counter.text)
@@ -46,7 +46,7 @@ def rmf_families(counts: Counted) -> Iterator[Family]:
 class RmfCollector(Collector):
     """The same for the registry of prometheus-client, whose server runs in threads of its own."""
 
-    def __init__(self, counts: Counted) -> None:
+    def __init__(self, counts: AdapterCounts) -> None:
         self._counts = counts
 
     def collect(self) -> Iterable[CounterMetricFamily]:
@@ -58,7 +58,7 @@ class RmfCollector(Collector):
             yield family
 
 
-def _counters(counts: Counted) -> Iterator[_Counter]:
+def _counters(counts: AdapterCounts) -> Iterator[_Counter]:
     # each is copied whole in one step, because it may be counted on in another thread meanwhile
     requests, states = dict(counts.requests), dict(counts.states)
     yield _Counter(
