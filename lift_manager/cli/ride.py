@@ -20,7 +20,7 @@ from lift_manager.cli.secured import Ca, Certificate, CertificateKey
 from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused, Unreachable
-from lift_manager.client.ride import RideInHand
+from lift_manager.client.ride import ActiveRide
 from lift_manager.client.ride_step import Step
 from lift_manager.plain.paths import API, ride_path
 from lift_manager.rides.ride import Guidance, Phase
@@ -112,7 +112,7 @@ class Rider:
             except TimeoutError:
                 self._leave_behind(client, f"the ride has not ended within {END_WITHIN_S:g} s")
 
-    async def _end(self, ride: RideInHand) -> None:
+    async def _end(self, ride: ActiveRide) -> None:
         """Have whoever is inside let out, and see the end of it."""
         before = self._last
         while not ride.over:
@@ -127,11 +127,11 @@ class Rider:
             await self._act(ride, ride.now)
         await self._go(ride)
 
-    async def _go(self, ride: RideInHand) -> None:
+    async def _go(self, ride: ActiveRide) -> None:
         async for step in ride:
             await self._act(ride, step)
 
-    async def _act(self, ride: RideInHand, step: Step) -> None:
+    async def _act(self, ride: ActiveRide, step: Step) -> None:
         self._last = step
         self._tell(_say_line, _line(step))
         word = {Guidance.ENTER: ride.entered, Guidance.LEAVE: ride.left}.get(step.guidance)
@@ -144,7 +144,7 @@ class Rider:
         except Refused as error:
             self._tell(say_aside, str(error))
 
-    async def _pressed(self, ride: RideInHand, guidance: Guidance, terminal: int) -> bool:
+    async def _pressed(self, ride: ActiveRide, guidance: Guidance, terminal: int) -> bool:
         answer = await pressed(PROMPTS[guidance], lambda: ride.now.guidance is guidance, terminal)
         if answer is Answer.WITHDRAWN:
             self._tell(

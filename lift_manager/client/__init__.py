@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         Stale,
         Unreachable,
     )
-    from lift_manager.client.ride import RideInHand
+    from lift_manager.client.ride import ActiveRide
     from lift_manager.client.ride_step import Step
     from lift_manager.client.session import SessionInHand
     from lift_manager.client.states import States, open_at
@@ -38,7 +38,7 @@ _PLACES = {
     "NotAllowed": "errors",
     "NotFound": "errors",
     "Refused": "errors",
-    "RideInHand": "ride",
+    "ActiveRide": "ride",
     "SessionInHand": "session",
     "SessionLost": "errors",
     "Stale": "errors",
@@ -60,7 +60,7 @@ __all__ = [
     "NotAllowed",
     "NotFound",
     "Refused",
-    "RideInHand",
+    "ActiveRide",
     "SessionInHand",
     "SessionLost",
     "Stale",

@@ -32,7 +32,7 @@ from lift_manager.api.rides import Limits, Plan, Ride, RideRequest, Rides
 from lift_manager.api.sessions import Command, CommandRequest, Session
 from lift_manager.client.call import WITHIN_S, Call, Form, Http, Reply
 from lift_manager.client.errors import ClientError, NotFound, Refused
-from lift_manager.client.ride import RideInHand
+from lift_manager.client.ride import ActiveRide
 from lift_manager.client.session import SessionInHand
 from lift_manager.client.states import KnownLift, States
 from lift_manager.client.stream import EventStream
@@ -282,7 +282,7 @@ class LiftManagerClient:
         door: Side | None = None,
         limits: Limits | None = None,
         key: str | None = None,
-    ) -> AsyncIterator[RideInHand]:
+    ) -> AsyncIterator[ActiveRide]:
         """Begin a ride, with a lift or with `any`; one that is not over at the end of the block is cancelled."""
         # as it is: what cannot be is refused by the manager, in its words
         wish = {
@@ -295,7 +295,7 @@ class LiftManagerClient:
             "idempotency_key": (key := key or self._new_key(robot)),
         }
         asked_at = _now()
-        ride = RideInHand(self, await self._post(f"{API}/rides", wish, Ride, repeat=key is not None), asked_at)
+        ride = ActiveRide(self, await self._post(f"{API}/rides", wish, Ride, repeat=key is not None), asked_at)
         try:
             async with _background(ride.follow(), ride.listen()):
                 yield ride
@@ -319,7 +319,7 @@ class LiftManagerClient:
         """Every controller by its name, for `frames`."""
         return (await self._http.get(f"{API}/links", Links)).links
 
-    async def _quietly(self, held: SessionInHand | RideInHand) -> None:
+    async def _quietly(self, held: SessionInHand | ActiveRide) -> None:
         """Let go after a failure, which is told in any case."""
         try:
             if isinstance(held, SessionInHand):

@@ -49,7 +49,7 @@ class Manager(Protocol):
         ...
 
 
-class RideInHand:
+class ActiveRide:
     """A ride that goes on. `async for step in ride` yields what the robot is to do, whenever that changes, and ends with the ride.
 
     An invitation to drive comes only out of an answer to a question that left less than the lift's `max_age_s` ago: the event

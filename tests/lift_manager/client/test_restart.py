@@ -6,7 +6,7 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
-from lift_manager.client import LiftManagerClient, RideInHand, Step
+from lift_manager.client import ActiveRide, LiftManagerClient, Step
 from lift_manager.rides.ride import Guidance
 from tests.support.programs import Program, Started, free_port
 
@@ -45,7 +45,7 @@ class Building:
         return manager
 
 
-async def until(ride: RideInHand, wanted: Callable[[Step], bool]) -> Step:
+async def until(ride: ActiveRide, wanted: Callable[[Step], bool]) -> Step:
     async with asyncio.timeout(30):
         async for step in ride:
             if wanted(step):

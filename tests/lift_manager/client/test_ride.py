@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from lift_manager.client import LiftManagerClient, NotFound, Refused, RideInHand, Step, Unreachable
+from lift_manager.client import ActiveRide, LiftManagerClient, NotFound, Refused, Step, Unreachable
 from lift_manager.rides.ride import Guidance, Phase
 from tests.lift_manager.client.manager import LIFT, URL, Manager, no
 from tests.support.virtual_time import elapse, run_virtual
@@ -24,7 +24,7 @@ def now() -> float:
     return asyncio.get_running_loop().time()
 
 
-async def until(ride: RideInHand, wanted: Callable[[Step], bool]) -> Step:
+async def until(ride: ActiveRide, wanted: Callable[[Step], bool]) -> Step:
     async for step in ride:
         if wanted(step):
             return step
