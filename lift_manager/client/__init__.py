@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     )
     from lift_manager.client.ride import ActiveRide
     from lift_manager.client.ride_step import Step
-    from lift_manager.client.session import SessionInHand
+    from lift_manager.client.session import ActiveSession
     from lift_manager.client.states import States, open_at
     from lift_manager.client.stream import Connected, Disconnected, EventStream
 
@@ -39,7 +39,7 @@ _PLACES = {
     "NotFound": "errors",
     "Refused": "errors",
     "ActiveRide": "ride",
-    "SessionInHand": "session",
+    "ActiveSession": "session",
     "SessionLost": "errors",
     "Stale": "errors",
     "States": "states",
@@ -50,6 +50,8 @@ _PLACES = {
 """Module of this package by the name that it defines."""
 
 __all__ = [
+    "ActiveRide",
+    "ActiveSession",
     "ClientError",
     "Connected",
     "Disconnected",
@@ -60,8 +62,6 @@ __all__ = [
     "NotAllowed",
     "NotFound",
     "Refused",
-    "ActiveRide",
-    "SessionInHand",
     "SessionLost",
     "Stale",
     "States",

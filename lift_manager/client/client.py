@@ -33,7 +33,7 @@ from lift_manager.api.sessions import Command, CommandRequest, Session
 from lift_manager.client.call import WITHIN_S, Call, Form, Http, Reply
 from lift_manager.client.errors import ClientError, NotFound, Refused
 from lift_manager.client.ride import ActiveRide
-from lift_manager.client.session import SessionInHand
+from lift_manager.client.session import ActiveSession
 from lift_manager.client.states import KnownLift, States
 from lift_manager.client.stream import EventStream
 from lift_manager.lift.occupancy import RobotWord
@@ -258,10 +258,10 @@ class LiftManagerClient:
     @asynccontextmanager
     async def session(
         self, lift: str, *, robot: str | None = None, ttl_s: float | None = None
-    ) -> AsyncIterator[SessionInHand]:
+    ) -> AsyncIterator[ActiveSession]:
         """Take a lift for the block, renewing the lease; it is closed at the end, whatever ends it."""
         asked_at = _now()
-        held = SessionInHand(self, await self.open_session(lift, robot=robot, ttl_s=ttl_s), asked_at, ttl_s)
+        held = ActiveSession(self, await self.open_session(lift, robot=robot, ttl_s=ttl_s), asked_at, ttl_s)
         try:
             async with _background(held.follow(), held.listen()):
                 yield held
@@ -319,10 +319,10 @@ class LiftManagerClient:
         """Every controller by its name, for `frames`."""
         return (await self._http.get(f"{API}/links", Links)).links
 
-    async def _quietly(self, held: SessionInHand | ActiveRide) -> None:
+    async def _quietly(self, held: ActiveSession | ActiveRide) -> None:
         """Let go after a failure, which is told in any case."""
         try:
-            if isinstance(held, SessionInHand):
+            if isinstance(held, ActiveSession):
                 if not held.closed:
                     await held.close()
             elif not held.over:

@@ -61,7 +61,7 @@ class Manager(StatesManager, Protocol):
         ...
 
 
-class SessionInHand:
+class ActiveSession:
     """The lift for one robot alone.
 
     Once the session is lost every call raises SessionLost, and so does what waits. The block itself is not cancelled:
