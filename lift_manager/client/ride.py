@@ -12,7 +12,7 @@ from lift_manager.api.events import RideEvent
 from lift_manager.api.lifts import Lift
 from lift_manager.api.rides import Ride
 from lift_manager.client.errors import ClientError, NotFound, Refused, Unreachable
-from lift_manager.client.ride_step import INVITATIONS, Known, Step, good_for_s, is_owed, step_at
+from lift_manager.client.ride_step import INVITATIONS, KnownRide, Step, good_for_s, is_owed, step_at
 from lift_manager.client.stream import Connected, Disconnected, EventStream
 from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 from lift_manager.rides.ride import OVER, RideWord
@@ -59,7 +59,7 @@ class ActiveRide:
 
     def __init__(self, manager: Manager, begun: Ride, asked_at: float) -> None:
         self._manager = manager
-        self._known = Known(begun, asked_at)
+        self._known = KnownRide(begun, asked_at)
         self._left_at = asked_at
         self._max_age_s = DEFAULT_MAX_AGE_S
         self._aged_lift = ""
@@ -155,7 +155,7 @@ class ActiveRide:
             else:
                 ride = await self._manager.get_ride(self.id, within_s=limit_s)
         except NotFound as error:
-            self._known = Known(self._known.ride, asked_at, gone=str(error))
+            self._known = KnownRide(self._known.ride, asked_at, gone=str(error))
             self._news.set()
             return
         except ClientError as error:
@@ -233,7 +233,7 @@ class ActiveRide:
     def _learn(self, ride: Ride, asked_at: float) -> None:
         # answers may overtake each other: the question that left last has the newest
         if asked_at >= self._known.asked_at and not self._known.gone:
-            self._known = Known(ride, asked_at)
+            self._known = KnownRide(ride, asked_at)
             self._trouble = ""
             self._news.set()
 

@@ -32,7 +32,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownRide:
     """The newest answer about a ride."""
 
     ride: Ride
@@ -47,7 +47,7 @@ def good_for_s(ride: Ride, max_age_s: float) -> float:
     return max_age_s if ride.guidance in INVITATIONS else max(max_age_s, SILENT_S)
 
 
-def step_at(known: Known, said: RideWord | None, max_age_s: float, now: float, trouble: str) -> Step:
+def step_at(known: KnownRide, said: RideWord | None, max_age_s: float, now: float, trouble: str) -> Step:
     """Return what holds now. `said` is the newest word of the robot, heard or not; `trouble` why nothing was heard since."""
     ride = known.ride
     if known.gone:
