@@ -33,9 +33,9 @@ from lift_manager.cli.secured import Ca
 from lift_manager.metrics.rmf import RmfCollector
 from lift_manager.plain.http import DEFAULT_PORT, Address, BadAddress, Server
 from lift_manager.plain.signals import stop_on_signals
-from lift_manager.rmf.beside import Beside
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.remote_manager import Beside
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from lift_manager.plain.http import Address, Server
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.beside import Beside, Pace
 from lift_manager.rmf.port import Answer
+from lift_manager.rmf.remote_manager import Beside, Pace
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, problem, said
 
 KEY = "lm_rmf_abcdefgh"

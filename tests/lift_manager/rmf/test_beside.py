@@ -14,8 +14,8 @@ import pytest
 
 from lift_manager.plain.answers import refusal
 from lift_manager.plain.http import Address, Reply, Server
-from lift_manager.rmf.beside import CARRIERS, REASONS, Beside, Pace
 from lift_manager.rmf.port import Ended, Wanted
+from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Beside, Pace
 from tests.lift_manager.rmf.beside_rig import (
     BRISK,
     CALM,

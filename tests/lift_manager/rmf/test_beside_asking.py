@@ -4,9 +4,9 @@ import threading
 import time
 from dataclasses import replace
 
-from lift_manager.rmf.beside import CARRIERS
 from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, Wanted
 from lift_manager.rmf.port import Asked as Wish
+from lift_manager.rmf.remote_manager import CARRIERS
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
 from tests.support.rows import each_row
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, answers, problem, said

@@ -10,8 +10,8 @@ import pytest
 
 from lift_manager.lab.bench import LiftSite
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.beside import Beside, Pace
 from lift_manager.rmf.port import Answer, Ended, Wanted
+from lift_manager.rmf.remote_manager import Beside, Pace
 from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
 from tests.support.programs import Program, Started, free_port
 

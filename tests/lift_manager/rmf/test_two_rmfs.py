@@ -11,10 +11,10 @@ import pytest
 
 from lift_manager.lab.bench import LiftSite
 from lift_manager.plain.http import Address, Server
-from lift_manager.rmf.beside import Beside
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.dds_types import WireLiftState, state_of
 from lift_manager.rmf.messages import DOOR_OPEN, LiftState
+from lift_manager.rmf.remote_manager import Beside
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 from tests.support.dds_partner import LIMIT_S, Offer, Partner
