@@ -35,7 +35,7 @@ from lift_manager.plain.http import DEFAULT_PORT, Address, BadAddress, Server
 from lift_manager.plain.signals import stop_on_signals
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import Dds
-from lift_manager.rmf.remote_manager import Beside
+from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 
@@ -109,7 +109,7 @@ async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
     stop_on_signals(stop)
     running = Running(
         lambda hears, deliver: Dds(settings, hears, deliver),
-        lambda: Beside(server),
+        lambda: RemoteManager(server),
         use_sim_time=settings.use_sim_time,
         counts=counts,
         adapter_id=settings.adapter,

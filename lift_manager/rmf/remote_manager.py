@@ -67,7 +67,7 @@ class Pace:
     """Pauses before the first and the last of the tries to find a lost manager. Chosen: a robot waits."""
 
 
-class Beside:
+class RemoteManager:
     """Implements `port.Manager`. Its threads begin with `start` and end with `close`."""
 
     def __init__(self, server: Server, pace: Pace | None = None) -> None:

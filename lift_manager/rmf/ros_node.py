@@ -34,7 +34,7 @@ from lift_manager.rmf.adapter import Adapter, Out
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Manager
 from lift_manager.rmf.publishing import NO_CLOCK_S
-from lift_manager.rmf.remote_manager import Beside
+from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_alarms import Publishers, RosAlarms
 from lift_manager.rmf.ros_messages import message_of, request_of, state_of
 from lift_manager.rmf.ros_settings import BadSettings, RosSettings, check_adapter_id, id_of_adapter
@@ -369,7 +369,7 @@ def _key(file: str) -> str:
 
 def run(node: Node, stopping: threading.Event) -> None:
     """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress, BadSettings."""
-    way = Beside(server_of(node))
+    way = RemoteManager(server_of(node))
     shell = AdapterNode(node, way)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -11,7 +11,7 @@ from typing import Any
 from lift_manager.plain.http import Address, Server
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.port import Answer
-from lift_manager.rmf.remote_manager import Beside, Pace
+from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, problem, said
 
 KEY = "lm_rmf_abcdefgh"
@@ -140,9 +140,9 @@ class Ears:
 
 
 @contextmanager
-def beside(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[Beside, Ears]]:
+def beside(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[RemoteManager, Ears]]:
     """An adapter's way to whoever answers at this port, and what is heard over it."""
-    way, ears = Beside(Server(Address("127.0.0.1", port), key), pace), Ears()
+    way, ears = RemoteManager(Server(Address("127.0.0.1", port), key), pace), Ears()
     way.start(ears, ears.inbox.put)
     try:
         yield way, ears
@@ -151,7 +151,7 @@ def beside(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[Be
 
 
 @contextmanager
-def met(manager: Script, pace: Pace = CALM) -> Iterator[tuple[Scripted, Beside, Ears]]:
+def met(manager: Script, pace: Pace = CALM) -> Iterator[tuple[Scripted, RemoteManager, Ears]]:
     """A manager, and an adapter's way to it."""
     with Scripted(manager) as server, beside(server.port, pace) as (way, ears):
         yield server, way, ears

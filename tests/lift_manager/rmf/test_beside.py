@@ -15,7 +15,7 @@ import pytest
 from lift_manager.plain.answers import refusal
 from lift_manager.plain.http import Address, Reply, Server
 from lift_manager.rmf.port import Ended, Wanted
-from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Beside, Pace
+from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import (
     BRISK,
     CALM,
@@ -347,7 +347,7 @@ def test_a_bug_of_a_thread_is_raised_in_the_adapters_own() -> None:
         ears.inbox.put(what)  # type: ignore[arg-type]
 
     with Scripted(Manager()) as server:
-        way = Beside(Server(Address("127.0.0.1", server.port)), BRISK)
+        way = RemoteManager(Server(Address("127.0.0.1", server.port)), BRISK)
         way.start(ears, deliver)
         with pytest.raises(RuntimeError, match="a bug"):
             ears.inbox.get(timeout=WITHIN_S)()
@@ -381,7 +381,7 @@ def test_a_manager_that_speaks_https_is_heard_with_its_ca(tmp_path: Path) -> Non
     context.load_cert_chain(shown.certificate, shown.key)
     with Scripted(Manager(), context) as server:
         ears = Ears()
-        way = Beside(Server(Address("127.0.0.1", server.port, tls=True), KEY, authority.file))
+        way = RemoteManager(Server(Address("127.0.0.1", server.port, tls=True), KEY, authority.file))
         way.start(ears, ears.inbox.put)
         way.ask(WANTED)
         assert ears.next_answer().yes

@@ -11,7 +11,7 @@ import pytest
 from lift_manager.lab.bench import LiftSite
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.port import Answer, Ended, Wanted
-from lift_manager.rmf.remote_manager import Beside, Pace
+from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
 from tests.support.programs import Program, Started, free_port
 
@@ -28,7 +28,7 @@ def until(ears: Ears, wanted: Callable[[LiftView], bool]) -> Site:
     return site
 
 
-def ride(way: Beside, ears: Ears) -> None:
+def ride(way: RemoteManager, ears: Ears) -> None:
     """Want the floor again, as RMF does, until the door is open there: a press that was lost is made anew."""
     is_there = False
     while not is_there:

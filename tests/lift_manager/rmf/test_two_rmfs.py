@@ -14,7 +14,7 @@ from lift_manager.plain.http import Address, Server
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.dds_types import WireLiftState, state_of
 from lift_manager.rmf.messages import DOOR_OPEN, LiftState
-from lift_manager.rmf.remote_manager import Beside
+from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 from tests.support.dds_partner import LIMIT_S, Offer, Partner
@@ -79,7 +79,7 @@ class Rmf:
 async def _adapter(settings: RosSettings, port: int) -> AsyncIterator[None]:
     running = Running(
         lambda hears, deliver: Dds(settings, hears, deliver),
-        lambda: Beside(Server(Address("127.0.0.1", port))),
+        lambda: RemoteManager(Server(Address("127.0.0.1", port))),
         adapter_id=settings.adapter,
     )
     running.open()
