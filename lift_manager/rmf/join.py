@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lift_manager.rmf.dds import Dds
-from lift_manager.rmf.inside import Inside
+from lift_manager.rmf.local_manager import Inside
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 from lift_manager.runtime.site import Site

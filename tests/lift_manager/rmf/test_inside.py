@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.inside import BETWEEN_S, Inside
+from lift_manager.rmf.local_manager import BETWEEN_S, Inside
 from lift_manager.rmf.port import Answer, Asked, Ended, Wanted
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench

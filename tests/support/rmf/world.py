@@ -15,7 +15,7 @@ from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
 from lift_manager.plain.rmf import Alarms, Site
 from lift_manager.rmf.adapter import Adapter, Out
-from lift_manager.rmf.inside import Inside
+from lift_manager.rmf.local_manager import Inside
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Hears, Manager
 from register_maps.codec import compile_map
