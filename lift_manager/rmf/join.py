@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lift_manager.rmf.dds import Dds
-from lift_manager.rmf.local_manager import Inside
+from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import Running
 from lift_manager.runtime.site import Site
@@ -13,7 +13,7 @@ def joined(site: Site, settings: RosSettings) -> Running:
     """Join Open-RMF with the lifts of a manager, on the running loop. Raises DdsError."""
     adapter = Running(
         lambda hears, deliver: Dds(settings, hears, deliver),
-        lambda: Inside(site),
+        lambda: LocalManager(site),
         use_sim_time=settings.use_sim_time,
         adapter_id=settings.adapter,
     )

@@ -26,7 +26,7 @@ AT_MOST_S = 1.0
 """Chosen: as `beside` does, whatever `max_age_s` is."""
 
 
-class Inside:
+class LocalManager:
     """Implements `port.Manager`. What changed within one turn of the loop is told once."""
 
     def __init__(self, site: Site) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.local_manager import BETWEEN_S, Inside
+from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
 from lift_manager.rmf.port import Answer, Asked, Ended, Wanted
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
@@ -58,7 +58,7 @@ class Both:
     """A manager with one lift, and an adapter inside it."""
 
     bench: Bench
-    inside: Inside
+    inside: LocalManager
     ears: Ears
 
     async def said(self, asked: Asked) -> Answer:
@@ -77,7 +77,7 @@ def inside(check: Callable[[Both], Awaitable[None]], rules: RmfRules | None = No
 
     async def on(made: Bench) -> None:
         made.site.rmf = rules or RmfRules()
-        both = Both(made, Inside(made.site), Ears())
+        both = Both(made, LocalManager(made.site), Ears())
         both.inside.start(both.ears, soon)
         assert both.ears.sites == [], "not before it has returned"
         await elapse(0)

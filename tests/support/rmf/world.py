@@ -15,7 +15,7 @@ from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
 from lift_manager.plain.rmf import Alarms, Site
 from lift_manager.rmf.adapter import Adapter, Out
-from lift_manager.rmf.local_manager import Inside
+from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Hears, Manager
 from register_maps.codec import compile_map
@@ -111,7 +111,7 @@ class RmfWorld:
         self.way = Way(self.dice, setting.way_s)
         self.adapter: AnyAdapter | None = None
         self._look_at: asyncio.Handle | None = None
-        self._inside: Inside | None = None
+        self._inside: LocalManager | None = None
         self.site: RmfSite
         self.manager_is_up = True
         self.states: list[tuple[float, LiftState]] = []
@@ -190,7 +190,7 @@ class RmfWorld:
         self._reach_manager()
 
     def _reach_manager(self) -> None:
-        self._inside = Inside(self.plant.site)
+        self._inside = LocalManager(self.plant.site)
         self.way.connect(self._inside)
         self._inside.start(self.way, _deliver)
 
