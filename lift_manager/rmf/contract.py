@@ -74,7 +74,7 @@ class Done(str, Enum):
 
 
 @dataclass(frozen=True)
-class Wish:
+class RmfDemand:
     """What a session wants."""
 
     floor: str
@@ -94,11 +94,11 @@ class LiftContract:
         """RMF's session that has the lift, or is to have it; empty for none."""
         self.granted = False
         """It is told to RMF: the manager said yes, or the lift only waits for the grace of the session before."""
-        self.wish: Wish | None = None
+        self.wish: RmfDemand | None = None
         """None for a session that was there before this adapter and was not heard since."""
         self.human = False
         """It asks for HUMAN mode."""
-        self._told: Wish | None = None
+        self._told: RmfDemand | None = None
         """What the manager said yes to."""
         self._told_at = -math.inf
         self._again = False
@@ -248,7 +248,7 @@ class LiftContract:
             times += (self._tell_from, self._paused_until, self._end_from)
         return min((at for at in times if at > now), default=math.inf)
 
-    def _wish_of(self, request: LiftRequest) -> Wish | Done:
+    def _wish_of(self, request: LiftRequest) -> RmfDemand | Done:
         if request.request_type not in REQUEST_TYPES:
             return Done.BAD_TYPE
         if request.door_state not in ASKED_DOORS:
@@ -260,7 +260,7 @@ class LiftContract:
         if floor is None:
             return Done.UNKNOWN_FLOOR
         # AGV mode: the doors are open whenever the lift has stopped (LiftRequest.msg)
-        return Wish(floor, request.request_type != HUMAN_MODE or request.door_state == DOOR_OPEN)
+        return RmfDemand(floor, request.request_type != HUMAN_MODE or request.door_state == DOOR_OPEN)
 
     def _begin(self, session: str) -> None:
         self._drop()
@@ -272,7 +272,7 @@ class LiftContract:
         self.granted = not self.lost and self.view.live and known
         self._ended.pop(session, None)
 
-    def _want(self, wish: Wish, now: float, *, replay: bool) -> None:
+    def _want(self, wish: RmfDemand, now: float, *, replay: bool) -> None:
         self.wish, self._heard_at = wish, now
         # whoever was waiting for its session to end when the manager ended it says END as soon as it reads that it has it again;
         # until then the supervisor repeats its last request (seen with the models of section 1.4)
@@ -363,7 +363,7 @@ class LiftContract:
         self._again = False
         if answer.yes:
             self.granted, self._had = True, True
-            self._told, self._told_at = Wish(asked.floor, asked.hold_door), now
+            self._told, self._told_at = RmfDemand(asked.floor, asked.hold_door), now
             return
         self._paused_until = now + REFUSED_S
         if answer.code == NOT_SENT:
@@ -435,7 +435,7 @@ class LiftContract:
     def _is_asked(self, session: str) -> bool:
         return isinstance(self._in_flight, Wanted) and self._in_flight.session == session
 
-    def _is_fulfilled(self, wish: Wish) -> bool:
+    def _is_fulfilled(self, wish: RmfDemand) -> bool:
         view = self.view
         there = view.live and view.standing and view.floor == wish.floor
         return there and (view.door == "open" or not wish.hold_door)
