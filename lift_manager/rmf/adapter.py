@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from lift_manager.plain.rmf import Site
 from lift_manager.rmf.alarms import AlarmOut, FireAlarm
-from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Done, LiftContract
+from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Disposition, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
@@ -23,9 +23,11 @@ EARLY_ENDS = 100
 REST_S = 60.0
 """When to look again where nothing is due."""
 _RIVAL = "rival"
-_TAKEN = frozenset({Done.BEGUN, Done.UPDATED, Done.REPEATED, Done.REFUSED, Done.ENDED})
+_TAKEN = frozenset(
+    {Disposition.BEGUN, Disposition.UPDATED, Disposition.REPEATED, Disposition.REFUSED, Disposition.ENDED}
+)
 """These come with every message; what becomes of them is said when it happens."""
-_LASTING = frozenset({_RIVAL, *(done.value for done in Done if done is not Done.HELD)})
+_LASTING = frozenset({_RIVAL, *(done.value for done in Disposition if done is not Disposition.HELD)})
 """Causes that are no news a second time; why a lift is not to be had is, once it was."""
 
 
@@ -92,7 +94,7 @@ class Adapter:
             return
         held = lift.contract.holds
         done = lift.contract.requested(request, now, replay=now < self._replay_until)
-        if held and done is Done.ENDED:
+        if held and done is Disposition.ENDED:
             _log.info("%s: %s has ended its session", request.lift_name, quoted(request.session_id))
         lift.next_at = -math.inf
         self._count(request.lift_name, done)
@@ -109,8 +111,8 @@ class Adapter:
 
     def broken(self, text: str, now: float) -> None:
         """Count a request that could not be read at all."""
-        self._count("", Done.BROKEN)
-        self._once("", Done.BROKEN, f"a lift request cannot be read and is left out: {quoted(text)}")
+        self._count("", Disposition.BROKEN)
+        self._once("", Disposition.BROKEN, f"a lift request cannot be read and is left out: {quoted(text)}")
 
     def request_writer_matched(self, now: float) -> None:
         """A writer of lift requests appeared: what it sends first may be a replay of old requests."""
@@ -186,7 +188,7 @@ class Adapter:
             return lift.next_at
         contract = lift.contract
         if session := contract.end_not_passed_on(now):
-            self._count(contract.view.name, Done.ENDED)
+            self._count(contract.view.name, Disposition.ENDED)
             text = "%s: %s has ended its session, and the lift supervisor has not passed it on; it ends without"
             _log.warning(text, contract.view.name, quoted(session))
         if (asked := contract.ask(now)) is not None:
@@ -200,11 +202,11 @@ class Adapter:
         lift.next_at = min(lift.cadence.next(state), contract.due(now), stale if stale > now else math.inf)
         return lift.next_at
 
-    def _for_no_lift(self, request: LiftRequest) -> Done:
+    def _for_no_lift(self, request: LiftRequest) -> Disposition:
         if self._site is not None:
-            return Done.UNKNOWN_LIFT
+            return Disposition.UNKNOWN_LIFT
         self._note_early(request, self._early_ends)
-        return Done.NO_MANAGER
+        return Disposition.NO_MANAGER
 
     def _note_early(self, request: LiftRequest, ends: dict[tuple[str, str], None]) -> None:
         """Remember the sessions whose last request is END_SESSION."""
@@ -235,10 +237,10 @@ class Adapter:
                 text = "%s: the manager has not answered that %s has ended its session; with the lift that is forgotten"
                 _log.warning(text, name, ended)
 
-    def _count(self, lift: str, done: Done) -> None:
+    def _count(self, lift: str, done: Disposition) -> None:
         self.counts.requests[lift, done.value] += 1
 
-    def _explain(self, done: Done, request: LiftRequest, contract: LiftContract | None) -> None:
+    def _explain(self, done: Disposition, request: LiftRequest, contract: LiftContract | None) -> None:
         """Write one line for each cause and lift, not one for each message."""
         name = "" if contract is None else contract.view.name
         if done not in _TAKEN:

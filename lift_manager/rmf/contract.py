@@ -48,7 +48,7 @@ TEXT_LIMIT = 256
 """Characters of a session id; a longer one is none that a fleet adapter makes (`<fleet>/<robot>`)."""
 
 
-class Done(str, Enum):
+class Disposition(str, Enum):
     """What was done with a request; the values are the words of the metrics."""
 
     BEGUN = "begun"
@@ -153,31 +153,31 @@ class LiftContract:
         held = self._is_held_by(self.session) and not self.view.ending and self._is_current()
         return self.granted and held and (self.wish is None or self.wish == self._told)
 
-    def requested(self, request: LiftRequest, now: float, *, replay: bool) -> Done:
+    def requested(self, request: LiftRequest, now: float, *, replay: bool) -> Disposition:
         """Take a request for this lift; `replay` says that it may be an old one."""
         if request.request_type == END_SESSION:
             return self.end(request.session_id, now)
         wish = self._wish_of(request)
-        if isinstance(wish, Done):
+        if isinstance(wish, Disposition):
             return wish
         session = request.session_id
         if self.session and session != self.session:
             if not self._is_given_up(now):
-                return Done.HELD
+                return Disposition.HELD
             self._drop()
         if not self.session:
             if now < self._paused_until:
-                return Done.REFUSED
+                return Disposition.REFUSED
             self._begin(session)
             self._want(wish, now, replay=replay)
             self.human = request.request_type == HUMAN_MODE
-            return Done.BEGUN
+            return Disposition.BEGUN
         self._heard_at, self.human = now, request.request_type == HUMAN_MODE
         if wish == self.wish:
             self._repeat(now)
-            return Done.REPEATED
+            return Disposition.REPEATED
         self._want(wish, now, replay=replay)
-        return Done.UPDATED
+        return Disposition.UPDATED
 
     def fleet_requested(self, request: LiftRequest, now: float) -> None:
         """Note what a fleet sends to its lift supervisor. Only its END of the session that has the lift counts, and moves nothing."""
@@ -248,17 +248,17 @@ class LiftContract:
             times += (self._tell_from, self._paused_until, self._end_from)
         return min((at for at in times if at > now), default=math.inf)
 
-    def _wish_of(self, request: LiftRequest) -> RmfDemand | Done:
+    def _wish_of(self, request: LiftRequest) -> RmfDemand | Disposition:
         if request.request_type not in REQUEST_TYPES:
-            return Done.BAD_TYPE
+            return Disposition.BAD_TYPE
         if request.door_state not in ASKED_DOORS:
-            return Done.BAD_DOOR
+            return Disposition.BAD_DOOR
         session = request.session_id
         if not 0 < len(session) <= TEXT_LIMIT or not session.isprintable():
-            return Done.BAD_SESSION
+            return Disposition.BAD_SESSION
         floor = next((site for site, name in self.view.floors.items() if name == request.destination_floor), None)
         if floor is None:
-            return Done.UNKNOWN_FLOOR
+            return Disposition.UNKNOWN_FLOOR
         # AGV mode: the doors are open whenever the lift has stopped (LiftRequest.msg)
         return RmfDemand(floor, request.request_type != HUMAN_MODE or request.door_state == DOOR_OPEN)
 
@@ -288,7 +288,7 @@ class LiftContract:
         again_s = HEARD_S if self._is_fulfilled(self.wish) else REPEAT_S
         self._again = now - self._told_at >= again_s
 
-    def end(self, session: str, now: float) -> Done:
+    def end(self, session: str, now: float) -> Disposition:
         """Take END_SESSION: in any mode, for any floor, as often as it comes. The car is not moved by it."""
         if session and session == self.session:
             may_hold = self._had or self._is_asked(session) or self._is_held_by(session) or session in self._perhaps
@@ -296,15 +296,15 @@ class LiftContract:
             self._paused_until = -math.inf
             if may_hold:
                 self._say_end(session, now)
-            return Done.ENDED
+            return Disposition.ENDED
         if session and session in self._perhaps:
             self._say_end(session, now)
-            return Done.ENDED
+            return Disposition.ENDED
         if session in self._ends:
-            return Done.ENDED
+            return Disposition.ENDED
         if self.foreign is not None and session == str(self.foreign):
-            return Done.END_FOREIGN
-        return Done.END_NOT_HOLDER if session else Done.END_NOBODY
+            return Disposition.END_FOREIGN
+        return Disposition.END_NOT_HOLDER if session else Disposition.END_NOBODY
 
     def _say_end(self, session: str, now: float) -> None:
         if self.lost:

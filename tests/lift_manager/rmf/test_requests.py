@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from lift_manager.plain.rmf import HeldBy
-from lift_manager.rmf.contract import Done
+from lift_manager.rmf.contract import Disposition
 from lift_manager.rmf.messages import (
     AGV_MODE,
     DOOR_CLOSED,
@@ -106,6 +106,6 @@ def test_in_agv_mode_the_door_is_open_and_in_human_mode_as_asked(kind: int, door
 
 
 def test_what_was_done_with_a_request_has_a_word_of_its_own() -> None:
-    words = [done.value for done in Done]
+    words = [done.value for done in Disposition]
     assert len(words) == len(set(words))
     assert all(word == word.lower() and " " not in word for word in words)
