@@ -32,7 +32,7 @@ _LASTING = frozenset({_RIVAL, *(done.value for done in Disposition if done is no
 
 
 @dataclass(frozen=True)
-class Out:
+class RmfOutput:
     """What goes out to RMF."""
 
     publish: Callable[[LiftState], None]
@@ -58,7 +58,7 @@ class Adapter:
     def __init__(
         self,
         manager: Manager,
-        out: Out,
+        out: RmfOutput,
         ros_time: Callable[[], float],
         counts: Counts | None = None,
         *,

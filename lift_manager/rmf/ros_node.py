@@ -30,7 +30,7 @@ from rmf_lift_msgs.msg import LiftState as RosLiftState
 
 from lift_manager.plain.http import Address, BadAddress, Server
 from lift_manager.plain.rmf import Site
-from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Manager
 from lift_manager.rmf.publishing import NO_CLOCK_S
@@ -191,7 +191,7 @@ class AdapterNode:
         )
         self._adapter = Adapter(
             manager,
-            Out(self._publish, alarms),
+            RmfOutput(self._publish, alarms),
             self._ros_time,
             adapter_id=_adapter_id(node, topics["requests_topic"]),
         )

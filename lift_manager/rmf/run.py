@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from lift_manager.plain.rmf import Site
-from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import DdsHears
@@ -144,7 +144,7 @@ class _Shell:
         """Join RMF. What it says waits until the loop has its turn."""
         self._rmf = make_rmf(self, self._deliver)
         self._way = make_way()
-        out = Out(self._rmf.publish, self._rmf.alarm)
+        out = RmfOutput(self._rmf.publish, self._rmf.alarm)
         self._adapter = Adapter(self._way, out, self._clock, self._counts, adapter_id=adapter_id)
 
     async def run(self) -> None:

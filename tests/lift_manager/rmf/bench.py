@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
-from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
 from lift_manager.rmf.publishing import AT_LEAST_S
@@ -96,7 +96,7 @@ class Bench:
         self.waiting.clear()
 
     def _adapter(self) -> Adapter:
-        out = Out(self.sent.append, self.alarm)
+        out = RmfOutput(self.sent.append, self.alarm)
         return Adapter(self, out, lambda: EPOCH + self.now, adapter_id=self.adapter_id)
 
     def ask(self, asked: Asked) -> None:

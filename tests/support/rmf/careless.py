@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
 from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Manager, Wanted
 
@@ -26,14 +26,14 @@ class _Speaks(Protocol):
 class _Says(Adapter):
     """Publishes something else than it should; None is nothing at all."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock, says: _Speaks) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock, says: _Speaks) -> None:
         self._view: LiftView | None = None
 
         def publish(state: LiftState) -> None:
             if (said := says(state, self._view)) is not None:
                 out.publish(said)
 
-        super().__init__(manager, Out(publish, out.alarm), ros_time)
+        super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
     def heard(self, site: Site, asked_at: float, now: float) -> None:
         (self._view,) = site.lifts
@@ -48,7 +48,7 @@ class _Asks(Adapter):
     """Asks the manager something else than it should, one thing after the other; it takes the last answer for its own."""
 
     def __init__(
-        self, manager: Manager, out: Out, ros_time: Clock, change: Callable[[Asked], tuple[Asked, ...]]
+        self, manager: Manager, out: RmfOutput, ros_time: Clock, change: Callable[[Asked], tuple[Asked, ...]]
     ) -> None:
         self._real = manager
         self._change = change
@@ -78,7 +78,7 @@ class ExecutesStaleFloors(Adapter):
 class PublishesPerRequest(Adapter):
     """Answers each request with a state."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._last: LiftState | None = None
 
         def publish(state: LiftState) -> None:
@@ -86,7 +86,7 @@ class PublishesPerRequest(Adapter):
             out.publish(state)
 
         self._say = out.publish
-        super().__init__(manager, Out(publish, out.alarm), ros_time)
+        super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
     def requested(self, request: LiftRequest, now: float) -> None:
         super().requested(request, now)
@@ -97,7 +97,7 @@ class PublishesPerRequest(Adapter):
 class DropsEndBeforeRequest(Adapter):
     """Takes the newest of what comes together: an END is dropped when another session asks right after it."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._end: tuple[LiftRequest, float] | None = None
         super().__init__(manager, out, ros_time)
 
@@ -120,7 +120,7 @@ class DropsEndBeforeRequest(Adapter):
 class EndMovesTheCar(_Asks):
     """Takes the floor of END_SESSION for a command, as the simulator does."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._floors: Mapping[str, str] = {}
         self._end: LiftRequest | None = None
         super().__init__(manager, out, ros_time, self._with_floor)
@@ -152,7 +152,7 @@ class IgnoresEndWithoutFloor(Adapter):
 class TakesAnyEnd(Adapter):
     """Ends whatever session there is, whoever says so."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._session = ""
         super().__init__(manager, out, ros_time)
 
@@ -167,7 +167,7 @@ class TakesAnyEnd(Adapter):
 class ForgetsWhoComesNext(Adapter):
     """Hears nobody for a while after a session has ended."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._deaf_until = -math.inf
         super().__init__(manager, out, ros_time)
 
@@ -183,7 +183,7 @@ class ForgetsWhoComesNext(Adapter):
 class LetsAnybodySteal(Adapter):
     """Gives the lift to whoever asked last."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._session = ""
         super().__init__(manager, out, ros_time)
 
@@ -231,13 +231,13 @@ class TakesAnotherRmf(Adapter):
 class ForgetsWhatIsUndelivered(Adapter):
     """Publishes no session any more whose END waits for the manager: a robot of humble then says it no more."""
 
-    def __init__(self, manager: Manager, out: Out, ros_time: Clock) -> None:
+    def __init__(self, manager: Manager, out: RmfOutput, ros_time: Clock) -> None:
         self._over: set[str] = set()
 
         def publish(state: LiftState) -> None:
             out.publish(replace(state, session_id="") if state.session_id in self._over else state)
 
-        super().__init__(manager, Out(publish, out.alarm), ros_time)
+        super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
     def requested(self, request: LiftRequest, now: float) -> None:
         if request.request_type == END_SESSION:
@@ -327,18 +327,18 @@ def _frozen() -> _Speaks:
     return say
 
 
-def _says(make: Callable[[], _Speaks]) -> Callable[[Manager, Out, Clock], Adapter]:
+def _says(make: Callable[[], _Speaks]) -> Callable[[Manager, RmfOutput, Clock], Adapter]:
     return lambda manager, out, ros_time: _Says(manager, out, ros_time, make())
 
 
-def _without_grace(manager: Manager, out: Out, ros_time: Clock) -> Adapter:
+def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
     def change(asked: Asked) -> tuple[Asked, ...]:
         return (replace(asked, grace_s=0.0) if isinstance(asked, Ended) else asked,)
 
     return _Asks(manager, out, ros_time, change)
 
 
-def _lets_go_of_the_door(manager: Manager, out: Out, ros_time: Clock) -> Adapter:
+def _lets_go_of_the_door(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
     wanted: list[Wanted] = []
 
     def change(asked: Asked) -> tuple[Asked, ...]:
@@ -350,7 +350,7 @@ def _lets_go_of_the_door(manager: Manager, out: Out, ros_time: Clock) -> Adapter
     return _Asks(manager, out, ros_time, change)
 
 
-CARELESS: Mapping[str, Callable[[Manager, Out, Clock], Adapter]] = {
+CARELESS: Mapping[str, Callable[[Manager, RmfOutput, Clock], Adapter]] = {
     "executes stale floors": ExecutesStaleFloors,
     "clears the session on arrival": _says(lambda: _cleared_on_arrival),
     "publishes per request": PublishesPerRequest,

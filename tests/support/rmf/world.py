@@ -14,7 +14,7 @@ from lift_manager.lab.virtual_time import elapse
 from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
 from lift_manager.plain.rmf import Alarms, Site
-from lift_manager.rmf.adapter import Adapter, Out
+from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Hears, Manager
@@ -44,7 +44,7 @@ class AnyAdapter(Hears, Protocol):
     def tick(self, now: float) -> float: ...
 
 
-MakeAdapter = Callable[[Manager, Out, Callable[[], float]], AnyAdapter]
+MakeAdapter = Callable[[Manager, RmfOutput, Callable[[], float]], AnyAdapter]
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class RmfWorld:
 
     def start_adapter(self) -> None:
         """Start one that knows nothing."""
-        adapter = self.adapter = self._make_adapter(self.way, Out(self._publish, _NoAlarm()), lambda: self.now)
+        adapter = self.adapter = self._make_adapter(self.way, RmfOutput(self._publish, _NoAlarm()), lambda: self.now)
         self.way.hears = _Ears(adapter, self._soon)
         self.site.adapter_is_back()
         self._leave_manager()
