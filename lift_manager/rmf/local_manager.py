@@ -12,7 +12,7 @@ from dataclasses import replace
 from lift_manager.lift.rmf import rmf_holder, rmf_lift
 from lift_manager.lift.state import LiftState
 from lift_manager.plain.rmf import LiftView
-from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears
+from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, ManagerListener
 from lift_manager.runtime.bus import Occurrence, StateChanged
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.rmf import rmf_site_of
@@ -33,7 +33,7 @@ class LocalManager:
         self._site = site
         self._views: dict[str, LiftView] = {}
         """Every lift, as of its newest event."""
-        self._hears: Hears | None = None
+        self._hears: ManagerListener | None = None
         self._deliver: Deliver | None = None
         self._taps = ExitStack()
         self._timer: TimerHandle | None = None
@@ -43,7 +43,7 @@ class LocalManager:
         ages = (site.config(name).capabilities.max_age_s for name in site.lift_names())
         self._every_s = min([AT_MOST_S, *(age / ASKED_WITHIN for age in ages)])
 
-    def start(self, hears: Hears, deliver: Deliver) -> None:
+    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
         """Tell `hears` how the lifts are, and of every change from then on."""
         self._hears, self._deliver = hears, deliver
         self._taps.enter_context(self._site.tap(self._changed))
@@ -92,7 +92,7 @@ class LocalManager:
         self._timer = asyncio.get_running_loop().call_later(self._every_s, self._look)
         self._soon(self._tell)
 
-    def _tell(self, hears: Hears) -> None:
+    def _tell(self, hears: ManagerListener) -> None:
         now = _now()
         if self._site.stopping:
             return  # nobody holds a lift any more, and sessions are kept: what RMF was told last stays
@@ -104,7 +104,7 @@ class LocalManager:
     def _view(self, state: LiftState) -> LiftView:
         return rmf_lift(state, self._site.config(state.lift))
 
-    def _soon(self, tell: Callable[[Hears], None]) -> None:
+    def _soon(self, tell: Callable[[ManagerListener], None]) -> None:
         if self._deliver is None:
             return
 

@@ -64,14 +64,14 @@ never waiting, and from any thread."""
 
 
 class Manager(Protocol):
-    """Takes what is asked without waiting; the answer comes to `Hears.answered`."""
+    """Takes what is asked without waiting; the answer comes to `ManagerListener.answered`."""
 
     def ask(self, asked: Asked) -> None:
         """Pass it on. Never called again for a lift whose last answer has not come."""
         ...
 
 
-class Hears(Protocol):
+class ManagerListener(Protocol):
     """What of the adapter a way to the manager calls, always in the adapter's own thread. Times are monotonic seconds."""
 
     def heard(self, site: Site, asked_at: float, now: float) -> None:

@@ -22,7 +22,7 @@ from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Serve
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
 from lift_manager.plain.sse import EventParser, TooLong
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, Hears, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, ManagerListener, Wanted
 
 _log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ class RemoteManager:
         self._works: list[_Work] = [self._listener]
         self._threads: list[threading.Thread] = []
 
-    def start(self, hears: Hears, deliver: Deliver) -> None:
+    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
         """Begin to ask; the first answer, or that there is none, comes to `hears` by itself."""
         server, pace, ears = self._server, self._pace, _Ears(hears, deliver, self._end)
         self._works.append(_Watcher(server, pace, self._news, ears, self._listener.hurry))
@@ -124,7 +124,7 @@ class RemoteManager:
 class _Ears:
     """The adapter, from another thread."""
 
-    def __init__(self, hears: Hears, deliver: Deliver, end: threading.Event) -> None:
+    def __init__(self, hears: ManagerListener, deliver: Deliver, end: threading.Event) -> None:
         self._hears = hears
         self._deliver = deliver
         self.end = end

@@ -15,7 +15,7 @@ from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import LiftRequest, LiftState
-from lift_manager.rmf.port import Answer, Deliver, Hears, Manager
+from lift_manager.rmf.port import Answer, Deliver, Manager, ManagerListener
 from lift_manager.rmf.publishing import NO_CLOCK_S
 
 _log = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ class Rmf(Protocol):
 class Way(Manager, Protocol):
     """A way to the manager, as `beside.Beside`."""
 
-    def start(self, hears: Hears, deliver: Deliver) -> None:
+    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
         """Begin to hear the manager."""
         ...
 

@@ -11,7 +11,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, Hears, Wanted
+from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, ManagerListener, Wanted
 from lift_manager.rmf.run import AGAIN_S, Running
 from tests.lift_manager.rmf.bench import AlarmEar
 
@@ -76,7 +76,7 @@ class FakeWay:
         self.closed = False
         self._number = 0
 
-    def start(self, hears: Hears, deliver: Deliver) -> None:
+    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
         self.hears, self._deliver = hears, deliver
         self._tell()
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from random import Random
 
 from lift_manager.plain.rmf import Site
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Hears, Manager
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Manager, ManagerListener
 from tests.support.rmf.network import Channel
 
 GIVES_UP_S = 0.3
@@ -15,7 +15,7 @@ GIVES_UP_S = 0.3
 
 
 class Way:
-    """Between an adapter (`Hears`) and a manager, with a delay of its own for each message. Implements `Manager` and `Hears`.
+    """Between an adapter (`ManagerListener`) and a manager, with a delay of its own for each message. Implements `Manager` and `ManagerListener`.
 
     While it is cut nothing comes through. What was under way has reached the manager, or not: nobody knows.
     """
@@ -24,7 +24,7 @@ class Way:
         """`most_s` 0: the manager is in the same process."""
         self._dice = dice
         self._most_s = most_s
-        self.hears: Hears | None = None
+        self.hears: ManagerListener | None = None
         """The adapter; None while there is none."""
         self._manager: Manager | None = None
         self._up: Channel[Asked] = Channel(dice, most_s, self._pass_on)

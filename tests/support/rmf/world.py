@@ -17,7 +17,7 @@ from lift_manager.plain.rmf import Alarms, Site
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.messages import LiftRequest, LiftState
-from lift_manager.rmf.port import Answer, Hears, Manager
+from lift_manager.rmf.port import Answer, Manager, ManagerListener
 from register_maps.codec import compile_map
 from register_maps.words import Mode
 from simulator.state import Parameters
@@ -32,7 +32,7 @@ LEAST_S = 0.001
 """Between two looks at the adapter."""
 
 
-class AnyAdapter(Hears, Protocol):
+class AnyAdapter(ManagerListener, Protocol):
     """The adapter, or one that breaks a rule."""
 
     def requested(self, request: LiftRequest, now: float) -> None: ...
