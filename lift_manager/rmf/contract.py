@@ -11,7 +11,7 @@ from enum import Enum
 
 from lift_manager.plain.rmf import HeldBy, LiftView
 from lift_manager.rmf.messages import ASKED_DOORS, DOOR_OPEN, END_SESSION, HUMAN_MODE, REQUEST_TYPES, LiftRequest
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, SessionDemand
 
 FACE = "rmf"
 _OFFLINE = "offline"
@@ -340,7 +340,7 @@ class LiftContract:
             return None
         if self._waits_for_grace() or now - self._heard_at > FRESH_S:
             return None
-        return Wanted(lift, self.session, wish.floor, wish.hold_door, self._adapter)
+        return SessionDemand(lift, self.session, wish.floor, wish.hold_door, self._adapter)
 
     def _waits_for_grace(self) -> bool:
         """Whether another session of RMF, which is over, has the lift still."""
@@ -354,7 +354,7 @@ class LiftContract:
         elif asked.session in self._ends:
             self._ends.remove(asked.session)
 
-    def _wanted_answered(self, asked: Wanted, answer: Answer, now: float) -> None:
+    def _wanted_answered(self, asked: SessionDemand, answer: Answer, now: float) -> None:
         if answer.code == UNREACHABLE and asked.session not in self._ends:
             self._forget_doubt(asked.session)
             self._perhaps = [*self._perhaps[-(DOUBTS - 1) :], asked.session]
@@ -433,7 +433,7 @@ class LiftContract:
         return self.view.holder is None and not self.view.fire_latched and not self.view.keeps_off
 
     def _is_asked(self, session: str) -> bool:
-        return isinstance(self._in_flight, Wanted) and self._in_flight.session == session
+        return isinstance(self._in_flight, SessionDemand) and self._in_flight.session == session
 
     def _is_fulfilled(self, wish: RmfDemand) -> bool:
         view = self.view

@@ -10,7 +10,7 @@ from lift_manager.plain.rmf import Site
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SessionDemand:
     """RMF's session wants the lift at a floor: the first one opens it, each further one changes or repeats what is wanted."""
 
     lift: str
@@ -34,7 +34,7 @@ class Ended:
     adapter: str = ""
 
 
-Asked = Wanted | Ended
+Asked = SessionDemand | Ended
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Answer:
 
     asked: Asked
     yes: bool
-    """It is decided so. Of `Wanted`: the session holds the lift; acceptance is not arrival."""
+    """It is decided so. Of `SessionDemand`: the session holds the lift; acceptance is not arrival."""
     code: str = ""
     """Why not, in a word of `web/ERRORS.md`; `unreachable` where no manager answered: then nobody knows whether it was heard."""
     reason: str = ""

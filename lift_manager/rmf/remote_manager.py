@@ -22,7 +22,7 @@ from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Serve
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
 from lift_manager.plain.sse import EventParser, TooLong
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, ManagerListener, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, ManagerListener, SessionDemand
 
 _log = logging.getLogger(__name__)
 
@@ -304,7 +304,7 @@ class _Carrier:
     def run(self) -> None:
         while (taken := self._waiting.take(only_ended=self._only_ended)) is not None:
             asked, waited_s = taken
-            too_late = isinstance(asked, Wanted) and waited_s > WAITED_S
+            too_late = isinstance(asked, SessionDemand) and waited_s > WAITED_S
             answer = Answer(asked, yes=False, code=NOT_SENT, reason=_BUSY) if too_late else self._carried(asked)
             self._ears.answered(answer)
             # later than its answer, which the next one of the same lift must not overtake

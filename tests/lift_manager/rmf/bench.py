@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, SessionDemand
 from lift_manager.rmf.publishing import AT_LEAST_S
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
@@ -115,7 +115,7 @@ class Bench:
         ours = HeldBy("rmf", asked.session, asked.adapter)
         if self.refuses in (UNREACHABLE, NOT_SENT, "stopping"):
             return Answer(asked, yes=False, code=self.refuses, reason="nobody answers")
-        if isinstance(asked, Wanted):
+        if isinstance(asked, SessionDemand):
             if self.refuses or view.holder not in (None, ours):
                 return Answer(asked, yes=False, code=self.refuses or "held", reason="held by another")
             self.views[asked.lift] = replace(view, holder=ours, ending=False, destination=asked.floor)
@@ -188,7 +188,7 @@ class Bench:
 
     def wanted(self) -> list[tuple[str, str]]:
         """Session and floor of everything wanted so far."""
-        return [(one.session, one.floor) for one in self.asked if isinstance(one, Wanted)]
+        return [(one.session, one.floor) for one in self.asked if isinstance(one, SessionDemand)]
 
     def ended(self) -> list[str]:
         return [one.session for one in self.asked if isinstance(one, Ended)]

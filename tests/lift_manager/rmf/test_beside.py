@@ -14,7 +14,7 @@ import pytest
 
 from lift_manager.plain.answers import refusal
 from lift_manager.plain.http import Address, Reply, Server
-from lift_manager.rmf.port import Ended, Wanted
+from lift_manager.rmf.port import Ended, SessionDemand
 from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import (
     BRISK,
@@ -50,7 +50,7 @@ from tests.support.scripted_http import (
 
 RMF = "/api/v1/rmf"
 HTML = b"<html><body>Bad gateway</body></html>"
-WANTED = Wanted("east", "fleet/amr-7", "L2", hold_door=True)
+WANTED = SessionDemand("east", "fleet/amr-7", "L2", hold_door=True)
 
 
 def nothing(_: Asked, __: Wire) -> None:

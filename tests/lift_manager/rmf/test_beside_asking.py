@@ -4,7 +4,7 @@ import threading
 import time
 from dataclasses import replace
 
-from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, Wanted
+from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, SessionDemand
 from lift_manager.rmf.port import Asked as Wish
 from lift_manager.rmf.remote_manager import CARRIERS
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
@@ -12,8 +12,8 @@ from tests.support.rows import each_row
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, answers, problem, said
 
 
-def wanted(lift: str = "east", floor: str = "L2", session: str = "fleet/amr-7") -> Wanted:
-    return Wanted(lift, session, floor, hold_door=True)
+def wanted(lift: str = "east", floor: str = "L2", session: str = "fleet/amr-7") -> SessionDemand:
+    return SessionDemand(lift, session, floor, hold_door=True)
 
 
 def ended(lift: str = "east", session: str = "fleet/amr-7") -> Ended:

@@ -10,14 +10,14 @@ import pytest
 
 from lift_manager.lab.bench import LiftSite
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.port import Answer, Ended, Wanted
+from lift_manager.rmf.port import Answer, Ended, SessionDemand
 from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
 from tests.support.programs import Program, Started, free_port
 
 LIFT = "goods-1"
 SESSION = "fleet/amr-7"
-WANTED = Wanted(LIFT, SESSION, "L2", hold_door=True)
+WANTED = SessionDemand(LIFT, SESSION, "L2", hold_door=True)
 PORT = r"127\.0\.0\.1:(\d+)"
 
 
@@ -73,11 +73,11 @@ class TestALiftThatRuns:
         with beside(port, Pace(), key="") as (way, ears):
             until(ears, lambda lift: lift.live)
             for asked, code in (
-                (Wanted("attic", SESSION, "L1", hold_door=True), "unknown_lift"),
-                (Wanted(LIFT, SESSION, "L9", hold_door=True), "unknown_floor"),
-                (Wanted(LIFT, "", "L1", hold_door=True), "malformed"),
+                (SessionDemand("attic", SESSION, "L1", hold_door=True), "unknown_lift"),
+                (SessionDemand(LIFT, SESSION, "L9", hold_door=True), "unknown_floor"),
+                (SessionDemand(LIFT, "", "L1", hold_door=True), "malformed"),
                 (WANTED, ""),
-                (Wanted(LIFT, "fleet/amr-8", "L1", hold_door=True), "held"),
+                (SessionDemand(LIFT, "fleet/amr-8", "L1", hold_door=True), "held"),
             ):
                 way.ask(asked)
                 answer = ears.next_answer()

@@ -15,7 +15,7 @@ from lift_manager.rmf.messages import (
     MODE_OFFLINE,
     LiftRequest,
 )
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Wanted
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, SessionDemand
 from lift_manager.rmf.publishing import PERIOD_S
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
 from tests.support.rows import each_row
@@ -29,7 +29,7 @@ def test_the_first_request_for_a_free_lift_is_granted_once_the_manager_has_said_
     assert lift.state.session_id == ""
     lift.answers()
     lift.step()
-    assert lift.asked == [Wanted("lift", A, "L2", hold_door=True)]
+    assert lift.asked == [SessionDemand("lift", A, "L2", hold_door=True)]
     assert (lift.state.session_id, lift.state.destination_floor) == (A, "Level 2")
 
 
@@ -173,7 +173,7 @@ def test_a_session_that_comes_back_within_its_grace_goes_on() -> None:
     lift.say(ends(A))
     lift.say(wants(A, "Level 2"))
     assert lift.state.session_id == A
-    assert lift.asked == [Wanted("lift", A, "L2", hold_door=True), Ended("lift", A, 3.0), lift.asked[0]]
+    assert lift.asked == [SessionDemand("lift", A, "L2", hold_door=True), Ended("lift", A, 3.0), lift.asked[0]]
     assert lift.state.door_state == DOOR_OPEN
 
 
@@ -407,7 +407,7 @@ def test_a_lift_that_comes_back_under_another_name_of_the_site_is_asked_anew() -
     lift.slow = False
     lift.hear()
     lift.say(wants(A, "Level 3"))
-    assert lift.asked[-1] == Wanted("main", A, "L3", hold_door=True)
+    assert lift.asked[-1] == SessionDemand("main", A, "L3", hold_door=True)
 
 
 def test_a_session_that_waits_for_a_long_grace_is_not_given_up() -> None:
@@ -755,7 +755,7 @@ def test_a_session_of_another_rmf_is_that_of_another_face_whatever_its_name(own:
     lift.elapse(2 * PASS_ON_S)
     assert (lift.ended(), lift.asked) == ([], [])
     lift.say(wants(A, "Level 2"))
-    assert lift.asked == [Wanted("lift", A, "L2", True, own)]
+    assert lift.asked == [SessionDemand("lift", A, "L2", True, own)]
     assert lift.state.session_id == str(theirs)
 
 

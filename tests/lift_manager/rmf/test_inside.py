@@ -8,13 +8,13 @@ from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
-from lift_manager.rmf.port import Answer, Asked, Ended, Wanted
+from lift_manager.rmf.port import Answer, Asked, Ended, SessionDemand
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse
 
 AMR = "fleet/amr-7"
-TO_L1 = Wanted("lift", AMR, "L1", hold_door=True)
+TO_L1 = SessionDemand("lift", AMR, "L1", hold_door=True)
 
 
 def _nothing(_: Answer) -> None:

@@ -17,7 +17,7 @@ from lift_manager.rmf.messages import (
     LiftRequest,
     Time,
 )
-from lift_manager.rmf.port import Wanted
+from lift_manager.rmf.port import SessionDemand
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
 from tests.support.rows import each_row
 
@@ -102,7 +102,7 @@ def test_the_numbers_of_a_request_are_not_those_of_a_mode() -> None:
 def test_in_agv_mode_the_door_is_open_and_in_human_mode_as_asked(kind: int, door: int, holds: bool) -> None:
     lift = bench()
     lift.say(wants(A, "Level 2", request_type=kind, door_state=door))
-    assert lift.asked == [Wanted("lift", A, "L2", hold_door=holds)]
+    assert lift.asked == [SessionDemand("lift", A, "L2", hold_door=holds)]
 
 
 def test_what_was_done_with_a_request_has_a_word_of_its_own() -> None:

@@ -15,7 +15,7 @@ from lift_manager.plain.http import BadAddress
 from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf import messages
 from lift_manager.rmf.messages import LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Ended, Wanted
+from lift_manager.rmf.port import Answer, Ended, SessionDemand
 from tests.support.fake_rclpy_loader import DISTROS, Ros, held, installed, lift
 
 HOME = Path(__file__).resolve().parents[3]
@@ -93,7 +93,7 @@ def test_a_request_of_rmf_reaches_the_manager_and_its_answer_rmf(ros: Ros) -> No
     ros.spin(6.0)  # what comes just after a new writer may be a replay
     supervisor.publish(ros.request())
     ros.spin(0.01)
-    assert ros.manager.asked == [Wanted("east", "fleet/robot1", "first", hold_door=True)]
+    assert ros.manager.asked == [SessionDemand("east", "fleet/robot1", "first", hold_door=True)]
     asked = ros.manager.asked[0]
     ros.shell.deliver(lambda: ros.shell.answered(Answer(asked, yes=True, boot="boot", event=2), ros.world.monotonic()))
     ros.hear(lift(holder=held("fleet/robot1"), destination="first"), event=2)
@@ -283,7 +283,7 @@ def test_of_what_a_new_writer_replays_only_the_last_floor_is_asked(ros: Ros) -> 
     for floor in ("L2", "L1", "L2", "L1"):
         supervisor.publish(ros.request(destination_floor=floor))
     ros.spin(2.0)
-    assert [asked.floor for asked in ros.manager.asked if isinstance(asked, Wanted)] == ["ground"]
+    assert [asked.floor for asked in ros.manager.asked if isinstance(asked, SessionDemand)] == ["ground"]
 
 
 def test_a_writer_that_went_and_came_again_is_a_new_one(ros: Ros) -> None:
@@ -296,7 +296,7 @@ def test_a_writer_that_went_and_came_again_is_a_new_one(ros: Ros) -> None:
     for floor in ("L2", "L1"):
         second.publish(ros.request(destination_floor=floor))
     ros.spin(2.0)
-    assert [asked.floor for asked in ros.manager.asked if isinstance(asked, Wanted)] == ["ground"]
+    assert [asked.floor for asked in ros.manager.asked if isinstance(asked, SessionDemand)] == ["ground"]
 
 
 def test_a_writer_that_goes_is_no_new_one(ros: Ros) -> None:
@@ -320,7 +320,7 @@ def test_a_middleware_without_the_event_is_asked_who_writes(ros: Ros) -> None:
     for floor in ("L2", "L1"):
         supervisor.publish(ros.request(destination_floor=floor))
     ros.spin(2.0)
-    assert [asked.floor for asked in ros.manager.asked if isinstance(asked, Wanted)] == ["ground"]
+    assert [asked.floor for asked in ros.manager.asked if isinstance(asked, SessionDemand)] == ["ground"]
 
 
 def test_the_end_before_a_burst_of_other_requests_is_not_lost(ros: Ros) -> None:

@@ -11,7 +11,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, ManagerListener, Wanted
+from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, ManagerListener, SessionDemand
 from lift_manager.rmf.run import AGAIN_S, Running
 from tests.lift_manager.rmf.bench import AlarmEar
 
@@ -82,7 +82,7 @@ class FakeWay:
 
     def ask(self, asked: Asked) -> None:
         self.asked.append(asked)
-        if isinstance(asked, Wanted):
+        if isinstance(asked, SessionDemand):
             self.view = view(HeldBy("rmf", asked.session))
         self._number += 1
         answer = Answer(asked, yes=True, boot="boot", event=self._number)
@@ -157,7 +157,7 @@ def test_a_request_reaches_the_manager_and_its_session_the_wire_in_the_same_inst
         await elapse(1.1)  # nobody else says anything for a tenth of a second
         stage.rmfs[0].send(REQUEST)
         await elapse(0.05)
-        assert stage.ways[0].asked == [Wanted("main", "fleet/robot1", "First", hold_door=True)]
+        assert stage.ways[0].asked == [SessionDemand("main", "fleet/robot1", "First", hold_door=True)]
         assert stage.last().session_id == "fleet/robot1"
 
     stage = play(scene)

@@ -10,7 +10,7 @@ from typing import Protocol
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Manager, Wanted
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Manager, SessionDemand
 
 Clock = Callable[[], float]
 TOGETHER_S = 0.05
@@ -137,7 +137,7 @@ class EndMovesTheCar(_Asks):
     def _with_floor(self, asked: Asked) -> tuple[Asked, ...]:
         if isinstance(asked, Ended) and self._end is not None and self._end.session_id == asked.session:
             floor, self._end = self._floors[self._end.destination_floor], None
-            return Wanted(asked.lift, asked.session, floor, hold_door=False), asked
+            return SessionDemand(asked.lift, asked.session, floor, hold_door=False), asked
         return (asked,)
 
 
@@ -339,10 +339,10 @@ def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter
 
 
 def _lets_go_of_the_door(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
-    wanted: list[Wanted] = []
+    wanted: list[SessionDemand] = []
 
     def change(asked: Asked) -> tuple[Asked, ...]:
-        if not isinstance(asked, Wanted):
+        if not isinstance(asked, SessionDemand):
             return (asked,)
         wanted[:] = [*(one for one in wanted if one == asked), asked]
         return (asked if len(wanted) <= HOLDS_FOR else replace(asked, hold_door=False),)
