@@ -12,7 +12,7 @@ from lift_manager.rmf.alarms import AlarmOut, FireAlarm
 from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Disposition, LiftContract
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, Manager
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, Manager
 from lift_manager.rmf.publishing import Cadence, message, offline, stale_at
 from lift_manager.rmf.words import USUAL, quoted, why_ignored
 
@@ -161,7 +161,7 @@ class Adapter:
             _log.info("%s: %s has the lift", name, quoted(answer.asked.session))
             self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
         if not answer.yes and answer.code not in (UNREACHABLE, NOT_SENT):
-            what = "the end of" if isinstance(answer.asked, Ended) else "a request of"
+            what = "the end of" if isinstance(answer.asked, EndOfSession) else "a request of"
             text = f"{name}: the manager refuses {what} {quoted(answer.asked.session)}: {answer.reason}"
             self._once(name, answer.code, text)
 

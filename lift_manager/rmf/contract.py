@@ -11,7 +11,7 @@ from enum import Enum
 
 from lift_manager.plain.rmf import HeldBy, LiftView
 from lift_manager.rmf.messages import ASKED_DOORS, DOOR_OPEN, END_SESSION, HUMAN_MODE, REQUEST_TYPES, LiftRequest
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, SessionDemand
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, EndOfSession, SessionDemand
 
 FACE = "rmf"
 _OFFLINE = "offline"
@@ -229,7 +229,7 @@ class LiftContract:
         if answer.yes:
             self._as_of = (answer.boot, answer.event)
             self._forget_doubt(asked.session)
-        if isinstance(asked, Ended):
+        if isinstance(asked, EndOfSession):
             self._end_answered(asked, answer, now)
         else:
             self._wanted_answered(asked, answer, now)
@@ -332,7 +332,7 @@ class LiftContract:
         if self._ends:
             session = self._ends[0]
             left_s = max(0.0, self._ended.get(session, now) + self.grace_s - now)
-            return Ended(lift, session, left_s, self._adapter) if now >= self._end_from else None
+            return EndOfSession(lift, session, left_s, self._adapter) if now >= self._end_from else None
         wish = self.wish
         if wish is None or now < max(self._tell_from, self._paused_until):
             return None
@@ -346,7 +346,7 @@ class LiftContract:
         """Whether another session of RMF, which is over, has the lift still."""
         return self._is_rmf() and not self._is_held_by(self.session)
 
-    def _end_answered(self, asked: Ended, answer: Answer, now: float) -> None:
+    def _end_answered(self, asked: EndOfSession, answer: Answer, now: float) -> None:
         heard = answer.yes or answer.code in _NOTHING_TO_END
         reached = answer.code not in (UNREACHABLE, _STOPPING)
         if not heard and not (reached and self._is_current() and not self._is_held_by(asked.session)):

@@ -12,7 +12,7 @@ from dataclasses import replace
 from lift_manager.lift.rmf import rmf_holder, rmf_lift
 from lift_manager.lift.state import LiftState
 from lift_manager.plain.rmf import LiftView
-from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, ManagerListener
+from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener
 from lift_manager.runtime.bus import Occurrence, StateChanged
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.rmf import rmf_site_of
@@ -65,7 +65,7 @@ class LocalManager:
     def _answer(self, asked: Asked) -> Answer:
         site, holder = self._site, rmf_holder(asked.session, asked.adapter)
         try:
-            if isinstance(asked, Ended):
+            if isinstance(asked, EndOfSession):
                 site.end_session(asked.lift, holder, asked.grace_s)
             else:
                 site.request(asked.lift, holder, asked.floor, hold_door=asked.hold_door, stays=True)

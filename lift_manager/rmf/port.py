@@ -25,7 +25,7 @@ class SessionDemand:
 
 
 @dataclass(frozen=True)
-class Ended:
+class EndOfSession:
     """RMF's session is over. Door hold and robot mode stay for `grace_s`, unless the same session wants the lift again within it."""
 
     lift: str
@@ -34,7 +34,7 @@ class Ended:
     adapter: str = ""
 
 
-Asked = SessionDemand | Ended
+Asked = SessionDemand | EndOfSession
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,16 @@ from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Serve
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
 from lift_manager.plain.sse import EventParser, TooLong
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Deliver, Ended, ManagerListener, SessionDemand
+from lift_manager.rmf.port import (
+    NOT_SENT,
+    UNREACHABLE,
+    Answer,
+    Asked,
+    Deliver,
+    EndOfSession,
+    ManagerListener,
+    SessionDemand,
+)
 
 _log = logging.getLogger(__name__)
 
@@ -370,7 +379,7 @@ class _Waiting:
         """Let ENDs be carried that can be at once, and nothing else: some supervisors say each once only (open-rmf 1.4)."""
         with self._changed:
             self._is_over = True
-            self._asked = [one for one in self._asked if isinstance(one[0], Ended)]
+            self._asked = [one for one in self._asked if isinstance(one[0], EndOfSession)]
             self._changed.notify_all()
 
     def _next(self, *, only_ended: bool) -> tuple[Asked, float] | None:
@@ -378,7 +387,7 @@ class _Waiting:
         for one in self._asked:
             firsts.setdefault(one[0].lift, one)
         free = [one for lift, one in firsts.items() if lift not in self._under_way]
-        ended = [one for one in free if isinstance(one[0], Ended)]
+        ended = [one for one in free if isinstance(one[0], EndOfSession)]
         return next(iter(ended if only_ended else ended + free), None)
 
 
@@ -390,6 +399,6 @@ def _said(asked: Asked) -> tuple[str, dict[str, object]]:
     """Return the last word of the path, and the body."""
     # left out where it is empty, for a manager from before adapters had ids
     caller = {"session_id": asked.session} | ({"adapter": asked.adapter} if asked.adapter else {})
-    if isinstance(asked, Ended):
+    if isinstance(asked, EndOfSession):
         return "ended", {**caller, "grace_s": asked.grace_s}
     return "wanted", {**caller, "floor": asked.floor, "hold_door": asked.hold_door}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, Ended, SessionDemand
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, EndOfSession, SessionDemand
 from lift_manager.rmf.publishing import AT_LEAST_S
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
@@ -191,7 +191,7 @@ class Bench:
         return [(one.session, one.floor) for one in self.asked if isinstance(one, SessionDemand)]
 
     def ended(self) -> list[str]:
-        return [one.session for one in self.asked if isinstance(one, Ended)]
+        return [one.session for one in self.asked if isinstance(one, EndOfSession)]
 
 
 def bench(**changes: object) -> Bench:

@@ -14,7 +14,7 @@ import pytest
 
 from lift_manager.plain.answers import refusal
 from lift_manager.plain.http import Address, Reply, Server
-from lift_manager.rmf.port import Ended, SessionDemand
+from lift_manager.rmf.port import EndOfSession, SessionDemand
 from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import (
     BRISK,
@@ -317,7 +317,7 @@ def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
 def test_the_end_ends_every_thread_whatever_it_waits_for(manager: Script) -> None:
     with Scripted(manager) as server, beside(server.port, Pace()) as (way, ears):
         way.ask(WANTED)
-        way.ask(Ended("west", "s", 3.0))
+        way.ask(EndOfSession("west", "s", 3.0))
         server.next()
         mine = own_threads()
         assert len(mine) == 2 + CARRIERS

@@ -4,7 +4,7 @@ import threading
 import time
 from dataclasses import replace
 
-from lift_manager.rmf.port import UNREACHABLE, Answer, Ended, SessionDemand
+from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, SessionDemand
 from lift_manager.rmf.port import Asked as Wish
 from lift_manager.rmf.remote_manager import CARRIERS
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
@@ -16,8 +16,8 @@ def wanted(lift: str = "east", floor: str = "L2", session: str = "fleet/amr-7") 
     return SessionDemand(lift, session, floor, hold_door=True)
 
 
-def ended(lift: str = "east", session: str = "fleet/amr-7") -> Ended:
-    return Ended(lift, session, 3.0)
+def ended(lift: str = "east", session: str = "fleet/amr-7") -> EndOfSession:
+    return EndOfSession(lift, session, 3.0)
 
 
 def posts(server: Scripted) -> list[Asked]:

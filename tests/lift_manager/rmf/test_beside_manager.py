@@ -10,7 +10,7 @@ import pytest
 
 from lift_manager.lab.bench import LiftSite
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.port import Answer, Ended, SessionDemand
+from lift_manager.rmf.port import Answer, EndOfSession, SessionDemand
 from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
 from tests.support.programs import Program, Started, free_port
@@ -65,7 +65,7 @@ class TestALiftThatRuns:
         with beside(port, Pace(), key="") as (way, ears):
             until(ears, lambda lift: lift.live)
             ride(way, ears)
-            way.ask(Ended(LIFT, SESSION, 0.0))
+            way.ask(EndOfSession(LIFT, SESSION, 0.0))
             assert holder_once_shown(ears, ears.next_answer()) is None
             until(ears, lambda lift: lift.door == "closed")
 
@@ -115,7 +115,7 @@ def test_a_session_goes_on_over_a_kill_and_a_start_of_the_manager(tmp_path: Path
             ride(way, ears)
             building.kill()
             assert "no manager answers" in ears.next_lost()
-            way.ask(Ended(LIFT, "fleet/amr-8", 3.0))
+            way.ask(EndOfSession(LIFT, "fleet/amr-8", 3.0))
             assert ears.next_answer().code == "unreachable"
             building.serve()
             while isinstance(again := ears.next(), Lost):

@@ -15,7 +15,7 @@ from lift_manager.rmf.messages import (
     MODE_OFFLINE,
     LiftRequest,
 )
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Ended, SessionDemand
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, SessionDemand
 from lift_manager.rmf.publishing import PERIOD_S
 from tests.lift_manager.rmf.bench import A, B, bench, ends, riding, wants
 from tests.support.rows import each_row
@@ -93,7 +93,7 @@ def test_an_end_clears_the_session_whatever_floor_it_names_and_moves_nothing(flo
     lift = riding()
     lift.say(ends(A, floor))
     assert lift.state.session_id == ""
-    assert lift.asked[1:] == [Ended("lift", A, 3.0)]
+    assert lift.asked[1:] == [EndOfSession("lift", A, 3.0)]
 
 
 def test_an_end_is_told_to_the_manager_once_however_often_it_comes() -> None:
@@ -173,7 +173,7 @@ def test_a_session_that_comes_back_within_its_grace_goes_on() -> None:
     lift.say(ends(A))
     lift.say(wants(A, "Level 2"))
     assert lift.state.session_id == A
-    assert lift.asked == [SessionDemand("lift", A, "L2", hold_door=True), Ended("lift", A, 3.0), lift.asked[0]]
+    assert lift.asked == [SessionDemand("lift", A, "L2", hold_door=True), EndOfSession("lift", A, 3.0), lift.asked[0]]
     assert lift.state.door_state == DOOR_OPEN
 
 
@@ -394,7 +394,7 @@ def test_an_end_that_a_stopping_manager_refuses_is_the_first_thing_that_the_next
     lift.boot, lift.event, lift.refuses = "second", 0, ""
     said = len(lift.asked)
     lift.elapse(1.5)
-    assert lift.asked[said:] == [Ended("lift", A, 0.0)]
+    assert lift.asked[said:] == [EndOfSession("lift", A, 0.0)]
 
 
 def test_a_lift_that_comes_back_under_another_name_of_the_site_is_asked_anew() -> None:
@@ -479,7 +479,7 @@ def test_an_end_while_the_manager_is_away_is_the_first_thing_that_it_is_told() -
     lift.now += 60
     lift.adapter.requested(wants(B, "Level 3"), lift.now)
     lift.hear()
-    assert lift.asked[1:] == [Ended("lift", A, 0.0)], "its grace is over"
+    assert lift.asked[1:] == [EndOfSession("lift", A, 0.0)], "its grace is over"
     lift.over()
     assert lift.wanted()[1:] == [(B, "L3")]
 

@@ -8,7 +8,7 @@ from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
-from lift_manager.rmf.port import Answer, Asked, Ended, SessionDemand
+from lift_manager.rmf.port import Answer, Asked, EndOfSession, SessionDemand
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse
@@ -145,16 +145,16 @@ def test_a_no_has_its_code_and_its_reason() -> None:
         assert (await both.said(replace(TO_L1, lift="nowhere"))).code == "unknown_lift"
         both.bench.accept("L3", holder=OTHER)
         assert (await both.said(TO_L1)).code == "held"
-        assert (await both.said(Ended("lift", AMR, 0))).code == "held"
+        assert (await both.said(EndOfSession("lift", AMR, 0))).code == "held"
 
     inside(check)
 
 
 def test_an_end_has_its_grace_and_without_a_session_it_is_yes() -> None:
     async def check(both: Both) -> None:
-        assert (await both.said(Ended("lift", AMR, 3))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 3))).yes
         assert (await both.said(TO_L1)).yes
-        assert (await both.said(Ended("lift", AMR, 3))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 3))).yes
         await elapse(2.9)
         assert both.ears.lift.holder == HeldBy("rmf", AMR)
         await elapse(0.2)
@@ -165,7 +165,7 @@ def test_an_end_has_its_grace_and_without_a_session_it_is_yes() -> None:
 
 def test_an_adapter_may_ask_the_next_thing_while_it_is_answered() -> None:
     async def check(both: Both) -> None:
-        more: list[Asked] = [replace(TO_L1, session="fleet/amr-8"), Ended("lift", AMR, 0)]
+        more: list[Asked] = [replace(TO_L1, session="fleet/amr-8"), EndOfSession("lift", AMR, 0)]
 
         def ask_on(_: Answer) -> None:
             if more:
@@ -228,7 +228,7 @@ def test_after_close_nothing_is_told_any_more_and_it_may_begin_again() -> None:
         both.inside.close()
         told = len(both.ears.sites)
         await elapse(5)
-        both.inside.ask(Ended("lift", AMR, 0))
+        both.inside.ask(EndOfSession("lift", AMR, 0))
         await elapse(1)
         assert (both.ears.answers, len(both.ears.sites)) == ([], told)
         both.inside.start(both.ears, soon)
@@ -249,8 +249,8 @@ def test_two_adapters_inside_have_sessions_of_their_own_even_of_one_name() -> No
         assert both.ears.lift.holder == HeldBy("rmf", AMR, "5")
         refused = await both.said(TO_L1)
         assert (refused.code, f"held by rmf:{AMR}@5" in refused.reason) == ("held", True)
-        assert (await both.said(Ended("lift", AMR, 0))).code == "held"
-        assert (await both.said(Ended("lift", AMR, 0, adapter="5"))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 0))).code == "held"
+        assert (await both.said(EndOfSession("lift", AMR, 0, adapter="5"))).yes
         await elapse(0.1)
         assert both.ears.lift.holder is None
 

@@ -15,7 +15,7 @@ from lift_manager.plain.http import BadAddress
 from lift_manager.plain.rmf import Alarms
 from lift_manager.rmf import messages
 from lift_manager.rmf.messages import LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Ended, SessionDemand
+from lift_manager.rmf.port import Answer, EndOfSession, SessionDemand
 from tests.support.fake_rclpy_loader import DISTROS, Ros, held, installed, lift
 
 HOME = Path(__file__).resolve().parents[3]
@@ -103,7 +103,7 @@ def test_a_request_of_rmf_reaches_the_manager_and_its_answer_rmf(ros: Ros) -> No
     supervisor.publish(ros.request(request_type=0, destination_floor="", door_state=0))
     ros.spin(0.05)
     assert reader.got[-1].session_id == ""
-    assert isinstance(ros.manager.asked[-1], Ended)
+    assert isinstance(ros.manager.asked[-1], EndOfSession)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_an_end_of_a_fleet_that_its_supervisor_drops_reaches_the_manager(ros: Ro
     assert (reader.got[-1].session_id, ros.manager.asked) == ("fleet/robot1", [])
     ros.spin(1.0)
     assert reader.got[-1].session_id == ""
-    assert [type(asked) for asked in ros.manager.asked] == [Ended]
+    assert [type(asked) for asked in ros.manager.asked] == [EndOfSession]
 
 
 def test_each_lift_is_published_twice_a_second_and_not_in_answer_to_requests(jazzy: Ros) -> None:
@@ -334,7 +334,7 @@ def test_the_end_before_a_burst_of_other_requests_is_not_lost(ros: Ros) -> None:
     for _ in range(500):
         supervisor.publish(ros.request(session_id="fleet/robot2"))
     ros.spin(0.005)
-    assert ros.manager.asked == [Ended("east", "fleet/robot1", 3.0)]
+    assert ros.manager.asked == [EndOfSession("east", "fleet/robot1", 3.0)]
     assert ros.world.looks - looks <= 3
     assert ros.node.timers[0].resets - ticks <= 8, "one look at the lifts for all of them"
 

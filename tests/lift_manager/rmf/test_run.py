@@ -11,7 +11,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.dds import DdsHears
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Deliver, Ended, ManagerListener, SessionDemand
+from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener, SessionDemand
 from lift_manager.rmf.run import AGAIN_S, Running
 from tests.lift_manager.rmf.bench import AlarmEar
 
@@ -173,7 +173,7 @@ def test_an_end_of_a_fleet_that_its_supervisor_drops_reaches_the_manager() -> No
         await elapse(1.9)
         assert stage.last().session_id == "fleet/robot1"
         await elapse(0.2)
-        assert (stage.last().session_id, type(stage.ways[0].asked[-1])) == ("", Ended)
+        assert (stage.last().session_id, type(stage.ways[0].asked[-1])) == ("", EndOfSession)
 
     play(scene)
 

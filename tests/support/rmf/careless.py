@@ -10,7 +10,7 @@ from typing import Protocol
 from lift_manager.plain.rmf import HeldBy, LiftView, Site
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Ended, Manager, SessionDemand
+from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, EndOfSession, Manager, SessionDemand
 
 Clock = Callable[[], float]
 TOGETHER_S = 0.05
@@ -135,7 +135,7 @@ class EndMovesTheCar(_Asks):
         super().requested(request, now)
 
     def _with_floor(self, asked: Asked) -> tuple[Asked, ...]:
-        if isinstance(asked, Ended) and self._end is not None and self._end.session_id == asked.session:
+        if isinstance(asked, EndOfSession) and self._end is not None and self._end.session_id == asked.session:
             floor, self._end = self._floors[self._end.destination_floor], None
             return SessionDemand(asked.lift, asked.session, floor, hold_door=False), asked
         return (asked,)
@@ -333,7 +333,7 @@ def _says(make: Callable[[], _Speaks]) -> Callable[[Manager, RmfOutput, Clock], 
 
 def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
     def change(asked: Asked) -> tuple[Asked, ...]:
-        return (replace(asked, grace_s=0.0) if isinstance(asked, Ended) else asked,)
+        return (replace(asked, grace_s=0.0) if isinstance(asked, EndOfSession) else asked,)
 
     return _Asks(manager, out, ros_time, change)
 
