@@ -50,7 +50,7 @@ class DdsFailed(DdsError):
     """Cyclone DDS refused; the message says what and, as far as it says so, why."""
 
 
-class DdsHears(Protocol):
+class DdsListener(Protocol):
     """What of the adapter is called, always through `deliver`, that is in the adapter's own thread."""
 
     def requested(self, request: LiftRequest) -> None:
@@ -113,7 +113,7 @@ class DdsAlarm:
 class Dds:
     """The lift adapter's place in RMF. Raises DdsMissing and DdsFailed. Call it from one thread."""
 
-    def __init__(self, settings: RosSettings, hears: DdsHears, deliver: Deliver) -> None:
+    def __init__(self, settings: RosSettings, hears: DdsListener, deliver: Deliver) -> None:
         self._settings = settings
         self._hears = hears
         self._inbox = Inbox(deliver)

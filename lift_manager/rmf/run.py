@@ -13,7 +13,7 @@ from lift_manager.plain.rmf import Site
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
-from lift_manager.rmf.dds import DdsHears
+from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Deliver, Manager, ManagerListener
 from lift_manager.rmf.publishing import NO_CLOCK_S
@@ -72,7 +72,7 @@ class Running:
 
     def __init__(
         self,
-        make_rmf: Callable[[DdsHears, Deliver], Rmf],
+        make_rmf: Callable[[DdsListener, Deliver], Rmf],
         make_way: Callable[[], Way],
         *,
         use_sim_time: bool = False,
@@ -127,7 +127,7 @@ class Running:
 
 
 class _Shell:
-    """One adapter from its begin to its end. Implements `DdsHears` and `port.Hears`."""
+    """One adapter from its begin to its end. Implements `DdsListener` and `port.Hears`."""
 
     def __init__(self, clock: RosClock, counts: Counts) -> None:
         self._loop = asyncio.get_running_loop()
@@ -140,7 +140,9 @@ class _Shell:
         self._is_over = False
         self._names: tuple[str, ...] = ()
 
-    def open(self, make_rmf: Callable[[DdsHears, Deliver], Rmf], make_way: Callable[[], Way], adapter_id: str) -> None:
+    def open(
+        self, make_rmf: Callable[[DdsListener, Deliver], Rmf], make_way: Callable[[], Way], adapter_id: str
+    ) -> None:
         """Join RMF. What it says waits until the loop has its turn."""
         self._rmf = make_rmf(self, self._deliver)
         self._way = make_way()

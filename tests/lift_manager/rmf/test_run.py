@@ -9,7 +9,7 @@ import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
-from lift_manager.rmf.dds import DdsHears
+from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener, SessionDemand
 from lift_manager.rmf.run import AGAIN_S, Running
@@ -46,7 +46,7 @@ def view(holder: HeldBy | None = None, **other: object) -> LiftView:
 class FakeRmf:
     """RMF's side: what was published when."""
 
-    def __init__(self, hears: DdsHears, deliver: Deliver) -> None:
+    def __init__(self, hears: DdsListener, deliver: Deliver) -> None:
         self.hears, self.deliver = hears, deliver
         self.states: list[tuple[float, LiftState]] = []
         self.alarm = AlarmEar()
@@ -112,7 +112,7 @@ class Stage:
         self.ways: list[FakeWay] = []
         self.running = Running(self._rmf, self._way, use_sim_time=use_sim_time)
 
-    def _rmf(self, hears: DdsHears, deliver: Deliver) -> FakeRmf:
+    def _rmf(self, hears: DdsListener, deliver: Deliver) -> FakeRmf:
         self.rmfs.append(FakeRmf(hears, deliver))
         return self.rmfs[-1]
 
@@ -249,7 +249,7 @@ def test_one_that_was_opened_and_never_run_leaves_rmf_too() -> None:
 
 
 def test_what_prevents_joining_rmf_is_raised_by_open() -> None:
-    def refuse(hears: DdsHears, deliver: Deliver) -> FakeRmf:
+    def refuse(hears: DdsListener, deliver: Deliver) -> FakeRmf:
         raise OSError("no network")
 
     async def main() -> None:
