@@ -170,7 +170,7 @@ class Dds:
         self._inbox.put_newest("clock", partial(self._hears.clock, seconds))
 
 
-class OnlookerHears(Protocol):
+class OnlookerListener(Protocol):
     """What of somebody who only looks on is called, always through `deliver`."""
 
     def stated(self, state: LiftState) -> None: ...
@@ -185,7 +185,7 @@ class OnlookerHears(Protocol):
 class Onlooker:
     """Hears all that is said about lifts, and can ask for one as a robot does. Raises DdsMissing and DdsFailed."""
 
-    def __init__(self, settings: RosSettings, hears: OnlookerHears, deliver: Deliver) -> None:
+    def __init__(self, settings: RosSettings, hears: OnlookerListener, deliver: Deliver) -> None:
         self._settings = settings
         self._hears = hears
         self._inbox = Inbox(deliver)
