@@ -60,7 +60,7 @@ def _ignore(_: str) -> None:
 
 
 @dataclass(frozen=True)
-class Hearer:
+class ReaderCallbacks:
     """What is called, in the thread of the link, with what a reader brings."""
 
     heard: Callable[[Any], None]
@@ -94,7 +94,7 @@ class _Source:
     reader: DataReader[Any]
     waiting: ReadCondition
     depth: int
-    hearer: Hearer
+    hearer: ReaderCallbacks
 
     def drain(self) -> None:
         """Empty the reader before anything is done with what it held, so that it has room for what comes meanwhile."""
@@ -155,7 +155,7 @@ class DdsLink:
         self._stopping = Event()
         self._thread = Thread(target=self._run, name="dds", daemon=True)
 
-    def open_reader(self, name: str, kind: type[IdlStruct], qos: Qos, hearer: Hearer) -> None:
+    def open_reader(self, name: str, kind: type[IdlStruct], qos: Qos, hearer: ReaderCallbacks) -> None:
         """Tell the hearer of what comes. The QoS has a history of a certain depth."""
         with _refusals(f"{name} cannot be listened to"):
             topic: Topic[Any] = Topic(self._participant, f"rt/{name}", kind)

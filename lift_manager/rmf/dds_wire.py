@@ -8,7 +8,7 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.util import duration
 
-from lift_manager.rmf.dds_link import DdsLink, Hearer
+from lift_manager.rmf.dds_link import DdsLink, ReaderCallbacks
 from lift_manager.rmf.dds_types import (
     TYPE_HASHES,
     WireBool,
@@ -63,7 +63,7 @@ class Wire:
             topic,
             WireLiftRequest,
             _reliable(WireLiftRequest, Policy.Durability.Volatile, _DEPTH),
-            Hearer(lambda wire: heard(request_of(wire)), broken, matched, overrun),
+            ReaderCallbacks(lambda wire: heard(request_of(wire)), broken, matched, overrun),
         )
 
     def hear_states(
@@ -77,7 +77,7 @@ class Wire:
             topic,
             WireLiftState,
             _reliable(WireLiftState, Policy.Durability.Volatile, _DEPTH),
-            Hearer(lambda wire: heard(state_of(wire)), broken, overrun=overrun),
+            ReaderCallbacks(lambda wire: heard(state_of(wire)), broken, overrun=overrun),
         )
 
     def hear_states_of_others(self, topic: str, heard: Callable[[LiftState], None]) -> None:
@@ -86,7 +86,7 @@ class Wire:
             topic,
             WireLiftState,
             Qos(*_best_effort(WireLiftState, _STATES_DEPTH), Policy.IgnoreLocal.Participant),
-            Hearer(lambda wire: heard(state_of(wire))),
+            ReaderCallbacks(lambda wire: heard(state_of(wire))),
         )
 
     def hear_clock(self, heard: Callable[[float], None]) -> None:
@@ -94,7 +94,7 @@ class Wire:
             "clock",
             WireClock,
             Qos(*_best_effort(WireClock, 1)),
-            Hearer(lambda wire: heard(seconds_of(wire))),
+            ReaderCallbacks(lambda wire: heard(seconds_of(wire))),
         )
 
     def offer_states(self, topic: str) -> None:
