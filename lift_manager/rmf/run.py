@@ -43,7 +43,7 @@ class Rmf(Protocol):
         ...
 
 
-class Way(Manager, Protocol):
+class ManagerLink(Manager, Protocol):
     """A way to the manager, as `beside.Beside`."""
 
     def start(self, hears: ManagerListener, deliver: Deliver) -> None:
@@ -73,7 +73,7 @@ class Running:
     def __init__(
         self,
         make_rmf: Callable[[DdsListener, Deliver], Rmf],
-        make_way: Callable[[], Way],
+        make_way: Callable[[], ManagerLink],
         *,
         use_sim_time: bool = False,
         counts: Counts | None = None,
@@ -141,7 +141,7 @@ class _Shell:
         self._names: tuple[str, ...] = ()
 
     def open(
-        self, make_rmf: Callable[[DdsListener, Deliver], Rmf], make_way: Callable[[], Way], adapter_id: str
+        self, make_rmf: Callable[[DdsListener, Deliver], Rmf], make_way: Callable[[], ManagerLink], adapter_id: str
     ) -> None:
         """Join RMF. What it says waits until the loop has its turn."""
         self._rmf = make_rmf(self, self._deliver)
