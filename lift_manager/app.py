@@ -37,7 +37,7 @@ from lift_manager.plain.counted import counted
 from lift_manager.plain.version import running_version
 from lift_manager.rmf.join import joined
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.run import Running
+from lift_manager.rmf.run import RunningAdapter
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Bus, Event
 from lift_manager.runtime.journal import manager_ended, manager_started
@@ -242,7 +242,7 @@ def _parts(
     loaded: LoadedSite,
     keys: KeyFile | None,
     tls: ServerCertificates | None,
-    adapter: Running | None,
+    adapter: RunningAdapter | None,
 ) -> Iterator[Coroutine[None, None, None]]:
     """Yield what runs all the time, except for the polls and the web server."""
     recorder = building.recorder
@@ -257,7 +257,7 @@ def _parts(
         yield adapter.run()
 
 
-def _adapter(building: Building, settings: RosSettings | None, ends: ExitStack) -> Running | None:
+def _adapter(building: Building, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
     """Join Open-RMF where that is wanted. Raises DdsError."""
     if settings is None:
         return None

@@ -37,7 +37,7 @@ from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import Dds
 from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.run import Running
+from lift_manager.rmf.run import RunningAdapter
 
 app = typer.Typer(
     help="Run the Open-RMF lift adapter beside a manager, without ROS; or see what RMF and the lifts say to each other."
@@ -107,7 +107,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
 async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
     stop = asyncio.Event()
     stop_on_signals(stop)
-    running = Running(
+    running = RunningAdapter(
         lambda hears, deliver: Dds(settings, hears, deliver),
         lambda: RemoteManager(server),
         use_sim_time=settings.use_sim_time,

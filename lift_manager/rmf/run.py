@@ -67,7 +67,7 @@ class RosClock:
         return (self.simulated or 0.0) if self.use_sim_time else time.time()
 
 
-class Running:
+class RunningAdapter:
     """An adapter and both its neighbours. A bug in any of them is logged, and all three begin anew: to the others that is a restart."""
 
     def __init__(

@@ -12,7 +12,7 @@ from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
 from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener, SessionDemand
-from lift_manager.rmf.run import AGAIN_S, Running
+from lift_manager.rmf.run import AGAIN_S, RunningAdapter
 from tests.lift_manager.rmf.bench import AlarmEar
 
 REQUEST = LiftRequest("Lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN)
@@ -110,7 +110,7 @@ class Stage:
     def __init__(self, *, use_sim_time: bool = False) -> None:
         self.rmfs: list[FakeRmf] = []
         self.ways: list[FakeWay] = []
-        self.running = Running(self._rmf, self._way, use_sim_time=use_sim_time)
+        self.running = RunningAdapter(self._rmf, self._way, use_sim_time=use_sim_time)
 
     def _rmf(self, hears: DdsListener, deliver: Deliver) -> FakeRmf:
         self.rmfs.append(FakeRmf(hears, deliver))
@@ -254,7 +254,7 @@ def test_what_prevents_joining_rmf_is_raised_by_open() -> None:
 
     async def main() -> None:
         with pytest.raises(OSError, match="no network"):
-            Running(refuse, FakeWay).open()
+            RunningAdapter(refuse, FakeWay).open()
 
     run_virtual(main)
 

@@ -16,7 +16,7 @@ from lift_manager.rmf.dds_types import WireLiftState, state_of
 from lift_manager.rmf.messages import DOOR_OPEN, LiftState
 from lift_manager.rmf.remote_manager import RemoteManager
 from lift_manager.rmf.ros_settings import RosSettings
-from lift_manager.rmf.run import Running
+from lift_manager.rmf.run import RunningAdapter
 from tests.support.dds_partner import LIMIT_S, Offer, Partner
 from tests.support.dds_rig import ORACLE, settings_of_test
 from tests.support.rmf.fleet import TRAITS, FleetRobot, Phase
@@ -77,7 +77,7 @@ class Rmf:
 
 @asynccontextmanager
 async def _adapter(settings: RosSettings, port: int) -> AsyncIterator[None]:
-    running = Running(
+    running = RunningAdapter(
         lambda hears, deliver: Dds(settings, hears, deliver),
         lambda: RemoteManager(Server(Address("127.0.0.1", port))),
         adapter_id=settings.adapter,
