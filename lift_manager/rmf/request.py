@@ -28,7 +28,7 @@ PASSED_ON_WITHIN_S = 3.0
 
 
 @unique
-class End(Enum):
+class AttemptEnd(Enum):
     """How an attempt ended."""
 
     FULFILLED = "fulfilled"
@@ -84,7 +84,7 @@ class Attempt:
         self._others: dict[str, None] = {}
         self._state: LiftState | None = None
         self._said = ""
-        self.end: End | None = None
+        self.end: AttemptEnd | None = None
 
     def stated(self, state: LiftState, now: float) -> Iterator[str]:
         """Take what a lift says of itself; yield lines for people."""
@@ -99,7 +99,7 @@ class Attempt:
             floor = self._errand.floor
             if floor is not None and floor not in state.available_floors:
                 yield f"{short(state.lift_name)} has no floor {short(floor)!r}; it has {heard_words(state.available_floors)}"
-                self.end = End.REFUSED
+                self.end = AttemptEnd.REFUSED
                 return
         if (said := state_words(state)) != self._said:
             self._said = said
@@ -122,7 +122,7 @@ class Attempt:
         if self._found_at is None:
             if now >= self._began + FOUND_WITHIN_S:
                 yield self._not_found()
-                self.end = End.REFUSED
+                self.end = AttemptEnd.REFUSED
             return
         if not self._direct and not self._is_passed_on:
             yield from self._choose_way(now, self._found_at)
@@ -130,7 +130,7 @@ class Attempt:
             return
         if now >= self._until:
             yield f"not within {self._within_s:g} s: {self._why()}"
-            self.end = End.TOO_LATE
+            self.end = AttemptEnd.TOO_LATE
         elif now >= self._sent_at + AGAIN_S:
             yield from self._ask(wall_s, now)
 
@@ -139,7 +139,7 @@ class Attempt:
         if other is not None and not self._is_passed_on:
             if state is not None and state.session_id == other:
                 yield f"{short(other)} holds the lift itself: it is not ended for another"
-                self.end = End.REFUSED
+                self.end = AttemptEnd.REFUSED
                 return
             self._send(self._end_of(other, wall_s), False)
         self._began_asking = min(self._began_asking, now)
@@ -151,13 +151,13 @@ class Attempt:
         if self._errand.instead_of is not None:
             if now >= self._began_asking + PASSED_ON_WITHIN_S:
                 yield f"not passed on within {PASSED_ON_WITHIN_S:g} s: {self._why()}"
-                self.end = End.TOO_LATE
+                self.end = AttemptEnd.TOO_LATE
             return
         if now < found_at + PASSED_ON_WITHIN_S or self._is_anothers():
             return
         if not self._listeners():
             yield "nobody hears it: neither a lift supervisor nor a lift adapter reads requests here; are domain, namespace and topics right?"
-            self.end = End.REFUSED
+            self.end = AttemptEnd.REFUSED
             return
         self._direct, self._sent_at = True, -math.inf
         yield "no lift supervisor passes it on: the lift adapter is asked directly"
@@ -192,7 +192,7 @@ class Attempt:
         return state.session_id == errand.session and state.current_floor == errand.floor and state.door_state == door
 
     def _fulfilled(self) -> Iterator[str]:
-        self.end = End.FULFILLED
+        self.end = AttemptEnd.FULFILLED
         errand = self._errand
         if errand.floor is None:
             yield f"{short(errand.lift)} is not held by {short(errand.session)} any more"
@@ -205,7 +205,7 @@ class Attempt:
     def left(self) -> Iterator[str]:
         """Say what stays behind where this ended before the lift came: RMF's sessions stay until they are ended."""
         errand, state = self._errand, self._state
-        if self.end in (End.FULFILLED, End.REFUSED) or errand.floor is None or not self._is_sent:
+        if self.end in (AttemptEnd.FULFILLED, AttemptEnd.REFUSED) or errand.floor is None or not self._is_sent:
             return
         is_held = state is not None and state.session_id == errand.session
         holds = "holds the lift" if is_held else "may still get the lift"

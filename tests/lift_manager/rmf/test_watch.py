@@ -23,7 +23,7 @@ from lift_manager.rmf.messages import (
     LiftState,
     Time,
 )
-from lift_manager.rmf.request import Attempt, End, Errand
+from lift_manager.rmf.request import Attempt, AttemptEnd, Errand
 from lift_manager.rmf.watch import AGAIN_S, MOST_KEPT, SILENT_S, Topics, Watch, request_words, state_words
 from tests.support.rows import each_row
 
@@ -210,7 +210,7 @@ class Street:
         if self._supervised or direct:
             self.lines += self.attempt.passed_on(request)
 
-    def ended(self) -> End | None:
+    def ended(self) -> AttemptEnd | None:
         return self.attempt.end
 
     def until(self, now: float, state: LiftState | None) -> None:
@@ -234,7 +234,7 @@ def test_a_request_goes_to_the_supervisor_once_a_second_until_the_lift_is_there_
     street.until(5.0, replace(there, session_id="fleet/robot1"))
     assert street.ended() is None
     street.until(9.0, there)
-    assert street.ended() is End.FULFILLED
+    assert street.ended() is AttemptEnd.FULFILLED
     assert [at for at, *_ in street.sent] == [0.5, 1.5, 2.5, 3.5, 4.5]
     _, request, direct = street.sent[0]
     assert (request, direct) == (
@@ -290,13 +290,13 @@ def test_what_a_supervisor_serves_for_ever_is_ended_right_before_the_request_of_
     street.until(3.0, STATE)
     assert [sent.session_id for _, sent, _ in street.sent[4:]] == ["fleet/robot1"]
     street.until(5.0, replace(STATE, current_floor="L1"))
-    assert street.ended() is End.FULFILLED
+    assert street.ended() is AttemptEnd.FULFILLED
 
 
 def test_a_session_that_holds_the_lift_itself_is_not_ended_for_another() -> None:
     street = Street(INSTEAD)
     street.until(5.0, replace(STATE, session_id="fleet/robot2"))
-    assert street.ended() is End.REFUSED
+    assert street.ended() is AttemptEnd.REFUSED
     assert street.sent == []
     assert street.lines[-1] == "fleet/robot2 holds the lift itself: it is not ended for another"
 
@@ -304,7 +304,7 @@ def test_a_session_that_holds_the_lift_itself_is_not_ended_for_another() -> None
 def test_without_a_supervisor_nothing_is_asked_instead_of_another_session_and_the_reason_comes_soon() -> None:
     street = Street(INSTEAD, supervised=False)
     street.until(70.0, STATE)
-    assert street.ended() is End.TOO_LATE
+    assert street.ended() is AttemptEnd.TOO_LATE
     assert street.now == 3.5
     assert not any(direct for *_, direct in street.sent)
     assert street.lines[-1].startswith(
@@ -315,7 +315,7 @@ def test_without_a_supervisor_nothing_is_asked_instead_of_another_session_and_th
 def test_nobody_who_listens_is_said_and_nothing_is_waited_for() -> None:
     street = Street(ERRAND, supervised=False, adapters=0)
     street.until(60.0, IDLE)
-    assert street.ended() is End.REFUSED
+    assert street.ended() is AttemptEnd.REFUSED
     assert "nobody hears it" in street.lines[-1]
     assert street.now < 5.0
 
@@ -326,7 +326,7 @@ def test_an_end_is_over_when_the_session_is_not_told_any_more() -> None:
     request = street.sent[0][1]
     assert (request.request_type, request.destination_floor, request.door_state) == (END_SESSION, "", DOOR_CLOSED)
     street.until(9.0, IDLE)
-    assert street.ended() is End.FULFILLED
+    assert street.ended() is AttemptEnd.FULFILLED
     assert street.lines[-1] == "lift1 is not held by trial any more"
 
 
@@ -334,7 +334,7 @@ def test_an_end_is_sent_even_where_the_lift_tells_no_session_because_the_supervi
     street = Street(replace(ERRAND, floor=None))
     street.until(2.0, IDLE)
     assert len(street.sent) == 1
-    assert street.ended() is End.FULFILLED
+    assert street.ended() is AttemptEnd.FULFILLED
 
 
 @pytest.mark.parametrize(
@@ -354,7 +354,7 @@ def test_a_lift_or_floor_that_is_not_there_is_not_asked_for(
 ) -> None:
     street = Street(errand)
     street.until(60.0, state)
-    assert street.ended() is End.REFUSED
+    assert street.ended() is AttemptEnd.REFUSED
     assert street.lines[-1] == words
     assert street.sent == []
     assert street.now <= 6.0
@@ -392,5 +392,5 @@ def test_a_request_that_ends_before_the_lift_comes_says_how_its_session_is_ended
 def test_what_stood_in_the_way_is_said_when_the_time_is_over(state: LiftState, words: str) -> None:
     street = Street(ERRAND)
     street.until(61.0, state)
-    assert street.ended() is End.TOO_LATE
+    assert street.ended() is AttemptEnd.TOO_LATE
     assert street.lines[-1] == words
