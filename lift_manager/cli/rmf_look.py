@@ -26,7 +26,7 @@ from lift_manager.cli.rmf_options import (
 from lift_manager.plain.signals import stop_on_signals
 from lift_manager.rmf.dds import Onlooker
 from lift_manager.rmf.messages import LiftRequest, LiftState
-from lift_manager.rmf.request import Attempt, AttemptEnd, Errand
+from lift_manager.rmf.request import Attempt, AttemptEnd, OperatorRequest
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.watch import Topics, Watch, short
 
@@ -112,7 +112,9 @@ def request(  # noqa: PLR0913  each is an option of the command line
         adapter_lift_requests=adapter_lift_requests,
         peers=peer,
     )
-    errand = Errand(lift, floor, session, open_door=not closed, human=human, direct=direct, instead_of=instead_of)
+    errand = OperatorRequest(
+        lift, floor, session, open_door=not closed, human=human, direct=direct, instead_of=instead_of
+    )
     if run(_request(settings, errand, within)) is not AttemptEnd.FULFILLED:
         raise typer.Exit(1)
 
@@ -188,7 +190,7 @@ class _Asking:
             say_aside(f"what cannot be read: {short(text)}")
 
 
-async def _request(settings: RosSettings, errand: Errand, within_s: float) -> AttemptEnd | None:
+async def _request(settings: RosSettings, errand: OperatorRequest, within_s: float) -> AttemptEnd | None:
     stop = asyncio.Event()
     stop_on_signals(stop)
     asking = _Asking(settings.requests_topic)

@@ -38,7 +38,7 @@ class AttemptEnd(Enum):
 
 
 @dataclass(frozen=True)
-class Errand:
+class OperatorRequest:
     """What somebody wants."""
 
     lift: str
@@ -62,7 +62,7 @@ class Attempt:
 
     def __init__(
         self,
-        errand: Errand,
+        errand: OperatorRequest,
         listeners: Callable[[], int],
         send: Callable[[LiftRequest, bool], None],
         *,

@@ -23,7 +23,7 @@ from lift_manager.rmf.messages import (
     LiftState,
     Time,
 )
-from lift_manager.rmf.request import Attempt, AttemptEnd, Errand
+from lift_manager.rmf.request import Attempt, AttemptEnd, OperatorRequest
 from lift_manager.rmf.watch import AGAIN_S, MOST_KEPT, SILENT_S, Topics, Watch, request_words, state_words
 from tests.support.rows import each_row
 
@@ -198,7 +198,7 @@ def test_one_lift_can_be_watched_alone() -> None:
 class Street:
     """An attempt, what it sent, and who would hear it."""
 
-    def __init__(self, errand: Errand, *, supervised: bool = True, adapters: int = 1) -> None:
+    def __init__(self, errand: OperatorRequest, *, supervised: bool = True, adapters: int = 1) -> None:
         self.sent: list[tuple[float, LiftRequest, bool]] = []
         self.lines: list[str] = []
         self._supervised = supervised
@@ -222,7 +222,7 @@ class Street:
             self.lines += self.attempt.look(1000.0 + self.now, self.now)
 
 
-ERRAND = Errand("lift1", "L2", "trial")
+ERRAND = OperatorRequest("lift1", "L2", "trial")
 
 
 def test_a_request_goes_to_the_supervisor_once_a_second_until_the_lift_is_there_for_that_session() -> None:
@@ -274,7 +274,7 @@ def test_a_lift_that_another_session_holds_is_not_asked_directly() -> None:
     assert not any(direct for *_, direct in street.sent)
 
 
-INSTEAD = Errand("lift1", "L1", "fleet/robot1", instead_of="fleet/robot2")
+INSTEAD = OperatorRequest("lift1", "L1", "fleet/robot1", instead_of="fleet/robot2")
 
 
 def test_what_a_supervisor_serves_for_ever_is_ended_right_before_the_request_of_the_one_that_holds_the_lift() -> None:
@@ -350,7 +350,7 @@ def test_an_end_is_sent_even_where_the_lift_tells_no_session_because_the_supervi
     ],
 )
 def test_a_lift_or_floor_that_is_not_there_is_not_asked_for(
-    errand: Errand, state: LiftState | None, words: str
+    errand: OperatorRequest, state: LiftState | None, words: str
 ) -> None:
     street = Street(errand)
     street.until(60.0, state)
