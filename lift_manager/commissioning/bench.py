@@ -20,7 +20,7 @@ from register_maps.frames import Request
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedRequest:
     """One request as it reached a device."""
 
     endpoint: str
@@ -33,7 +33,7 @@ class Heard:
 class Bench:
     """What a lift of this map would send, one occasion at a time."""
 
-    def __init__(self, codec: Codec, lines: Units, heard: list[Heard]) -> None:
+    def __init__(self, codec: Codec, lines: Units, heard: list[ReceivedRequest]) -> None:
         """`heard` is what the devices at the end of `lines` add to."""
         link = codec.map.link
         settings = LiftSettings(
@@ -54,23 +54,23 @@ class Bench:
         """What is read to see what all outputs hold."""
         return tuple(self._writer.read_blocks(self._devices))
 
-    async def read(self, block: Block) -> list[Heard]:
+    async def read(self, block: Block) -> list[ReceivedRequest]:
         """Read a block."""
         await self._lines.cells([block])
         return self._taken()
 
-    async def write(self, step: Step, cells: Mapping[Cell, int]) -> list[Heard]:
+    async def write(self, step: Step, cells: Mapping[Cell, int]) -> list[ReceivedRequest]:
         """Carry out the write of a step, with the read before it where the map asks for one."""
         async for _ in self._writer.write(step, cells, _allowed):
             pass
         return self._taken()
 
-    async def look(self, step: Step) -> tuple[bool, list[Heard]]:
+    async def look(self, step: Step) -> tuple[bool, list[ReceivedRequest]]:
         """Look afterwards; returns whether the driver cares, and what it read."""
         looked = await self._writer.look(step) is not None
         return looked, self._taken()
 
-    def _taken(self) -> list[Heard]:
+    def _taken(self) -> list[ReceivedRequest]:
         heard = self._heard.copy()
         self._heard.clear()
         return heard
@@ -79,7 +79,7 @@ class Bench:
 @asynccontextmanager
 async def bench(codec: Codec) -> AsyncIterator[Bench]:
     """Set up one device in memory for the controller and one for each further device of the map."""
-    heard: list[Heard] = []
+    heard: list[ReceivedRequest] = []
     units = {"": codec.map.link.unit_id, **{name: part.unit_id for name, part in codec.map.endpoints.items()}}
     lines = {name: Unit(_link(name, unit, heard), unit) for name, unit in units.items()}
     running = [asyncio.ensure_future(line.link.run()) for line in lines.values()]
@@ -94,14 +94,14 @@ async def bench(codec: Codec) -> AsyncIterator[Bench]:
         await asyncio.gather(*running, return_exceptions=True)
 
 
-def _link(endpoint: str, unit: int, heard: list[Heard]) -> Link:
+def _link(endpoint: str, unit: int, heard: list[ReceivedRequest]) -> Link:
     answer = _written_down(endpoint, MemoryDevice(unit=unit, timed_coils=True), heard)
     return Link(lambda: MemoryWire(answer), name=endpoint or "controller")
 
 
-def _written_down(endpoint: str, device: MemoryDevice, heard: list[Heard]) -> Callable[[bytes], list[Reply]]:
+def _written_down(endpoint: str, device: MemoryDevice, heard: list[ReceivedRequest]) -> Callable[[bytes], list[Reply]]:
     def answer(frame: bytes) -> list[Reply]:
-        heard.append(Heard(endpoint, frame[2:], frames.parse_request(frame, timed_coils=True)))
+        heard.append(ReceivedRequest(endpoint, frame[2:], frames.parse_request(frame, timed_coils=True)))
         return device.answer(frame)
 
     return answer

@@ -15,7 +15,7 @@ from drivers.modbus.diagnosis import named_at
 from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import Step, StepKind
 from lift_manager.commissioning import wording
-from lift_manager.commissioning.bench import Bench, Heard, bench
+from lift_manager.commissioning.bench import Bench, ReceivedRequest, bench
 from lift_manager.commissioning.maps_list import WIDTH
 from register_maps.codec import Codec, CommandCodec, compile_map
 from register_maps.schema import RegisterMap
@@ -33,7 +33,7 @@ class Sent:
 
     when: str
     purpose: str
-    heard: Heard
+    heard: ReceivedRequest
 
     @property
     def bytes_hex(self) -> str:
@@ -238,7 +238,12 @@ _PURPOSE: Mapping[StepKind, str] = {
 
 
 def _step(
-    step: Step, when: str, heard: Iterable[Heard], seen: Iterable[Heard], *, looks_first: bool = False
+    step: Step,
+    when: str,
+    heard: Iterable[ReceivedRequest],
+    seen: Iterable[ReceivedRequest],
+    *,
+    looks_first: bool = False,
 ) -> Iterator[Sent]:
     if looks_first:
         yield from _all(when, "is it still on", seen)
@@ -249,7 +254,7 @@ def _step(
         yield from _all(when, "read back", seen)
 
 
-def _all(when: str, purpose: str, heard: Iterable[Heard]) -> list[Sent]:
+def _all(when: str, purpose: str, heard: Iterable[ReceivedRequest]) -> list[Sent]:
     return [Sent(when, purpose, one) for one in heard]
 
 
