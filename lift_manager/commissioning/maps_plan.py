@@ -28,7 +28,7 @@ _COLUMN = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class PlannedRequest:
     """One request, when it leaves and what for."""
 
     when: str
@@ -47,7 +47,7 @@ class Sent:
         return f"{self.heard.request}{device}"
 
 
-Group = tuple[Sent, ...]
+Group = tuple[PlannedRequest, ...]
 """The requests of one step, with the look afterwards."""
 
 
@@ -56,7 +56,7 @@ class Part:
     """One occasion with its requests, in their order."""
 
     heading: str
-    sent: tuple[Sent, ...]
+    sent: tuple[PlannedRequest, ...]
     remark: str = ""
 
 
@@ -113,7 +113,7 @@ async def _plan(codec: Codec, floors: Mapping[str, int]) -> Plan:
 
 
 async def _poll(codec: Codec, on: Bench) -> Part:
-    sent: list[Sent] = []
+    sent: list[PlannedRequest] = []
     for block in on.poll_blocks:
         names = ", ".join(dict.fromkeys(name for name, _ in named_at(codec, block) if name in codec.signals))
         purpose = f"what the lift says of {names}" if names else "one of our outputs, to see that the device is there"
@@ -121,7 +121,7 @@ async def _poll(codec: Codec, on: Bench) -> Part:
     return Part("One poll", tuple(sent), _cost(codec, sent))
 
 
-def _cost(codec: Codec, sent: Collection[Sent]) -> str:
+def _cost(codec: Codec, sent: Collection[PlannedRequest]) -> str:
     if not sent:
         return "no request, because the map has nothing that can be read"
     trips = (
@@ -134,7 +134,7 @@ def _cost(codec: Codec, sent: Collection[Sent]) -> str:
 
 
 async def _connected(codec: Codec, on: Bench) -> Part:
-    sent: list[Sent] = []
+    sent: list[PlannedRequest] = []
     for block in on.output_blocks:
         names = [name for name, command in codec.commands.items() if any(map(block.holds, command.read_points))]
         sent += _all("once", f"what our outputs hold of {', '.join(names)}", await on.read(block))
@@ -144,7 +144,7 @@ async def _connected(codec: Codec, on: Bench) -> Part:
 async def _always(codec: Codec, on: Bench) -> Part:
     """Run the outputs with nothing wanted until everything has been written twice."""
     outputs = Outputs(codec.commands, codec.written)
-    told: dict[str, list[Sent]] = {}
+    told: dict[str, list[PlannedRequest]] = {}
     now = 0.0
     for _ in range(_MOST_WRITES):
         step = outputs.next(now)
@@ -163,7 +163,7 @@ async def _always(codec: Codec, on: Bench) -> Part:
     return Part("All the time, whether or not anything is wanted", tuple(sent))
 
 
-def _differ(found: list[Sent]) -> bool:
+def _differ(found: list[PlannedRequest]) -> bool:
     return len({one.bytes_hex for one in found[:2]}) > 1
 
 
@@ -244,18 +244,18 @@ def _step(
     seen: Iterable[ReceivedRequest],
     *,
     looks_first: bool = False,
-) -> Iterator[Sent]:
+) -> Iterator[PlannedRequest]:
     if looks_first:
         yield from _all(when, "is it still on", seen)
     for one in heard:
         purpose = _PURPOSE[step.kind] if one.request.is_write else "read afresh, because others use this register too"
-        yield Sent(when, purpose, one)
+        yield PlannedRequest(when, purpose, one)
     if not looks_first:
         yield from _all(when, "read back", seen)
 
 
-def _all(when: str, purpose: str, heard: Iterable[ReceivedRequest]) -> list[Sent]:
-    return [Sent(when, purpose, one) for one in heard]
+def _all(when: str, purpose: str, heard: Iterable[ReceivedRequest]) -> list[PlannedRequest]:
+    return [PlannedRequest(when, purpose, one) for one in heard]
 
 
 def lines(found: Plan) -> Iterator[str]:

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.model import Command
-from lift_manager.commissioning.maps_plan import Part, Plan, Sent, lines, plan
+from lift_manager.commissioning.maps_plan import Part, Plan, PlannedRequest, lines, plan
 from register_maps.load import Changes, load
 from tests.register_maps.golden.vectors import Golden, frames_of
 from tests.register_maps.test_golden_vectors import GOLDEN
@@ -95,7 +95,7 @@ def planned(golden: Golden) -> Plan:
     return plan(load(golden.map_name, changes=changes).map, golden.floors)
 
 
-def typed(one: Sent) -> str:
+def typed(one: PlannedRequest) -> str:
     """A request as the golden vectors have it."""
     device = f"{one.heard.endpoint}: " if one.heard.endpoint else ""
     return device + one.bytes_hex
