@@ -24,7 +24,7 @@ read back before each refresh (`drivers.modbus`)."""
 
 
 @unique
-class Lie(StrEnum):
+class FaultEffect(StrEnum):
     """What may be wrong because of a fault, until it is detected."""
 
     OPEN = "open"
@@ -45,7 +45,7 @@ class Detection:
     """As in a scenario file."""
     within_s: float | None
     """How long it may go unseen, from its beginning; None: it is undetectable."""
-    lies: tuple[Lie, ...]
+    lies: tuple[FaultEffect, ...]
     """What may be wrong meanwhile; empty: nothing ever is."""
     how: str
     """What shows it, or why nothing does."""
@@ -86,12 +86,12 @@ def _machine(codec: Codec, max_age_s: float) -> Iterator[Detection]:
         yield _harmless(fault)
     for mode in MODES:
         if _shows_mode(codec, mode):
-            yield Detection(f"in_mode.{mode}", max_age_s, (Lie.MODE,), "the mode is read with every poll")
+            yield Detection(f"in_mode.{mode}", max_age_s, (FaultEffect.MODE,), "the mode is read with every poll")
         else:
             why = "no signal of this map tells this mode"
             if "robot_mode_on" in codec.signals:
                 why += "; a withdrawn robot mode may be all there is to see of it, and bars robots that hold the lift"
-            yield Detection(f"in_mode.{mode}", None, (Lie.MODE, Lie.EFFECT), why)
+            yield Detection(f"in_mode.{mode}", None, (FaultEffect.MODE, FaultEffect.EFFECT), why)
 
 
 def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
@@ -100,7 +100,7 @@ def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
     yield _contradiction(codec, max_age_s)
     alive = codec.map.signals.get("alive")
     beat_s = alive.must_change_within_s if alive is not None else None
-    everything = tuple(Lie)
+    everything = tuple(FaultEffect)
     if beat_s is not None:
         within_s = beat_s + max_age_s
         yield Detection("frozen_registers", within_s, everything, f"the heartbeat stands still for {beat_s:g} s")
@@ -113,7 +113,9 @@ def _registers(codec: Codec, max_age_s: float) -> Iterator[Detection]:
         yield Detection("stopped", None, everything, why)
     yield _lost("lost_press", codec)
     yield _lost("ignored_writes", codec)
-    yield Detection("ignored_writes.stored", None, (Lie.EFFECT, Lie.OUTPUT), "what is read back is right")
+    yield Detection(
+        "ignored_writes.stored", None, (FaultEffect.EFFECT, FaultEffect.OUTPUT), "what is read back is right"
+    )
     yield _foreign_writer(codec)
 
 
@@ -152,23 +154,23 @@ def _late(codec: Codec, fault: str, harmless: str, how: str) -> Detection:
     calls = [codec.commands[name] for name in CALLS if name in codec.commands]
     if not any(_is_loose(call) for call in calls):
         return Detection(fault, 0.0, (), harmless)
-    return Detection(fault, max(call.spec.arrive_within_s for call in calls), (Lie.EFFECT,), how)
+    return Detection(fault, max(call.spec.arrive_within_s for call in calls), (FaultEffect.EFFECT,), how)
 
 
 def _wrong_floor_shown(codec: Codec) -> Detection:
     floor = codec.signals.get("car_floor")
     limits = {signal.points for name, signal in codec.signals.items() if name.startswith("door.") and signal.per_floor}
     if floor is not None and floor.points in limits:
-        return Detection("says_wrong_floor", None, (Lie.OPEN, Lie.EFFECT), "another door limit is made")
-    return Detection("says_wrong_floor", None, (Lie.OPEN, Lie.EFFECT), "nothing else tells the floor")
+        return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "another door limit is made")
+    return Detection("says_wrong_floor", None, (FaultEffect.OPEN, FaultEffect.EFFECT), "nothing else tells the floor")
 
 
 def _contradiction(codec: Codec, max_age_s: float) -> Detection:
     doors = [name for name in codec.signals if name.startswith("door.")]
     if all(_contradicts(codec, name) for name in doors):
-        return Detection("contradicting_limits", max_age_s, (Lie.OPEN,), "the door is in fault")
+        return Detection("contradicting_limits", max_age_s, (FaultEffect.OPEN,), "the door is in fault")
     why = "the door is told by its open contact alone"
-    return Detection("contradicting_limits", None, (Lie.OPEN, Lie.EFFECT), why)
+    return Detection("contradicting_limits", None, (FaultEffect.OPEN, FaultEffect.EFFECT), why)
 
 
 def _contradicts(codec: Codec, name: str) -> bool:
@@ -191,20 +193,23 @@ def _lost(fault: str, codec: Codec) -> Detection:
     calls = [codec.commands[name] for name in CALLS if name in codec.commands]
     loose = [command.name for command in calls if _is_loose(command)]
     blind = [command.name for command in codec.commands.values() if not command.read_points]
-    lies = (*((Lie.EFFECT,) if loose else ()), *((Lie.OUTPUT,) if blind and fault != "lost_press" else ()))
+    lies = (
+        *((FaultEffect.EFFECT,) if loose else ()),
+        *((FaultEffect.OUTPUT,) if blind and fault != "lost_press" else ()),
+    )
     if not lies:
         within_s = max((command.spec.confirm.within_s for command in calls if command.spec.confirm), default=0.0)
         return Detection(fault, within_s, (), "the lamp does not light, and the command is unconfirmed")
     why = []
-    if Lie.EFFECT in lies:
+    if FaultEffect.EFFECT in lies:
         why.append(f"{', '.join(loose)}: a car that moves for somebody else looks like the answer")
-    if Lie.OUTPUT in lies:
+    if FaultEffect.OUTPUT in lies:
         why.append(f"{', '.join(blind)}: cannot be read back")
     return Detection(fault, None, lies, "; ".join(why))
 
 
 def _foreign_writer(codec: Codec) -> Detection:
-    lies = (Lie.EFFECT, Lie.OUTPUT)
+    lies = (FaultEffect.EFFECT, FaultEffect.OUTPUT)
     blind = [command.name for command in codec.commands.values() if not command.read_points or command.lamp]
     if len(blind) == len(codec.commands):
         return Detection("foreign_writer", None, lies, "no output of this map can be read back")

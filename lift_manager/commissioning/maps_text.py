@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from lift_manager.commissioning.detection import Lie
+from lift_manager.commissioning.detection import FaultEffect
 from lift_manager.commissioning.maps_list import WIDTH
 from lift_manager.commissioning.maps_show import CommandSheet, MapSheet, PlaceSheet, SignalSheet, side_by_side
 from lift_manager.commissioning.wording import FUNCTIONS, functions
@@ -53,10 +53,10 @@ def _head(sheet: MapSheet) -> Iterator[tuple[str, str]]:
 
 
 _WRONG = {
-    Lie.OPEN: "a door may be said to be open that is not",
-    Lie.MODE: "robots may be let in, or something be pressed, in a mode without robots",
-    Lie.EFFECT: "a command may be said to be confirmed that had no effect",
-    Lie.OUTPUT: "an output may stay on that counts as let go",
+    FaultEffect.OPEN: "a door may be said to be open that is not",
+    FaultEffect.MODE: "robots may be let in, or something be pressed, in a mode without robots",
+    FaultEffect.EFFECT: "a command may be said to be confirmed that had no effect",
+    FaultEffect.OUTPUT: "an output may stay on that counts as let go",
 }
 
 

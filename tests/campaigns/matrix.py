@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum, unique
 from pathlib import Path
 
-from lift_manager.commissioning.detection import Detection, Lie, detections
+from lift_manager.commissioning.detection import Detection, FaultEffect, detections
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
 from lift_manager.lab.world.judged import Finding, Judged, Wrong
@@ -97,7 +97,7 @@ class Cell:
     phase: Phase
     told: str
     """What the robot was told, from the beginning of the fault to its end."""
-    lies: tuple[tuple[Lie, float], ...]
+    lies: tuple[tuple[FaultEffect, float], ...]
     """What was wrong, and for how long after the beginning it last was."""
     findings: tuple[str, ...]
     """What no detection speaks of: never allowed."""
@@ -133,7 +133,7 @@ def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
 
     if why_not := run_virtual(main, limit_s=600):
         return Cell(name, _name(fault), phase, why_not, (), ())
-    lies: dict[Lie, float] = {}
+    lies: dict[FaultEffect, float] = {}
     others: list[Finding] = []
     for finding in oracle.findings:
         if finding.wrong in BESIDE and _misreads(judges[LIFT], fault):
@@ -141,7 +141,7 @@ def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
         if finding.wrong is None or finding.wrong in BESIDE or finding.at < watch.began:
             others.append(finding)
         else:
-            lies[Lie(finding.wrong)] = finding.at - watch.began
+            lies[FaultEffect(finding.wrong)] = finding.at - watch.began
     return Cell(name, _name(fault), phase, watch.told, tuple(sorted(lies.items())), tuple(map(str, others)))
 
 
@@ -255,7 +255,7 @@ def broken_promises(cells: Sequence[Cell]) -> Iterator[str]:
                 yield f"{one.map}, {one.fault}, {one.phase}: {lie} was wrong for {lasted_s:.1f} s, and not {within_s:g} s"
 
 
-def _within_s(detection: Detection | None, lie: Lie) -> float | None:
+def _within_s(detection: Detection | None, lie: FaultEffect) -> float | None:
     """Return for how long this may be wrong; None: for ever."""
     if detection is None or lie not in detection.lies:
         return 0.0

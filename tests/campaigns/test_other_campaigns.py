@@ -2,7 +2,7 @@
 
 import pytest
 
-from lift_manager.commissioning.detection import Lie
+from lift_manager.commissioning.detection import FaultEffect
 from lift_manager.lab.world.fault_names import fault_name
 from register_maps.words import Mode
 from simulator.faults import ForeignWriter, InMode, StuckDoor
@@ -45,11 +45,11 @@ def test_what_could_not_be_tried_stands_in_the_table_with_its_reason() -> None:
 
 
 def test_a_lie_that_should_have_been_detected_is_a_broken_promise() -> None:
-    late = Cell("generic-registers", "frozen_registers", Phase.IDLE, "open", ((Lie.OPEN, 9.0),), ())
-    never = Cell("generic-registers", "stuck_door", Phase.IDLE, "open", ((Lie.OPEN, 0.1),), ())
+    late = Cell("generic-registers", "frozen_registers", Phase.IDLE, "open", ((FaultEffect.OPEN, 9.0),), ())
+    never = Cell("generic-registers", "stuck_door", Phase.IDLE, "open", ((FaultEffect.OPEN, 0.1),), ())
     worse = Cell("generic-registers", "stuck_door", Phase.IDLE, "open", (), ("a crash",))
     assert len(list(broken_promises([late, never, worse]))) == 3
-    undetectable = Cell("wago-750", "frozen_registers", Phase.IDLE, "open", ((Lie.OPEN, 19.0),), ())
+    undetectable = Cell("wago-750", "frozen_registers", Phase.IDLE, "open", ((FaultEffect.OPEN, 19.0),), ())
     assert list(broken_promises([undetectable])) == []
 
 

@@ -1,6 +1,6 @@
 """What can be seen of each fault is said for every map, and follows from what the map reads."""
 
-from lift_manager.commissioning.detection import MODES, Detection, Lie, detections
+from lift_manager.commissioning.detection import MODES, Detection, FaultEffect, detections
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
 from register_maps.codec import compile_map
 from register_maps.load import Changes, load, shipped
@@ -35,7 +35,7 @@ def test_registers_that_stand_still_are_seen_by_their_heartbeat() -> None:
 def test_without_a_heartbeat_nobody_sees_that_registers_stand_still() -> None:
     frozen = of("generic-registers", signals={"alive": None})["frozen_registers"]
     assert frozen.within_s is None
-    assert Lie.OPEN in frozen.lies
+    assert FaultEffect.OPEN in frozen.lies
     assert "no heartbeat" in frozen.how
 
 
