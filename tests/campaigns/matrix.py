@@ -19,7 +19,7 @@ from pathlib import Path
 from lift_manager.commissioning.detection import Detection, FaultEffect, detections
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
-from lift_manager.lab.world.judged import Finding, Judged, Wrong
+from lift_manager.lab.world.judged import Finding, Judged, SuspectValues
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import STANDS_STILL, Oracle
 from lift_manager.lab.world.witness import FloorRequest
@@ -145,7 +145,7 @@ def cell(name: str, fault: Fault | WireFault, phase: Phase) -> Cell:
     return Cell(name, _name(fault), phase, watch.told, tuple(sorted(lies.items())), tuple(map(str, others)))
 
 
-BESIDE = frozenset({Wrong.FLOOR, Wrong.SHOWN})
+BESIDE = frozenset({SuspectValues.FLOOR, SuspectValues.SHOWN})
 """What is said beside the open door: detection does not speak of it, and the judge knows which faults misread it."""
 
 

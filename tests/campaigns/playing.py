@@ -14,7 +14,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.disk import SimulatedDisk
-from lift_manager.lab.world.judged import Finding, Wrong
+from lift_manager.lab.world.judged import Finding, SuspectValues
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.press_rows import PressRows
 from lift_manager.lab.world.rules import Rules
@@ -219,7 +219,7 @@ def play(
                 raise error
         if not world.released and oracle.is_clean(LIFT, LASTS_S, app.RELEASE_WITHIN_S):
             oracle.find(
-                LASTS_S, LIFT, "held at the end", "nothing stood against letting go of everything", Wrong.OUTPUT
+                LASTS_S, LIFT, "held at the end", "nothing stood against letting go of everything", SuspectValues.OUTPUT
             )
 
     try:

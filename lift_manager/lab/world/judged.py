@@ -19,7 +19,7 @@ FORBIDDEN = frozenset(
 
 
 @unique
-class Wrong(StrEnum):
+class SuspectValues(StrEnum):
     """What may be wrong because of a fault."""
 
     OPEN = "open"
@@ -90,7 +90,7 @@ class Shows:
 class Excuse:
     """What one fault may make wrong on lifts of one map."""
 
-    kinds: frozenset[Wrong]
+    kinds: frozenset[SuspectValues]
     within_s: float | None
     """From its beginning; None: for as long as it lasts."""
 
@@ -103,7 +103,7 @@ class Finding:
     lift: str
     rule: str
     text: str
-    wrong: Wrong | None = None
+    wrong: SuspectValues | None = None
     """What kind of thing is wrong, where a fault may make it so."""
 
     def __str__(self) -> str:

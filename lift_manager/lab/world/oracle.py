@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from drivers.model import Command, CommandKind, FloorName, Outcome, Proof, Result
 from lift_manager.lab.world.fault_names import fault_name
-from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, Wrong
+from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, SuspectValues
 from lift_manager.lab.world.shown import Untrue, untrue
 from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
 from lift_manager.lab.world.wanted import is_wanted
@@ -85,7 +85,7 @@ class _Fault:
     """A fault of the lift, and what it excuses."""
 
     name: str
-    kinds: frozenset[Wrong]
+    kinds: frozenset[SuspectValues]
     since: float
     until: float
     command: str = ""
@@ -227,7 +227,7 @@ class Oracle:
             if truth.mode not in watched.about.shows.modes:
                 self.let_pass(lift, "pressed in a forbidden mode", untold(truth.mode))
             elif not self._stood_still(watched, lift, "pressed in a forbidden mode", watched.mode_since, at):
-                self.find(at, lift, "pressed in a forbidden mode", text, Wrong.MODE)
+                self.find(at, lift, "pressed in a forbidden mode", text, SuspectValues.MODE)
         barred = truth.bars & watched.about.shows.bars
         if barred and (for_s := self._known_for(watched, watched.bars_since, at)) is not None:
             text = f"{names}, {for_s:.2f} s after {', '.join(sorted(barred))} told that robots are kept off"
@@ -367,7 +367,7 @@ class Oracle:
         for fault in watched.faults:
             if (fault.name, fault.command, fault.ended_at) == (name, command, math.inf):
                 fault.ended_at = at
-                if math.isinf(fault.until) and Wrong.OUTPUT in fault.kinds and not command:
+                if math.isinf(fault.until) and SuspectValues.OUTPUT in fault.kinds and not command:
                     # what was not released meanwhile stays on until somebody looks
                     watched.stuck |= dict.fromkeys((on for on, _ in watched.on_since), at + FOREIGN_CLEARED_S)
                 fault.until = min(fault.until, at + LINGERS_S.get(name, SETTLES_S))
@@ -453,7 +453,7 @@ class Oracle:
             if at - since - hindered_s > self._limit_s(watched, name, truth):
                 text = f"{name} is on, and nobody has wanted it for {at - unwanted.since:.1f} s, {hindered_s:.1f} s of them hindered"
                 if not self._is_let_pass(watched, lift, name, at):
-                    self.weigh(Finding(at, lift, "output on too long", text, Wrong.OUTPUT), about=name)
+                    self.weigh(Finding(at, lift, "output on too long", text, SuspectValues.OUTPUT), about=name)
                 watched.unwanted[output] = _Unwanted(at, watched.lost_s, failed_writes)
 
     @staticmethod
@@ -517,7 +517,7 @@ class Oracle:
         since = min(pressed_at, watched.floor_since)
         only = MISREAD if by_motion else None
         name = outcome.command.name
-        finding = Finding(claimed_at, lift, "confirmed without effect", text, Wrong.EFFECT)
+        finding = Finding(claimed_at, lift, "confirmed without effect", text, SuspectValues.EFFECT)
         self.weigh(finding, since=since, only=only, about=name)
 
     @staticmethod
@@ -545,7 +545,7 @@ class Oracle:
             return came or any(command.floor in truth.calls or command.floor == truth.at for truth in truths)
         return any(command.name in truth.commands for truth in truths)
 
-    def find(self, at: float, lift: str, rule: str, text: str, wrong: Wrong | None = None) -> None:
+    def find(self, at: float, lift: str, rule: str, text: str, wrong: SuspectValues | None = None) -> None:
         """Note a finding, unless a fault that is present excuses what is `wrong`."""
         self.weigh(Finding(at, lift, rule, text, wrong))
 
@@ -571,11 +571,15 @@ def _untrue(state: LiftState, about: Judged, truths: Sequence[Truth], floors: se
     shows, was = about.shows, truths[-1]
     for floor in floors:
         if floor is None or not any(truth.open_at == floor for truth in truths):
-            yield "said open and was not", f"said open at {floor}; the car was {in_words(was)}", Wrong.OPEN
+            yield "said open and was not", f"said open at {floor}; the car was {in_words(was)}", SuspectValues.OPEN
         elif shows.permits and not any(truth.awaits and truth.open_at == floor for truth in truths):
-            yield "said open without permission", f"said open at {floor}; the lift let nobody in or out", Wrong.OPEN
+            yield (
+                "said open without permission",
+                f"said open at {floor}; the lift let nobody in or out",
+                SuspectValues.OPEN,
+            )
         if all(truth.mode in shows.modes for truth in truths):
-            yield "said open in a forbidden mode", f"the mode was {was.mode}", Wrong.MODE
+            yield "said open in a forbidden mode", f"the mode was {was.mode}", SuspectValues.MODE
     yield from untrue(state, shows, truths)
 
 

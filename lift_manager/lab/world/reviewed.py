@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from drivers.model import Proof
-from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Excuse, FloorBy, Shows, Wrong
+from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Excuse, FloorBy, Shows, SuspectValues
 from register_maps.schema import RegisterMap
 from register_maps.words import Mode
 
@@ -205,8 +205,8 @@ def _modes(source: RegisterMap) -> Iterator[Mode]:
 
 # -- faults
 
-_LATE = frozenset({Wrong.EFFECT})
-_UNSEEN = frozenset({Wrong.EFFECT, Wrong.OUTPUT})
+_LATE = frozenset({SuspectValues.EFFECT})
+_UNSEEN = frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT})
 """Of registers that stand still. What may be said of the lift meanwhile the judge knows better: what was so when they came to."""
 
 
@@ -221,17 +221,19 @@ def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float, poll_s: f
         "calls_cancelled": Excuse(_LATE, arrive_within_s),
         "reboot": Excuse(_LATE | _lost_floor(shows), arrive_within_s),
         # the door is held for the robot at the floor that is said
-        "says_wrong_floor": Excuse(frozenset({Wrong.OPEN, Wrong.EFFECT, Wrong.FLOOR, Wrong.OUTPUT}), None),
-        "floor_ahead": Excuse(frozenset({Wrong.FLOOR}), None),
-        "contradicting_limits": Excuse(frozenset({Wrong.OPEN, Wrong.SHOWN}), max_age_s),
+        "says_wrong_floor": Excuse(
+            frozenset({SuspectValues.OPEN, SuspectValues.EFFECT, SuspectValues.FLOOR, SuspectValues.OUTPUT}), None
+        ),
+        "floor_ahead": Excuse(frozenset({SuspectValues.FLOOR}), None),
+        "contradicting_limits": Excuse(frozenset({SuspectValues.OPEN, SuspectValues.SHOWN}), max_age_s),
         "frozen_registers": Excuse(_UNSEEN, stands_still),
         "stopped": Excuse(_UNSEEN, stands_still),
         # nothing is wrong by it, but nobody knows where the car is
         "frozen_heartbeat": Excuse(frozenset(), None),
         "lost_press": Excuse(_LATE, None),
-        "ignored_writes": Excuse(_LATE | {Wrong.OUTPUT}, None),
-        "ignored_writes.stored": Excuse(_LATE | {Wrong.OUTPUT}, None),
-        "foreign_writer": Excuse(_LATE | {Wrong.OUTPUT}, None),
+        "ignored_writes": Excuse(_LATE | {SuspectValues.OUTPUT}, None),
+        "ignored_writes.stored": Excuse(_LATE | {SuspectValues.OUTPUT}, None),
+        "foreign_writer": Excuse(_LATE | {SuspectValues.OUTPUT}, None),
     }
     for mode in ALL_MODES:
         if mode not in shows.modes:
@@ -240,6 +242,6 @@ def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float, poll_s: f
     return found
 
 
-def _lost_floor(shows: Shows) -> frozenset[Wrong]:
+def _lost_floor(shows: Shows) -> frozenset[SuspectValues]:
     """A controller that looks for its floor goes on to say the last number."""
-    return frozenset({Wrong.FLOOR}) if shows.floor_by is FloorBy.CODE else frozenset()
+    return frozenset({SuspectValues.FLOOR}) if shows.floor_by is FloorBy.CODE else frozenset()

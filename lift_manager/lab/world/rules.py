@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from drivers.model import FloorName, Result
-from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, Wrong
+from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, SuspectValues
 from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, Forgot, Struck
@@ -292,7 +292,7 @@ class Rules:
 
     def _by_itself(self, at: float, lift: str, rule: str, text: str, name: str) -> None:
         """Note a press that nobody asked for, unless somebody else took away what it presses: then a refresh presses it again."""
-        self._oracle.weigh(Finding(at, lift, rule, text, Wrong.OUTPUT), only=FOREIGN, about=name)
+        self._oracle.weigh(Finding(at, lift, rule, text, SuspectValues.OUTPUT), only=FOREIGN, about=name)
 
     def _is_held(self, at: float, lift: str, book: _Book, holder: Holder, since: float) -> None:
         """See whether the door drive is held for the robot that is invited, and was when the door was read, at `since`."""

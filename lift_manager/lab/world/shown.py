@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Shows, Wrong
+from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Shows, SuspectValues
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.state import LiftState
 from register_maps.words import Door, Mode, Motion, Side
 
-Untrue = tuple[str, str, Wrong]
+Untrue = tuple[str, str, SuspectValues]
 """The rule, what was said and was not so, and what kind of thing it is."""
 
 _HEADING = {Motion.UP: 1, Motion.DOWN: -1}
@@ -24,18 +24,22 @@ def untrue(state: LiftState, shows: Shows, truths: Sequence[Truth]) -> Iterator[
 
     now = truths[0]
     if state.floor is not None and not ever(lambda truth: truth.passed in (state.floor, None)):
-        yield "said another floor", f"{state.floor}, and the car was at {now.passed} last", Wrong.FLOOR
+        yield "said another floor", f"{state.floor}, and the car was at {now.passed} last", SuspectValues.FLOOR
     if state.standing and not ever(lambda truth: _may_stand(truth, shows)):
-        yield "said standing and moved", f"standing at {state.floor}", Wrong.FLOOR
+        yield "said standing and moved", f"standing at {state.floor}", SuspectValues.FLOOR
     if not _moves_as_said(state.motion, shows, truths):
-        yield "said another motion", f"{state.motion}, and the car {'stood' if now.standing else 'moved'}", Wrong.SHOWN
+        yield (
+            "said another motion",
+            f"{state.motion}, and the car {'stood' if now.standing else 'moved'}",
+            SuspectValues.SHOWN,
+        )
     if not ever(lambda truth: is_said_of(state.mode, truth.mode, shows)):
-        yield "said another mode", f"{state.mode}, and it was {now.mode}", Wrong.MODE
+        yield "said another mode", f"{state.mode}, and it was {now.mode}", SuspectValues.MODE
     for side, word in state.doors.items():
         if not _is_door_as_said(word, {_door(truth, side) for truth in truths}, shows):
-            yield "said another door", f"{side} {word}, and it was {_door(now, side)}", Wrong.SHOWN
+            yield "said another door", f"{side} {word}, and it was {_door(now, side)}", SuspectValues.SHOWN
     if state.robot_door is RobotDoor.CLOSED and not ever(lambda truth: _may_be_shut(truth, shows)):
-        yield "said another door", f"closed for robots, and the doors were {dict(now.doors)}", Wrong.SHOWN
+        yield "said another door", f"closed for robots, and the doors were {dict(now.doors)}", SuspectValues.SHOWN
 
 
 def is_said_of(said: Mode, mode: Mode, shows: Shows) -> bool:

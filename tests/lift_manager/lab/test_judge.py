@@ -8,7 +8,7 @@ import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, Wrong
+from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, SuspectValues
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
@@ -230,7 +230,7 @@ def test_one_contact_or_a_mode_that_nothing_tells_is_not_held_against_the_manage
 
 def test_registers_that_stand_still_excuse_only_what_was_so_when_they_came_to() -> None:
     def said_open_at(floor: str) -> list[str]:
-        excuse = {"frozen_registers": Excuse(frozenset({Wrong.EFFECT, Wrong.OUTPUT}), None)}
+        excuse = {"frozen_registers": Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), None)}
         oracle = judge(excuses=excuse)
         polled(oracle, 2.0)
         oracle.struck(2.0, Struck("lift", device.FrozenRegisters(), began=True))

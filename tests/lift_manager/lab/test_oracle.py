@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.lab.world.judged import Excuse, Judged, Shows, Wrong
+from lift_manager.lab.world.judged import Excuse, Judged, Shows, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
@@ -252,7 +252,7 @@ def test_an_output_that_nobody_could_let_go_of_because_of_the_wire_is_not_held_a
 
 
 def frozen(within_s: float | None) -> dict[str, Excuse]:
-    return {"frozen_registers": Excuse(frozenset({Wrong.EFFECT, Wrong.OUTPUT}), within_s)}
+    return {"frozen_registers": Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), within_s)}
 
 
 @pytest.mark.parametrize(("within_s", "found"), [(None, []), (10.0, []), (2.0, ["said open and was not"])])
@@ -269,7 +269,7 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
 
 
 def test_a_fault_excuses_nothing_but_its_own_lies() -> None:
-    oracle = judge(excuses={"lost_press": Excuse(frozenset({Wrong.EFFECT}), None)})
+    oracle = judge(excuses={"lost_press": Excuse(frozenset({SuspectValues.EFFECT}), None)})
     polled(oracle, 2.0, SHUT)
     oracle.struck(2.0, Struck("lift", LostPress(), began=True))
     oracle.published(2.1, "lift", state())
@@ -367,7 +367,7 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
 def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_out_for_there(
     at_the_press: Truth, afterwards: Truth, found: list[str]
 ) -> None:
-    lost = {"lost_press": Excuse(frozenset({Wrong.EFFECT}), None)}
+    lost = {"lost_press": Excuse(frozenset({SuspectValues.EFFECT}), None)}
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
     oracle = judge(excuses=lost)
     polled(oracle, 6.0, at_the_press)

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from lift_manager.lab.world.judged import Excuse, FloorBy, Shows, Wrong
+from lift_manager.lab.world.judged import Excuse, FloorBy, Shows, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
@@ -262,7 +262,7 @@ def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
     ids=["shown", "registers stand still", "the output lost its power"],
 )
 def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | None, findings: list[str]) -> None:
-    oracle, rules = book(excuses={"stopped": Excuse(frozenset({Wrong.EFFECT, Wrong.OUTPUT}), None)})
+    oracle, rules = book(excuses={"stopped": Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), None)})
     called = replace(SHUT, calls=frozenset({"L1"}), given=(("go_to", 0),))
     rules.requested(1.0, request(), None)
     rules.looked(1.1, "lift", called)
