@@ -61,7 +61,7 @@ class DoorBy(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Shows:
+class MapEvidence:
     """What a map can show of its lift, in the judge's own words."""
 
     max_age_s: float = 1.0
@@ -119,7 +119,7 @@ class Judged:
     """Lowest first."""
     max_session_hold_s: float
     arrive_within_s: float
-    shows: Shows = field(default_factory=Shows)
+    shows: MapEvidence = field(default_factory=MapEvidence)
     max_age_s: float = 1.0
     """As the site has it, where it has another one than the map."""
     timeout_s: Mapping[str, float] = field(default_factory=dict)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from drivers.model import Proof
-from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Excuse, FloorBy, Shows, SuspectValues
+from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Excuse, FloorBy, MapEvidence, SuspectValues
 from register_maps.schema import RegisterMap
 from register_maps.words import Mode
 
@@ -41,12 +41,12 @@ class Row:
 
     names: str
     """Signals, a bar, and commands; a map with others was not reviewed."""
-    shows: Shows
+    shows: MapEvidence
 
 
-def _relays(*, fire: bool, max_age_s: float = 1.0, bars: frozenset[str] = frozenset()) -> Shows:
+def _relays(*, fire: bool, max_age_s: float = 1.0, bars: frozenset[str] = frozenset()) -> MapEvidence:
     """Two limits of the door, a contact per floor, and nothing that tells motion."""
-    return Shows(
+    return MapEvidence(
         max_age_s=max_age_s,
         modes=FIRE_ALONE if fire else NONE,
         motion=False,
@@ -61,7 +61,7 @@ REVIEWED: Mapping[str, Row] = {
     "adam-io": Row("car_floor door.front fire | go_to hold_door.front", _relays(fire=True, max_age_s=2.0)),
     "adam-pushbutton": Row(
         "car_floor door.front | close_door.front go_to hold_door.front",
-        Shows(
+        MapEvidence(
             max_age_s=2.0,
             modes=NONE,
             motion=False,
@@ -74,7 +74,7 @@ REVIEWED: Mapping[str, Row] = {
     "generic-coils": Row(
         "call_accepted car_floor door.front emergency_power fire independent inspection level motion obstruction.front"
         " out_of_service overload robot_mode_on robots_allowed | close_door.front go_to hold_door.front robot_mode",
-        Shows(
+        MapEvidence(
             modes=ALL_MODES,
             floor_by=FloorBy.SWITCH,
             robot_mode=True,
@@ -85,7 +85,7 @@ REVIEWED: Mapping[str, Row] = {
     "generic-registers": Row(
         "alive call_accepted car_floor destination door.front fire level mode motion obstruction.front overload robot_mode_on"
         " | close_door.front go_to hold_door.front robot_mode",
-        Shows(modes=ALL_MODES, beats_within_s=3.0, robot_mode=True, proofs=_GENERIC),
+        MapEvidence(modes=ALL_MODES, beats_within_s=3.0, robot_mode=True, proofs=_GENERIC),
     ),
     "moxa-e1211": Row(
         "car_floor door.front watchdog_tripped | go_to hold_door.front",
@@ -95,7 +95,7 @@ REVIEWED: Mapping[str, Row] = {
     "moxa-e1214": Row("car_floor door.front fire | go_to hold_door.front", _relays(fire=True)),
     "robotnik-il-eth": Row(
         "car_floor door.front | go_to hold_door.front robot_mode",
-        Shows(
+        MapEvidence(
             modes=NONE,
             motion=False,
             direction=False,
@@ -105,11 +105,11 @@ REVIEWED: Mapping[str, Row] = {
     ),
     "seer-generic": Row(
         "car_floor door.front emergency_power motion | close_door.front go_to hold_door.front",
-        Shows(modes=frozenset({Mode.EMERGENCY}), proofs={**_RELAYS, "close_door": _EFFECT}),
+        MapEvidence(modes=frozenset({Mode.EMERGENCY}), proofs={**_RELAYS, "close_door": _EFFECT}),
     ),
     "seer-lps3-two-stop": Row(
         "car_floor door.front | call robot_in_place",
-        Shows(
+        MapEvidence(
             max_age_s=2.0,
             modes=NONE,
             motion=False,
@@ -122,15 +122,19 @@ REVIEWED: Mapping[str, Row] = {
     ),
     "seer-siemens-chengdu": Row(
         "car_floor door.front may_enter may_leave | call go robot_in_place robot_left",
-        Shows(modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS),
+        MapEvidence(
+            modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS
+        ),
     ),
     "seer-siemens-chengdu-block": Row(
         "car_floor door.front may_enter may_leave | call go robot_in_place robot_left",
-        Shows(modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS),
+        MapEvidence(
+            modes=NONE, motion=False, direction=False, door_by=DoorBy.OPEN_CONTACT, permits=True, proofs=_WORDS
+        ),
     ),
     "two-stop-agv": Row(
         "car_floor door.front fault robot_mode_on | close_door.front go_to hold_door.front",
-        Shows(
+        MapEvidence(
             modes=NONE,  # its fault lamp is none of the modes that a simulated controller changes to
             motion=False,
             direction=False,
@@ -151,7 +155,7 @@ TWO_DOORS = {"door.front": "door.rear", "hold_door.front": "hold_door.rear", "cl
 """A site with a second door gives it the same signals and commands."""
 
 
-def shown_by(source: RegisterMap) -> tuple[Shows, bool]:
+def shown_by(source: RegisterMap) -> tuple[MapEvidence, bool]:
     """Return what a map can show, and whether that was reviewed."""
     row = REVIEWED.get(source.name)
     if row is not None and _names(source) == row.names:
@@ -165,7 +169,7 @@ def _names(source: RegisterMap) -> str:
     return f"{signals} | {commands}"
 
 
-def described(source: RegisterMap) -> Shows:
+def described(source: RegisterMap) -> MapEvidence:
     """Describe a map from its text."""
     signals, floor = source.signals, source.signals.get("car_floor")
     doors = [spec for name, spec in signals.items() if name.startswith("door.")]
@@ -174,7 +178,7 @@ def described(source: RegisterMap) -> Shows:
     per_floor = floor is not None and floor.one_of is not None
     both = all(spec.open_limit is not None or len(set((spec.values or {}).values())) > 2 for spec in doors)
     beat = signals.get("alive")
-    return Shows(
+    return MapEvidence(
         max_age_s=source.link.max_age_s,
         modes=frozenset(_modes(source)),
         beats_within_s=beat.must_change_within_s if beat is not None else None,
@@ -210,7 +214,7 @@ _UNSEEN = frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT})
 """Of registers that stand still. What may be said of the lift meanwhile the judge knows better: what was so when they came to."""
 
 
-def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float, poll_s: float) -> dict[str, Excuse]:
+def excuses(shows: MapEvidence, *, max_age_s: float, arrive_within_s: float, poll_s: float) -> dict[str, Excuse]:
     """Return what each fault may make wrong, by the name of the fault. A fault that is not here excuses nothing."""
     # the last beat is seen a poll after it at the latest, and the last reading that still had time for the next one is kept for its age
     stands_still = None if shows.beats_within_s is None else poll_s + shows.beats_within_s + max_age_s
@@ -242,6 +246,6 @@ def excuses(shows: Shows, *, max_age_s: float, arrive_within_s: float, poll_s: f
     return found
 
 
-def _lost_floor(shows: Shows) -> frozenset[SuspectValues]:
+def _lost_floor(shows: MapEvidence) -> frozenset[SuspectValues]:
     """A controller that looks for its floor goes on to say the last number."""
     return frozenset({SuspectValues.FLOOR}) if shows.floor_by is FloorBy.CODE else frozenset()

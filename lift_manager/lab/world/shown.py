@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, Shows, SuspectValues
+from lift_manager.lab.world.judged import FORBIDDEN, DoorBy, MapEvidence, SuspectValues
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.state import LiftState
@@ -16,7 +16,7 @@ Untrue = tuple[str, str, SuspectValues]
 _HEADING = {Motion.UP: 1, Motion.DOWN: -1}
 
 
-def untrue(state: LiftState, shows: Shows, truths: Sequence[Truth]) -> Iterator[Untrue]:
+def untrue(state: LiftState, shows: MapEvidence, truths: Sequence[Truth]) -> Iterator[Untrue]:
     """Yield everything that a live state says and that was so in none of these moments."""
 
     def ever(claim: Callable[[Truth], bool]) -> bool:
@@ -42,7 +42,7 @@ def untrue(state: LiftState, shows: Shows, truths: Sequence[Truth]) -> Iterator[
         yield "said another door", f"closed for robots, and the doors were {dict(now.doors)}", SuspectValues.SHOWN
 
 
-def is_said_of(said: Mode, mode: Mode, shows: Shows) -> bool:
+def is_said_of(said: Mode, mode: Mode, shows: MapEvidence) -> bool:
     """Whether this may be said of a lift in a mode. What is unknown is no claim; a mode that nothing tells looks like normal."""
     if said is Mode.UNKNOWN:
         return True
@@ -53,12 +53,12 @@ def is_said_of(said: Mode, mode: Mode, shows: Shows) -> bool:
     return said is mode
 
 
-def _may_stand(truth: Truth, shows: Shows) -> bool:
+def _may_stand(truth: Truth, shows: MapEvidence) -> bool:
     """With its doors open a car only re-levels; where nothing tells motion, one that has just set out is still at its switch."""
     return truth.standing or (truth.at is not None and (not truth.doors_shut or not shows.motion))
 
 
-def _moves_as_said(motion: Motion, shows: Shows, truths: Sequence[Truth]) -> bool:
+def _moves_as_said(motion: Motion, shows: MapEvidence, truths: Sequence[Truth]) -> bool:
     match motion:
         case Motion.STOPPED if shows.direction:
             return any(truth.standing for truth in truths)
@@ -76,14 +76,14 @@ def _door(truth: Truth, side: Side) -> Door | None:
     return next((word for one, word in truth.doors if one is side), None)
 
 
-def _is_door_as_said(said: Door, doors: set[Door | None], shows: Shows) -> bool:
+def _is_door_as_said(said: Door, doors: set[Door | None], shows: MapEvidence) -> bool:
     """Whether a door was like this, or at both of its ends: then it was between them as well, and nobody happened to look."""
     if any(_may_say(said, door, shows) for door in doors):
         return True
     return said not in (Door.OPEN, Door.CLOSED) and {Door.OPEN, Door.CLOSED} <= doors
 
 
-def _may_say(said: Door, door: Door | None, shows: Shows) -> bool:
+def _may_say(said: Door, door: Door | None, shows: MapEvidence) -> bool:
     """Whether a door may be said to be like this; which way it goes between its ends is no claim that anybody acts on."""
     if door is None or said in (Door.FAULT, Door.UNKNOWN):
         return True
@@ -98,5 +98,5 @@ def _may_say(said: Door, door: Door | None, shows: Shows) -> bool:
             return door is Door.CLOSED if said is Door.CLOSED else door not in (Door.OPEN, Door.CLOSED)
 
 
-def _may_be_shut(truth: Truth, shows: Shows) -> bool:
+def _may_be_shut(truth: Truth, shows: MapEvidence) -> bool:
     return all(_may_say(Door.CLOSED, door, shows) for _, door in truth.doors)

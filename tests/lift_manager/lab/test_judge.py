@@ -8,7 +8,7 @@ import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.lab.world.judged import DoorBy, Excuse, Shows, SuspectValues
+from lift_manager.lab.world.judged import DoorBy, Excuse, MapEvidence, SuspectValues
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
@@ -180,9 +180,9 @@ def test_an_output_is_wanted_for_what_its_holder_asked_for(
 # -- what a live state says beside its open door
 
 
-def lies(truth: object = STANDS_OPEN, *, shows: Shows | None = None, **said: object) -> list[str]:
+def lies(truth: object = STANDS_OPEN, *, shows: MapEvidence | None = None, **said: object) -> list[str]:
     """Publish a state over a lift that has long been like this, and return the rules that it breaks."""
-    oracle = judge(shows=shows or Shows())
+    oracle = judge(shows=shows or MapEvidence())
     polled(oracle, 9.8, truth)  # type: ignore[arg-type]  # a Truth
     oracle.published(9.9, "lift", state(age_s=0.1, **({"robot_door": RobotDoor.MOVING} | said)))
     return found(oracle)
@@ -221,9 +221,9 @@ def test_floor_motion_mode_and_doors_of_a_live_state_are_judged(
 
 def test_one_contact_or_a_mode_that_nothing_tells_is_not_held_against_the_manager() -> None:
     half = replace(AT_L2, doors=((Side.FRONT, Door.CLOSING),))
-    assert lies(half, shows=Shows(door_by=DoorBy.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == []
-    assert lies(replace(AT_L2, mode=Mode.FIRE), shows=Shows(modes=frozenset()), mode=Mode.NORMAL) == []
-    assert lies(AT_L2, shows=Shows(door_by=DoorBy.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == [
+    assert lies(half, shows=MapEvidence(door_by=DoorBy.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == []
+    assert lies(replace(AT_L2, mode=Mode.FIRE), shows=MapEvidence(modes=frozenset()), mode=Mode.NORMAL) == []
+    assert lies(AT_L2, shows=MapEvidence(door_by=DoorBy.OPEN_CONTACT), doors={Side.FRONT: Door.CLOSED}) == [
         "said another door"
     ]
 
@@ -243,14 +243,14 @@ def test_registers_that_stand_still_excuse_only_what_was_so_when_they_came_to() 
 
 
 def test_an_invitation_that_the_lift_itself_does_not_give_is_found() -> None:
-    shows = Shows(permits=True)
+    shows = MapEvidence(permits=True)
     assert lies(AT_L2, shows=shows, robot_door=RobotDoor.OPEN) == ["said open without permission"]
     assert lies(replace(AT_L2, awaits=True), shows=shows, robot_door=RobotDoor.OPEN) == []
 
 
 def test_a_press_into_a_lift_that_keeps_robots_off_is_found_where_it_tells_so() -> None:
     def pressed(bars: frozenset[str]) -> list[str]:
-        oracle = judge(shows=Shows(bars=bars))
+        oracle = judge(shows=MapEvidence(bars=bars))
         polled(oracle, 9.8, replace(STANDS_OPEN, bars=frozenset({"robots_allowed"})))
         oracle.pressed(9.9, "lift", frozenset({"go_to"}))
         return found(oracle)
@@ -260,7 +260,7 @@ def test_a_press_into_a_lift_that_keeps_robots_off_is_found_where_it_tells_so() 
 
 
 def test_a_read_back_of_our_own_call_confirms_nothing_where_the_car_has_to() -> None:
-    oracle = judge(shows=Shows(proofs={"go_to": frozenset({Proof.EFFECT})}))
+    oracle = judge(shows=MapEvidence(proofs={"go_to": frozenset({Proof.EFFECT})}))
     polled(oracle, 1.0, replace(STANDS_OPEN, calls=frozenset({"L1"})))
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
     oracle.heard(1.1, CommandEnded("lift", outcome))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from drivers.model import Command, CommandKind, Outcome, Proof, Result
-from lift_manager.lab.world.judged import Excuse, Judged, Shows, SuspectValues
+from lift_manager.lab.world.judged import Excuse, Judged, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
 from lift_manager.lab.world.witness import Struck
@@ -207,7 +207,7 @@ def test_a_confirmed_hold_that_the_controller_never_had_is_found() -> None:
 def test_a_call_that_reads_on_in_a_mode_without_robots_is_let_pass_where_nothing_tells_the_mode(
     modes: frozenset[Mode], findings: list[str]
 ) -> None:
-    oracle = judge(shows=Shows(modes=modes))
+    oracle = judge(shows=MapEvidence(modes=modes))
     inspected = replace(DRIVES, mode=Mode.INSPECTION)
     polled(oracle, 4.0, inspected)
     outcome = Outcome(Command(CommandKind.CALL, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
@@ -384,7 +384,7 @@ def test_a_car_that_set_out_before_a_press_is_let_pass_only_where_nobody_could_s
     *, tells_motion: bool
 ) -> None:
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
-    oracle = judge(shows=Shows(motion=tells_motion))
+    oracle = judge(shows=MapEvidence(motion=tells_motion))
     polled(oracle, 5.0, replace(STANDS_OPEN, open_at=None, doors_shut=True, passed="L2"))
     polled(oracle, 7.0, replace(DRIVES, passed="L2", heading=-1), since=5.2)
     oracle.pressed(7.0, "lift", frozenset({"go_to"}))
@@ -395,7 +395,7 @@ def test_a_car_that_set_out_before_a_press_is_let_pass_only_where_nobody_could_s
 
 def test_a_session_that_ends_in_a_mode_nobody_can_see_leaves_its_outputs_the_usual_time() -> None:
     called = replace(STANDS_OPEN, given=(("go_to", 1),))
-    oracle = judge(shows=Shows(modes=frozenset()))
+    oracle = judge(shows=MapEvidence(modes=frozenset()))
     oracle.exchanged(0.0, "plc", answered(0.0))
     oracle.published(0.0, "lift", state(robot_door=RobotDoor.MOVING))
     polled(oracle, 2.0, called)

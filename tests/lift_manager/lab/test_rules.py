@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from lift_manager.lab.world.judged import Excuse, FloorBy, Shows, SuspectValues
+from lift_manager.lab.world.judged import Excuse, FloorBy, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
@@ -207,7 +207,7 @@ def test_robot_mode_that_is_dropped_because_of_a_fire_or_where_the_car_stands_is
 
 
 def test_an_invitation_without_our_hold_or_without_robot_mode_is_found() -> None:
-    oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=Shows(robot_mode=True))
+    oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=MapEvidence(robot_mode=True))
     rules.looked(1.0, "lift", HELD)
     rules.published(1.5, "lift", state())
     assert found(oracle) == []
@@ -217,7 +217,7 @@ def test_an_invitation_without_our_hold_or_without_robot_mode_is_found() -> None
 
 
 def test_a_lift_that_nobody_holds_may_stand_open_by_itself() -> None:
-    oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=Shows(robot_mode=True))
+    oracle, rules = book(holds=frozenset({"hold_door.front"}), shows=MapEvidence(robot_mode=True))
     rules.looked(2.0, "lift", replace(STANDS_OPEN, robot_mode=False))
     rules.published(9.0, "lift", state(holder=None))
     assert found(oracle) == []
@@ -291,7 +291,7 @@ def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the
 def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_the_car_is_there(
     told_by_doors: bool,
 ) -> None:
-    oracle, rules = book(shows=Shows(floor_by=FloorBy.DOOR if told_by_doors else FloorBy.SWITCH))
+    oracle, rules = book(shows=MapEvidence(floor_by=FloorBy.DOOR if told_by_doors else FloorBy.SWITCH))
     rules.looked(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
     rules.struck(3.0, Struck("manager", RESTART, began=True))
     rules.requested(5.0, replace(request("L2"), hold_door=False), None)
