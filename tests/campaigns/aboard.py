@@ -3,7 +3,7 @@
 from drivers.model import FloorName
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Forgot, Struck
+from lift_manager.lab.world.witness import FloorRequest, ForgottenRecords, Struck
 from lift_manager.lift.events import Acknowledged, HandedOver, SessionEnded, SessionOpened
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason, Holder
@@ -91,5 +91,5 @@ class Aboard:
 
     def struck(self, at: float, struck: Struck) -> None:
         """Forget a robot whose boarding may not have been written down when the manager was killed, as the manager does."""
-        for lift in struck.fault.lifts if isinstance(struck.fault, Forgot) else ():
+        for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
             self.left(lift)

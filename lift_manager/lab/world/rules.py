@@ -13,7 +13,7 @@ from drivers.model import FloorName, Result
 from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, SuspectValues
 from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, Forgot, Struck
+from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, ForgottenRecords, Struck
 from lift_manager.lift.events import (
     Acknowledged,
     CommandEnded,
@@ -263,7 +263,7 @@ class Rules:
         """Forget what a manager that is killed forgets; what people said is not among it."""
         for book in self._books.values() if struck.fault == STOP else ():
             book.stopping = True
-        for lift in struck.fault.lifts if isinstance(struck.fault, Forgot) else ():
+        for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
             self._books[lift].fire_since = self._books[lift].locked_since = math.inf
         if isinstance(struck.fault, PowerLoss) and struck.began and not struck.fault.outputs_held:
             # our outputs are gone, and nobody but the lift knows that it has taken a call from them

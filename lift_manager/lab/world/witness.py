@@ -34,7 +34,7 @@ class FloorRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Forgot:
+class ForgottenRecords:
     """What else a world strikes at a restart if the disk did not have the newest of some lifts: a fire or a lockout may be forgotten."""
 
     lifts: tuple[str, ...]

@@ -26,7 +26,7 @@ from lift_manager.lab.world.device import Device, MemoryController
 from lift_manager.lab.world.disk import DiskFault, DiskRecorder, SimulatedDisk
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
-from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, Forgot, Struck, Witness
+from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, ForgottenRecords, Struck, Witness
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Occurrence, StateChanged
@@ -268,7 +268,7 @@ class World:
         self._hearing.close()
         self._struck(Struck("manager", RESTART, began=True), ())
         if forgotten := tuple(self._recorder.unwritten):
-            self._struck(Struck("disk", Forgot(forgotten), began=True), ())
+            self._struck(Struck("disk", ForgottenRecords(forgotten), began=True), ())
         self._recorder.drop()
         self._build()
         self._start()
