@@ -3,7 +3,7 @@
 from drivers.model import FloorName
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, ForgottenRecords, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import Acknowledged, HandedOver, SessionEnded, SessionOpened
 from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import EndReason, Holder
@@ -89,7 +89,7 @@ class Aboard:
         if releases and self._robots.get(lift) == request.holder:
             self.left(lift)
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Forget a robot whose boarding may not have been written down when the manager was killed, as the manager does."""
         for lift in struck.fault.lifts if isinstance(struck.fault, ForgottenRecords) else ():
             self.left(lift)

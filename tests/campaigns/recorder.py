@@ -17,7 +17,7 @@ from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, ForgottenRecords, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lab.world.world import World
 from lift_manager.lift.journal import Row
 from lift_manager.lift.state import LiftState, Quality
@@ -106,7 +106,7 @@ class Recorder:
         }
         self._replied(at, said, refused)
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Write down a fault, a restart or the end."""
         what = "begins" if struck.began else "ends"
         match struck.fault:

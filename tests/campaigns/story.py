@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lift_manager.lab.world.judged import Finding
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.bus import Event
 from lift_manager.runtime.errors import RequestRefused
@@ -67,7 +67,7 @@ class Story:
         else:
             self._change(at, lift, f"refuses {holder}", f"{word}{refused.code}")
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Note a fault of the lift or of its wires, or of everything."""
         for lift, controllers in self._controllers.items():
             if struck.where in (lift, *controllers) or struck.where not in self._places:

@@ -1,7 +1,7 @@
 """A finding comes with what happened before it."""
 
 from lift_manager.lab.world.judged import Finding
-from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.session import Holder
 from lift_manager.runtime.errors import RequestRefused
@@ -13,8 +13,8 @@ REQUEST = FloorRequest("lift1", Holder("api", "amr"), "L2", hold_door=True)
 def test_the_words_before_a_finding_are_kept_whatever_happens_after_it() -> None:
     findings: list[Finding] = []
     story = Story(findings, {"lift1": ("plc1",), "lift2": ("plc2",)})
-    story.struck(1.0, Struck("plc2", "a cut", began=True))
-    story.struck(1.0, Struck("plc1", "noise", began=True))
+    story.struck(1.0, FaultChange("plc2", "a cut", began=True))
+    story.struck(1.0, FaultChange("plc1", "noise", began=True))
     story.requested(2.0, REQUEST, None)
     findings.append(Finding(2.5, "lift1", "pressed by a restart", "call"))
     story.pressed(2.5, "lift1", frozenset({"call"}))
@@ -31,7 +31,7 @@ def test_the_words_before_a_finding_are_kept_whatever_happens_after_it() -> None
 def test_a_restart_is_in_the_story_of_every_lift_and_a_refusal_in_it_once() -> None:
     findings: list[Finding] = []
     story = Story(findings, {"lift1": ("plc1",)})
-    story.struck(1.0, Struck("the manager", "restart", began=True))
+    story.struck(1.0, FaultChange("the manager", "restart", began=True))
     for second in range(5):
         story.requested(2.0 + second, REQUEST, RequestRefused(Refusal.HELD, "held"))
     findings.append(Finding(9.0, "lift1", "any", "thing"))

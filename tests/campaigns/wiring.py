@@ -12,7 +12,7 @@ from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, Witness
 from lift_manager.lab.world.world import World
 from lift_manager.lift.events import Alarm
 from lift_manager.lift.observation import RobotDoor
@@ -95,7 +95,7 @@ class Seen:
     def exchanged(self, at: float, controller: str, exchange: Exchange) -> None:
         """Nothing about the wire is looked at here."""
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Nothing is struck here."""
 
     def requested(self, at: float, request: FloorRequest, refused: object) -> None:

@@ -12,7 +12,7 @@ from drivers.model import FloorName
 from lift_manager.lab.scenario.vocabulary import KINDS
 from lift_manager.lab.world.fault_names import fault_name
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest
 from lift_manager.lift import events
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
@@ -136,7 +136,7 @@ class Recorder:
         }
         self.note(at, request.lift, "request", fields)
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Note a fault; one on a wire is one of every lift behind it."""
         fields = {"fault": fault_name(struck.fault), "began": struck.began}
         if struck.where in self._lifts:

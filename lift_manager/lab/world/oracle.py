@@ -17,7 +17,7 @@ from lift_manager.lab.world.judged import FORBIDDEN, Finding, Judged, Read, Susp
 from lift_manager.lab.world.shown import Untrue, untrue
 from lift_manager.lab.world.truth import History, Truth, in_words, sets_out
 from lift_manager.lab.world.wanted import is_wanted
-from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
+from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lift.events import CommandEnded, HandedOver
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.occupancy import RobotWord
@@ -288,7 +288,7 @@ class Oracle:
             watched.in_place_at[holder] = at
         watched.requests[holder] = request, before if last.floor == request.floor else last
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Know what cannot be detected, and how soon the rest must be."""
         for lift, watched in self._lifts.items():
             if struck.fault == RESTART:
@@ -348,7 +348,7 @@ class Oracle:
             watched.unwanted.pop(output, None)
             watched.stuck.pop(output[0], None)
 
-    def _is_faulty(self, watched: _Watched, struck: Struck, at: float) -> None:
+    def _is_faulty(self, watched: _Watched, struck: FaultChange, at: float) -> None:
         name = fault_name(struck.fault)
         excuse = watched.about.excuses.get(name)
         command = struck.fault.command if isinstance(struck.fault, ForeignWriter) else ""

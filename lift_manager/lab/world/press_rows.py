@@ -11,7 +11,7 @@ from drivers.modbus.steps import StepKind
 from lift_manager.lab.world.disk import SimulatedDisk
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest
 from lift_manager.lift.journal import Row, RowKind
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.bus import Event
@@ -66,7 +66,7 @@ class PressRows:
     def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """Nothing about requests is judged here."""
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Nothing excuses a press without its row but what the oracle knows of."""
 
     def _noted(self, row: Row) -> None:

@@ -13,7 +13,7 @@ from drivers.model import FloorName, Result
 from lift_manager.lab.world.judged import FORBIDDEN, Finding, FloorBy, Judged, SuspectValues
 from lift_manager.lab.world.oracle import FOREIGN, MISREAD, MODE_ENDS_WITHIN_S, STANDS_STILL, Oracle, untold
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, ForgottenRecords, Struck
+from lift_manager.lab.world.witness import RESTART, STOP, FaultChange, FloorRequest, ForgottenRecords
 from lift_manager.lift.events import (
     Acknowledged,
     CommandEnded,
@@ -259,7 +259,7 @@ class Rules:
             # what a person did in this very instant may not be known yet
             book.doubts.append((at, holder, book.session))
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Forget what a manager that is killed forgets; what people said is not among it."""
         for book in self._books.values() if struck.fault == STOP else ():
             book.stopping = True

@@ -41,7 +41,7 @@ class ForgottenRecords:
 
 
 @dataclass(frozen=True, slots=True)
-class Struck:
+class FaultChange:
     """A fault of a device, or on a wire, that began or ended."""
 
     where: str
@@ -71,5 +71,5 @@ class Witness(Protocol):
     def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         """A request to the manager, and why it was refused; None where it was taken."""
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """A fault began or ended."""

@@ -26,7 +26,7 @@ from lift_manager.lab.world.device import Device, MemoryController
 from lift_manager.lab.world.disk import DiskFault, DiskRecorder, SimulatedDisk
 from lift_manager.lab.world.truth import Truth, truth_of
 from lift_manager.lab.world.wire import FaultyWire
-from lift_manager.lab.world.witness import RESTART, STOP, FloorRequest, ForgottenRecords, Struck, Witness
+from lift_manager.lab.world.witness import RESTART, STOP, FaultChange, FloorRequest, ForgottenRecords, Witness
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.actor import LiftActor
 from lift_manager.runtime.bus import Occurrence, StateChanged
@@ -188,33 +188,33 @@ class World:
         """Let something go wrong with a lift or its controller."""
         self.lifts[lift].face.begin(fault, _now())
         self._switch(lift, fault, on=False)
-        self._struck(Struck(lift, fault, began=True), (lift,))
+        self._struck(FaultChange(lift, fault, began=True), (lift,))
 
     def end(self, lift: str, fault: Fault) -> None:
         """Let it be well again."""
         self.lifts[lift].face.end(fault, _now())
         self._switch(lift, fault, on=True)
-        self._struck(Struck(lift, fault, began=False), (lift,))
+        self._struck(FaultChange(lift, fault, began=False), (lift,))
 
     def spoil(self, controller: str, fault: WireFault) -> None:
         """Put a fault on the wire to a controller."""
         self.weather[controller].add(fault)
-        self._struck(Struck(controller, fault, began=True), ())
+        self._struck(FaultChange(controller, fault, began=True), ())
 
     def mend(self, controller: str, fault: WireFault) -> None:
         """Take a fault off the wire again."""
         self.weather[controller].remove(fault)
-        self._struck(Struck(controller, fault, began=False), ())
+        self._struck(FaultChange(controller, fault, began=False), ())
 
     def spoil_disk(self, fault: DiskFault) -> None:
         """Let the disk fail."""
         self.disk.begin(fault)
-        self._struck(Struck("disk", fault, began=True), ())
+        self._struck(FaultChange("disk", fault, began=True), ())
 
     def mend_disk(self, fault: DiskFault) -> None:
         """Let it work again."""
         self.disk.end(fault)
-        self._struck(Struck("disk", fault, began=False), ())
+        self._struck(FaultChange("disk", fault, began=False), ())
 
     def set_inputs(self, lift: str, inputs: Inputs) -> None:
         """Change what people press, hold and turn."""
@@ -245,7 +245,7 @@ class World:
             self._look(self.lifts)
             try:
                 yield self
-                self._struck(Struck("manager", STOP, began=True), ())
+                self._struck(FaultChange("manager", STOP, began=True), ())
                 await self._life.clear_doors()
                 with suppress(TimeoutError):
                     async with asyncio.timeout(app.RELEASE_WITHIN_S):
@@ -266,9 +266,9 @@ class World:
         for controller in self._controllers.values():
             controller.hang_up()
         self._hearing.close()
-        self._struck(Struck("manager", RESTART, began=True), ())
+        self._struck(FaultChange("manager", RESTART, began=True), ())
         if forgotten := tuple(self._recorder.unwritten):
-            self._struck(Struck("disk", ForgottenRecords(forgotten), began=True), ())
+            self._struck(FaultChange("disk", ForgottenRecords(forgotten), began=True), ())
         self._recorder.drop()
         self._build()
         self._start()
@@ -350,7 +350,7 @@ class World:
         for witness in self._witnesses:
             witness.exchanged(now, controller, exchange)
 
-    def _struck(self, struck: Struck, lifts: Sequence[str]) -> None:
+    def _struck(self, struck: FaultChange, lifts: Sequence[str]) -> None:
         now = _now()
         for witness in self._witnesses:
             witness.struck(now, struck)

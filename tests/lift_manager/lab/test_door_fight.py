@@ -8,7 +8,7 @@ import pytest
 from drivers.model import FloorName
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, Witness
 from lift_manager.lab.world.world import World
 from lift_manager.lift.events import Alarm
 from lift_manager.lift.observation import RobotDoor
@@ -66,7 +66,7 @@ class Watcher(Witness):
     def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         pass
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         pass
 
     def heard(self, at: float, event: Event) -> None:

@@ -13,7 +13,7 @@ from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.wanted import is_wanted
-from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
+from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.events import CommandEnded, HandedOver, SessionOpened, SessionRestored
 from lift_manager.lift.observation import RobotDoor
@@ -233,7 +233,7 @@ def test_registers_that_stand_still_excuse_only_what_was_so_when_they_came_to() 
         excuse = {"frozen_registers": Excuse(frozenset({SuspectValues.EFFECT, SuspectValues.OUTPUT}), None)}
         oracle = judge(excuses=excuse)
         polled(oracle, 2.0)
-        oracle.struck(2.0, Struck("lift", device.FrozenRegisters(), began=True))
+        oracle.struck(2.0, FaultChange("lift", device.FrozenRegisters(), began=True))
         polled(oracle, 6.0, SHUT, since=2.2)
         oracle.published(6.1, "lift", state(floor=floor))
         return found(oracle)
@@ -342,7 +342,7 @@ def restarted(*, by: Holder, floor: str) -> list[str]:
     rules = Rules(oracle)
     rules.looked(0.0, "lift", replace(SHUT, at="L1"))
     rules.heard(0.5, SessionOpened("lift", ROBOT, "L2"))
-    rules.struck(1.2, Struck("manager", RESTART, began=True))
+    rules.struck(1.2, FaultChange("manager", RESTART, began=True))
     rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
     rules.requested(4.3, FloorRequest("lift", by, floor, hold_door=True), None)
     rules.looked(4.4, "lift", replace(SHUT, at="L1", given=(("go_to", 1),)))
@@ -361,7 +361,7 @@ def test_after_a_restart_a_holder_that_hands_its_session_over_was_heard(*, hands
     oracle = judge()
     rules = Rules(oracle)
     oracle.requested(1.0, FloorRequest("lift", ROBOT, "L2", hold_door=True), None)
-    rules.struck(1.2, Struck("manager", RESTART, began=True))
+    rules.struck(1.2, FaultChange("manager", RESTART, began=True))
     rules.heard(1.2, SessionRestored("lift", ROBOT, "L2", ""))
     if hands_over:
         rules.heard(4.1, HandedOver("lift", ROBOT, OTHER))
@@ -380,7 +380,7 @@ def test_a_call_that_the_lift_still_has_is_not_pressed_again_after_a_restart(*, 
     rules.requested(0.5, request, None)
     rules.looked(0.6, "lift", called)
     rules.pressed(0.6, "lift", frozenset({"go_to"}))
-    rules.struck(4.0, Struck("manager", RESTART, began=True))
+    rules.struck(4.0, FaultChange("manager", RESTART, began=True))
     rules.heard(4.0, SessionRestored("lift", ROBOT, "L2", ""))
     rules.requested(5.0, request, None)
     rules.looked(5.1, "lift", called if has_call else replace(called, calls=frozenset()))

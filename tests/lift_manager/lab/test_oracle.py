@@ -8,7 +8,7 @@ from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lab.world.judged import Excuse, Judged, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import Struck
+from lift_manager.lab.world.witness import FaultChange
 from lift_manager.lift.events import CommandEnded
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
@@ -261,7 +261,7 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
 ) -> None:
     oracle = judge(excuses=frozen(within_s))
     polled(oracle, 2.0)
-    oracle.struck(2.0, Struck("lift", FrozenRegisters(), began=True))
+    oracle.struck(2.0, FaultChange("lift", FrozenRegisters(), began=True))
     polled(oracle, 6.0, SHUT, since=2.2)
     oracle.published(6.1, "lift", state())
     assert rules(oracle) == found
@@ -271,7 +271,7 @@ def test_what_is_undetectable_is_let_pass_and_what_must_be_detected_only_for_so_
 def test_a_fault_excuses_nothing_but_its_own_lies() -> None:
     oracle = judge(excuses={"lost_press": Excuse(frozenset({SuspectValues.EFFECT}), None)})
     polled(oracle, 2.0, SHUT)
-    oracle.struck(2.0, Struck("lift", LostPress(), began=True))
+    oracle.struck(2.0, FaultChange("lift", LostPress(), began=True))
     oracle.published(2.1, "lift", state())
     assert rules(oracle) == ["said open and was not"]
 
@@ -279,8 +279,8 @@ def test_a_fault_excuses_nothing_but_its_own_lies() -> None:
 def test_an_excuse_ends_soon_after_its_fault() -> None:
     oracle = judge(excuses=frozen(None))
     polled(oracle, 2.0, SHUT)
-    oracle.struck(2.0, Struck("lift", FrozenRegisters(), began=True))
-    oracle.struck(3.0, Struck("lift", FrozenRegisters(), began=False))
+    oracle.struck(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    oracle.struck(3.0, FaultChange("lift", FrozenRegisters(), began=False))
     polled(oracle, 9.0, SHUT, since=3.2)
     oracle.published(9.1, "lift", state())
     assert rules(oracle) == ["said open and was not"]
@@ -327,14 +327,14 @@ def test_robot_mode_may_last_while_a_heartbeat_that_stands_still_hides_the_car()
     oracle = judge(excuses={"frozen_heartbeat": Excuse(frozenset(), None)})
     stands = replace(STANDS_OPEN, given=(("robot_mode", 1),))
     polled(oracle, 2.0, stands)
-    oracle.struck(2.0, Struck("lift", FrozenHeartbeat(), began=True))
+    oracle.struck(2.0, FaultChange("lift", FrozenHeartbeat(), began=True))
     oracle.published(2.0, "lift", state(holder=None, quality=Quality.OFFLINE))
     polled(oracle, 15.0, stands, since=2.2)
     # what strikes meanwhile does not make the judge forget it
-    oracle.struck(15.0, Struck("lift", ReopeningDoor(Side.FRONT), began=True))
+    oracle.struck(15.0, FaultChange("lift", ReopeningDoor(Side.FRONT), began=True))
     polled(oracle, 25.0, stands, since=15.2)
     assert rules(oracle) == []
-    oracle.struck(25.0, Struck("lift", FrozenHeartbeat(), began=False))
+    oracle.struck(25.0, FaultChange("lift", FrozenHeartbeat(), began=False))
     polled(oracle, 35.0, stands, since=25.2)
     assert set(rules(oracle)) == {"output on too long"}
 
@@ -371,7 +371,7 @@ def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_ou
     outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
     oracle = judge(excuses=lost)
     polled(oracle, 6.0, at_the_press)
-    oracle.struck(6.0, Struck("lift", LostPress(), began=True))
+    oracle.struck(6.0, FaultChange("lift", LostPress(), began=True))
     oracle.pressed(6.0, "lift", frozenset({"go_to"}))
     polled(oracle, 7.0, afterwards, since=6.2)
     oracle.heard(7.1, CommandEnded("lift", outcome))
@@ -399,7 +399,7 @@ def test_a_session_that_ends_in_a_mode_nobody_can_see_leaves_its_outputs_the_usu
     oracle.exchanged(0.0, "plc", answered(0.0))
     oracle.published(0.0, "lift", state(robot_door=RobotDoor.MOVING))
     polled(oracle, 2.0, called)
-    oracle.struck(2.0, Struck("lift", InMode(Mode.FIRE), began=True))
+    oracle.struck(2.0, FaultChange("lift", InMode(Mode.FIRE), began=True))
     polled(oracle, 7.9, replace(called, mode=Mode.FIRE), since=2.2)
     oracle.published(7.9, "lift", state(robot_door=RobotDoor.MOVING, holder=None))
     polled(oracle, 10.5, replace(called, mode=Mode.FIRE), since=8.0)
@@ -412,8 +412,8 @@ def test_what_a_fault_left_on_unseen_is_let_pass_only_until_it_has_been_off_once
     oracle = judge(excuses=frozen(None))
     polled(oracle, 2.0, HELD)
     oracle.published(2.0, "lift", state(holder=None))
-    oracle.struck(2.0, Struck("lift", FrozenRegisters(), began=True))
-    oracle.struck(3.0, Struck("lift", FrozenRegisters(), began=False))
+    oracle.struck(2.0, FaultChange("lift", FrozenRegisters(), began=True))
+    oracle.struck(3.0, FaultChange("lift", FrozenRegisters(), began=False))
     polled(oracle, 20.0, HELD, since=2.2)
     assert rules(oracle) == []
     assert oracle.excused

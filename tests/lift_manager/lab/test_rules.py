@@ -8,7 +8,7 @@ import pytest
 from lift_manager.lab.world.judged import Excuse, FloorBy, MapEvidence, SuspectValues
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
-from lift_manager.lab.world.witness import RESTART, FloorRequest, Struck
+from lift_manager.lab.world.witness import RESTART, FaultChange, FloorRequest
 from lift_manager.lift.events import (
     Acknowledged,
     Cause,
@@ -80,7 +80,7 @@ def test_a_robot_that_is_let_in_after_a_fire_is_found_until_a_person_has_looked(
 def test_a_press_after_a_fire_is_found_over_a_restart_too() -> None:
     oracle, rules = book()
     rules.published(1.0, "lift", on_fire())
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.requested(8.0, request(), None)
     rules.pressed(9.0, "lift", frozenset({"go_to"}))
     assert found(oracle) == ["pressed after a fire"]
@@ -228,7 +228,7 @@ def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> 
     rules.requested(1.0, request(), None)
     rules.heard(1.0, opened())
     rules.pressed(1.1, "lift", frozenset({"go_to"}))
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.heard(3.1, SessionRestored("lift", ROBOT, "L1", ""))
     assert found(oracle) == []
     rules.pressed(4.0, "lift", frozenset({"robot_mode"}))
@@ -241,7 +241,7 @@ def test_what_is_pressed_after_a_restart_before_anybody_has_asked_is_found() -> 
 def test_a_robot_that_says_it_is_inside_has_asked_for_the_lift() -> None:
     oracle, rules = book()
     rules.looked(2.0, "lift", STANDS_OPEN)
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.requested(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.IN_PLACE), None)
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == []
@@ -250,7 +250,7 @@ def test_a_robot_that_says_it_is_inside_has_asked_for_the_lift() -> None:
 def test_a_word_to_let_go_is_no_wish_for_the_lift() -> None:
     oracle, rules = book()
     rules.looked(2.0, "lift", STANDS_OPEN)
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.requested(5.0, replace(request("L2"), hold_door=False, robot=RobotWord.LEFT), None)
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == ["pressed by a restart"]
@@ -269,8 +269,8 @@ def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | 
     rules.pressed(1.1, "lift", frozenset({"go_to"}))
     if fault is not None:
         for witness in (oracle, rules):
-            witness.struck(2.0, Struck("lift", fault, began=True))
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+            witness.struck(2.0, FaultChange("lift", fault, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.requested(4.0, request(), None)
     rules.looked(9.0, "lift", called)
     rules.pressed(9.0, "lift", frozenset({"go_to"}))
@@ -281,7 +281,7 @@ def test_a_call_that_stands_is_not_pressed_again_after_a_restart(fault: Fault | 
 def test_a_request_of_a_session_that_stays_is_a_wish_for_the_lift_also_where_the_car_stands() -> None:
     oracle, rules = book()
     rules.looked(2.0, "lift", STANDS_OPEN)
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.requested(5.0, replace(request("L2"), hold_door=False, stays=True), None)
     rules.pressed(6.0, "lift", frozenset({"robot_mode"}))
     assert found(oracle) == []
@@ -293,7 +293,7 @@ def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_t
 ) -> None:
     oracle, rules = book(shows=MapEvidence(floor_by=FloorBy.DOOR if told_by_doors else FloorBy.SWITCH))
     rules.looked(2.0, "lift", replace(STANDS_OPEN, open_at=None, doors_shut=True))
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.requested(5.0, replace(request("L2"), hold_door=False), None)
     rules.pressed(6.0, "lift", frozenset({"call"}))
     assert found(oracle) == ([] if told_by_doors else ["pressed by a restart"])
@@ -302,7 +302,7 @@ def test_a_request_without_a_hold_is_a_call_where_only_an_open_door_tells_that_t
 def test_the_same_holder_may_go_on_after_a_restart_and_nobody_else() -> None:
     oracle, rules = book()
     rules.heard(1.0, opened())
-    rules.struck(3.0, Struck("manager", RESTART, began=True))
+    rules.struck(3.0, FaultChange("manager", RESTART, began=True))
     rules.heard(3.1, SessionRestored("lift", ROBOT, "L1", ""))
     rules.heard(4.0, HandedOver("lift", ROBOT, OTHER))
     assert found(oracle) == []

@@ -13,7 +13,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, Witness
 from lift_manager.lab.world.world import World, WorldError
 from lift_manager.lift.events import RestrictionBegun, RestrictionEnded, RestrictionKind
 from lift_manager.lift.observation import RobotDoor
@@ -41,7 +41,7 @@ class Recorder:
         self.exchanges: list[Exchange] = []
         self.events: list[Event] = []
         self.requests: list[tuple[FloorRequest, RequestRefused | None]] = []
-        self.faults: list[tuple[float, Struck]] = []
+        self.faults: list[tuple[float, FaultChange]] = []
 
     def looked(self, at: float, lift: str, truth: Truth) -> None:
         self.truths.append((at, truth))
@@ -61,7 +61,7 @@ class Recorder:
     def requested(self, at: float, request: FloorRequest, refused: RequestRefused | None) -> None:
         self.requests.append((request, refused))
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         self.faults.append((at, struck))
 
 
@@ -129,7 +129,7 @@ def test_the_truth_is_that_of_the_lift_and_not_of_its_registers() -> None:
 
     seen = in_world(check)
     assert all(truth.doors_shut for _, truth in seen.truths)
-    assert [struck for _, struck in seen.faults][:1] == [Struck("lift", StuckDoor(), began=True)]
+    assert [struck for _, struck in seen.faults][:1] == [FaultChange("lift", StuckDoor(), began=True)]
 
 
 def test_a_device_without_power_is_off_the_network_until_it_has_it_again() -> None:

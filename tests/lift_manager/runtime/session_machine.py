@@ -17,7 +17,7 @@ from lift_manager.lab.world.judging import judge_of
 from lift_manager.lab.world.oracle import Oracle
 from lift_manager.lab.world.rules import Rules
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck, Witness
+from lift_manager.lab.world.witness import FaultChange, FloorRequest, Witness
 from lift_manager.lab.world.world import BEGAN_AT, World
 from lift_manager.lift.commands import CommandType
 from lift_manager.lift.events import HandedOver, Restriction, SessionEnded, SessionOpened, SessionRestored
@@ -108,7 +108,7 @@ class Book:
             self.wanted_by, self.wanted = request.holder, set()
         self.wanted.add(request.floor)
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """A kill ends no session by itself, but what is heard of it begins anew."""
         if struck.fault == "restart":
             self.holder = None

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from lift_manager.lab.world.truth import Truth
-from lift_manager.lab.world.witness import FloorRequest, Struck
+from lift_manager.lab.world.witness import FaultChange, FloorRequest
 from lift_manager.lift.events import RestrictionBegun, RestrictionEnded
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
@@ -208,7 +208,7 @@ class Judge:
         if request.lift == self.lift:
             self.wants(at, str(request.holder), self.floors[request.floor])
 
-    def struck(self, at: float, struck: Struck) -> None:
+    def struck(self, at: float, struck: FaultChange) -> None:
         """Excuses are given by name, see `excuse`."""
 
     # -- what the world of RMF tells
