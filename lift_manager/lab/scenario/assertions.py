@@ -75,7 +75,7 @@ class Broken:
 
 
 @dataclass(frozen=True, slots=True)
-class Met:
+class DemandMet:
     """A demand is met; with what there is to say about it."""
 
     text: str = ""
@@ -103,7 +103,7 @@ class _Span:
     lasts: bool = True
 
 
-def judge(demand: Demand, run: Run, window: Window = ALWAYS) -> Broken | Met:
+def judge(demand: Demand, run: Run, window: Window = ALWAYS) -> Broken | DemandMet:
     """Say whether a demand is met by the trace of one lift."""
     window = Window(window.after_s, min(window.before_s, run.lasts_s))
     match demand:
@@ -119,7 +119,7 @@ def judge(demand: Demand, run: Run, window: Window = ALWAYS) -> Broken | Met:
             assert_never(demand)
 
 
-def _never(demand: Never, run: Run, window: Window) -> Broken | Met:
+def _never(demand: Never, run: Run, window: Window) -> Broken | DemandMet:
     during = None if demand.during is None else list(_trials(demand.during, run, window))
     if during == [] and demand.during is not None:
         return Broken(f"was never on trial: {_tried(demand.during)} did not come about")
@@ -127,16 +127,16 @@ def _never(demand: Never, run: Run, window: Window) -> Broken | Met:
         at_s = _within(span, window) if during is None else _first(span, during, window)
         if at_s is not None:
             return Broken("it happened", at_s, span.entry)
-    return Met()
+    return DemandMet()
 
 
-def _eventually(demand: Eventually, run: Run, window: Window) -> Broken | Met:
+def _eventually(demand: Eventually, run: Run, window: Window) -> Broken | DemandMet:
     spans = list(_spans(demand.match, run))
     if demand.after is None:
         until_s = window.before_s if demand.within_s is None else window.after_s + demand.within_s
         limited = Window(window.after_s, min(window.before_s, until_s))
         found = [at for span in spans if (at := _within(span, limited)) is not None]
-        return Met(_at(min(found))) if found else Broken("it did not happen", limited.before_s)
+        return DemandMet(_at(min(found))) if found else Broken("it did not happen", limited.before_s)
     befores = [one for one in _spans(demand.after, run) if window.after_s <= one.start_s <= window.before_s]
     if not befores:
         return Broken(f"was never on trial: {demand.after} did not come about")
@@ -148,10 +148,12 @@ def _eventually(demand: Eventually, run: Run, window: Window) -> Broken | Met:
         if not following:
             return Broken(f"nothing of it followed within {until_s - before.start_s:g} s", until_s, before.entry)
         longest = max(longest, following[0].start_s - before.start_s)
-    return Met(f"{len(befores)} times, after {longest:g} s at most" if len(befores) > 1 else f"after {longest:g} s")
+    return DemandMet(
+        f"{len(befores)} times, after {longest:g} s at most" if len(befores) > 1 else f"after {longest:g} s"
+    )
 
 
-def _ordered(demand: Ordered, run: Run, window: Window) -> Broken | Met:
+def _ordered(demand: Ordered, run: Run, window: Window) -> Broken | DemandMet:
     reached, at_s, last = -1, window.after_s, None
     for number, match in enumerate(demand.matches, 1):
         spans = [span for span in _spans(match, run) if _within(span, window) is not None]
@@ -160,10 +162,10 @@ def _ordered(demand: Ordered, run: Run, window: Window) -> Broken | Met:
             return Broken(f"number {number} did not follow: {match}", at_s, last)
         reached, last = max(reached, later[0].first), later[0].entry
         at_s = max(at_s, later[0].start_s)
-    return Met(_at(at_s))
+    return DemandMet(_at(at_s))
 
 
-def _count(demand: Count, run: Run, window: Window) -> Broken | Met:
+def _count(demand: Count, run: Run, window: Window) -> Broken | DemandMet:
     spans = [one for one in _spans(demand.match, run) if window.after_s <= one.start_s <= window.before_s]
     if demand.during is not None:
         trials = list(_trials(demand.during, run, window))
@@ -177,7 +179,7 @@ def _count(demand: Count, run: Run, window: Window) -> Broken | Met:
     if demand.at_least is not None and number < demand.at_least:
         text = f"it happened {_times(number)}"
         return Broken(text) if last is None else Broken(text, last.start_s, last.entry)
-    return Met(_times(number))
+    return DemandMet(_times(number))
 
 
 # -- when something holds

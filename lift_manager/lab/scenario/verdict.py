@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from lift_manager.lab.scenario.assertions import Broken, Met, Run, judge
+from lift_manager.lab.scenario.assertions import Broken, DemandMet, Run, judge
 from lift_manager.lab.scenario.expectations import Expected
 from lift_manager.lab.scenario.play import Played
 from lift_manager.lab.scenario.trace import Entry, Value, changes
@@ -112,7 +112,7 @@ def _judged(expected: Expected, played: Played, lasts_s: float) -> Iterator[Judg
         at_s = result.at_s if isinstance(result, Broken) else None
         around = tuple(_around(result, entries)) if isinstance(result, Broken) else ()
         shown = f"{lift}: {expected}" if len(played.scenario.lifts) > 1 else str(expected)
-        ok = isinstance(result, Met)
+        ok = isinstance(result, DemandMet)
         yield Judgement(expected.line, shown, lift, ok, result.text, expected.because, at_s, around)
 
 

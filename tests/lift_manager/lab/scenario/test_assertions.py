@@ -8,8 +8,8 @@ import yaml
 from lift_manager.lab.scenario.assertions import (
     Broken,
     Count,
+    DemandMet,
     Eventually,
-    Met,
     Never,
     Ordered,
     Run,
@@ -104,13 +104,13 @@ def test_what_must_never_happen_may_not_happen_at_all(m: Matches) -> None:
     assert judge(Never(m("kind: press, command: go_to")), with_press(3.0)) == Broken(
         "it happened", 3.0, with_press(3.0).entries[1]
     )
-    assert isinstance(judge(Never(m("kind: press, command: call")), with_press(3.0)), Met)
+    assert isinstance(judge(Never(m("kind: press, command: call")), with_press(3.0)), DemandMet)
 
 
 def test_only_the_window_counts(m: Matches) -> None:
     never = Never(m("kind: press"))
-    assert isinstance(judge(never, with_press(3.0), Window(after_s=3.5)), Met)
-    assert isinstance(judge(never, with_press(3.0), Window(before_s=2.5)), Met)
+    assert isinstance(judge(never, with_press(3.0), Window(after_s=3.5)), DemandMet)
+    assert isinstance(judge(never, with_press(3.0), Window(before_s=2.5)), DemandMet)
     assert isinstance(judge(never, with_press(3.0), Window(2.5, 3.5)), Broken)
 
 
@@ -131,8 +131,8 @@ def test_what_was_never_on_trial_has_failed(m: Matches, kind: str) -> None:
 
 def test_something_happens_in_time_or_it_does_not(m: Matches) -> None:
     fire = m("kind: truth, mode: fire")
-    assert judge(Eventually(fire), FIRE) == Met("at 10 s")
-    assert isinstance(judge(Eventually(fire, within_s=10.0), FIRE), Met)
+    assert judge(Eventually(fire), FIRE) == DemandMet("at 10 s")
+    assert isinstance(judge(Eventually(fire, within_s=10.0), FIRE), DemandMet)
     assert judge(Eventually(fire, within_s=9.9), FIRE) == Broken("it did not happen", 9.9)
     assert judge(Eventually(m("kind: truth, mode: emergency")), FIRE) == Broken("it did not happen", 20.0)
 
@@ -141,7 +141,7 @@ def test_something_happens_in_time_or_it_does_not(m: Matches) -> None:
 def test_something_follows_something_else_in_time(m: Matches, at_s: float, within_s: float, ok: bool) -> None:
     demand = Eventually(m("kind: press"), within_s, m("kind: truth, mode: fire"))
     result = judge(demand, with_press(at_s))
-    assert isinstance(result, Met) is ok
+    assert isinstance(result, DemandMet) is ok
     if isinstance(result, Broken):
         assert result.entry == entry(10, "truth", mode="fire")
 
@@ -150,7 +150,7 @@ def test_each_of_what_comes_before_must_be_followed(m: Matches) -> None:
     entries = [entry(at, "press", command="go_to") for at in (1.0, 5.0)]
     answered = [*entries, entry(2.0, "outcome", command="go_to"), entry(6.0, "outcome", command="go_to")]
     demand = Eventually(m("kind: outcome"), 1.5, m("kind: press"))
-    assert isinstance(judge(demand, Run(sorted(answered, key=lambda one: one.at_s), 20.0)), Met)
+    assert isinstance(judge(demand, Run(sorted(answered, key=lambda one: one.at_s), 20.0)), DemandMet)
     result = judge(demand, run(*sorted(answered[:3], key=lambda one: one.at_s)))
     assert isinstance(result, Broken)
     assert result.entry == entries[1]
@@ -159,7 +159,7 @@ def test_each_of_what_comes_before_must_be_followed(m: Matches) -> None:
 def test_what_holds_already_has_followed(m: Matches) -> None:
     still = run(entry(0, "state", robot_door="moving"), *FIRE.entries)
     demand = Eventually(m("kind: state, robot_door: moving"), 1.0, m("kind: truth, mode: fire"))
-    assert isinstance(judge(demand, still), Met)
+    assert isinstance(judge(demand, still), DemandMet)
 
 
 def test_nothing_follows_what_never_came(m: Matches) -> None:
@@ -171,7 +171,7 @@ def test_nothing_follows_what_never_came(m: Matches) -> None:
 def test_order_is_kept_whatever_lies_between(m: Matches) -> None:
     entries = run(*(entry(float(at), "press", command=name) for at, name in enumerate(("a", "x", "b", "c"))))
     a, b, c = (m(f"kind: press, command: {name}") for name in "abc")
-    assert judge(Ordered((a, b, c)), entries) == Met("at 3 s")
+    assert judge(Ordered((a, b, c)), entries) == DemandMet("at 3 s")
     result = judge(Ordered((a, c, b)), entries)
     assert isinstance(result, Broken)
     assert "number 3 did not follow: press command b" in result.text
@@ -186,16 +186,16 @@ def test_one_entry_is_not_two(m: Matches) -> None:
 def test_counts_have_bounds(m: Matches) -> None:
     presses = run(*(entry(float(at), "press", command="a") for at in range(1, 4)))
     press = m("kind: press")
-    assert judge(Count(press, 3, 3), presses) == Met("3 times")
+    assert judge(Count(press, 3, 3), presses) == DemandMet("3 times")
     assert judge(Count(press, at_most=2), presses) == Broken("it happened 3 times", 3.0, presses.entries[2])
     assert judge(Count(press, at_least=4), presses) == Broken("it happened 3 times", 3.0, presses.entries[2])
-    assert isinstance(judge(Count(press, at_most=2), presses, Window(after_s=1.5)), Met)
+    assert isinstance(judge(Count(press, at_most=2), presses, Window(after_s=1.5)), DemandMet)
 
 
 def test_what_lasts_counts_once_until_it_ends(m: Matches) -> None:
     words = ("open", "open", "closed", "open")
     doors = run(*(entry(float(at), "state", robot_door=door, floor=str(at)) for at, door in enumerate(words)))
-    assert judge(Count(m("kind: state, robot_door: open"), 2, 2), doors) == Met("2 times")
+    assert judge(Count(m("kind: state, robot_door: open"), 2, 2), doors) == DemandMet("2 times")
 
 
 def test_faults_hold_beside_one_another(m: Matches) -> None:
@@ -208,7 +208,7 @@ def test_faults_hold_beside_one_another(m: Matches) -> None:
         entry(6, "press", command="go_to"),
     )
     during = While(m("kind: fault, fault: stuck_door, began: true"))
-    assert judge(Count(m("kind: press"), 1, 1, during), faults) == Met("once")
+    assert judge(Count(m("kind: press"), 1, 1, during), faults) == DemandMet("once")
 
 
 @each_row(
