@@ -41,7 +41,7 @@ class _Beside(_Strict):
 
 
 @dataclass(frozen=True, slots=True)
-class OnWire:
+class WireFaultSpec:
     """A fault on the wire to one controller, or to every controller of a lift."""
 
     fault: WireFault
@@ -87,7 +87,7 @@ def read_fault(raw: object, path: KeyPath, mistakes: Mistakes, floors: Sequence[
     return made
 
 
-def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> OnWire | None:
+def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> WireFaultSpec | None:
     """Read a fault on the wire: `half_open`, `{delay: 0.5}` or `{late_answer: {seconds: 0.8}, times: 3, only: {access: reads}}`."""
     if isinstance(raw, dict) and "on" in raw:
         mistakes.say((*path, "on"), "is `only` in a scenario, because YAML reads `on` as yes", instead=True)
@@ -109,7 +109,7 @@ def read_wire(raw: object, path: KeyPath, mistakes: Mistakes) -> OnWire | None:
         return None
     values |= {"times": limits.times, "probability": limits.probability} | ({} if target is None else {"on": target})
     made: WireFault | None = _made(kind, values, path, mistakes)
-    return None if made is None else OnWire(made, limits.controller)
+    return None if made is None else WireFaultSpec(made, limits.controller)
 
 
 def read_people(raw: object, path: KeyPath, mistakes: Mistakes) -> tuple[int | None, Traffic] | None:

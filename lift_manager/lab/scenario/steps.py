@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from lift_manager.lab.scenario.faults import OnWire, read_fault, read_people, read_wire
+from lift_manager.lab.scenario.faults import WireFaultSpec, read_fault, read_people, read_wire
 from lift_manager.lab.scenario.matching import Match, read_match
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import DOINGS, GOES_WITH_IN_STEP, Scenario, Step
@@ -22,7 +22,7 @@ class Parts:
     when: Match | None
     until: Match | None
     fault: Fault | None
-    wire: OnWire | None
+    wire: WireFaultSpec | None
     people: tuple[int | None, Traffic] | None
     """The seed, None for the scenario's own, and how they behave."""
 
