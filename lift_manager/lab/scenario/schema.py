@@ -94,13 +94,13 @@ class Inputs(_Part):
     """The light curtain."""
 
 
-class Says(_Part):
+class PersonAction(_Part):
     """A person's word."""
 
     by: Text
 
 
-class SaysWhy(Says):
+class SaysWhy(PersonAction):
     """A person's word, with the reason."""
 
     reason: Text
@@ -120,11 +120,11 @@ class Step(_Part):
     wire: Any = None
     people: Any = None
     inputs: Inputs | None = None
-    acknowledge: Says | None = None
+    acknowledge: PersonAction | None = None
     lock_out: SaysWhy | None = None
-    end_lockout: Says | None = None
+    end_lockout: PersonAction | None = None
     drain: SaysWhy | None = None
-    end_drain: Says | None = None
+    end_drain: PersonAction | None = None
     for_s: Seconds | None = None
     every_s: Seconds | None = None
     until: Any = None
