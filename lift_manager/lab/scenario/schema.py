@@ -100,7 +100,7 @@ class PersonAction(_Part):
     by: Text
 
 
-class SaysWhy(PersonAction):
+class ReasonedAction(PersonAction):
     """A person's word, with the reason."""
 
     reason: Text
@@ -121,9 +121,9 @@ class Step(_Part):
     people: Any = None
     inputs: Inputs | None = None
     acknowledge: PersonAction | None = None
-    lock_out: SaysWhy | None = None
+    lock_out: ReasonedAction | None = None
     end_lockout: PersonAction | None = None
-    drain: SaysWhy | None = None
+    drain: ReasonedAction | None = None
     end_drain: PersonAction | None = None
     for_s: Seconds | None = None
     every_s: Seconds | None = None
