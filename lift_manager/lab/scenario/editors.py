@@ -9,14 +9,14 @@ from pydantic import BaseModel
 
 from lift_manager.lab.scenario.faults import BESIDE, DEVICE_FAULTS, READY, WIRE, model_of, people_model
 from lift_manager.lab.scenario.schema import Scenario
-from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, Sort
+from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, ValueType
 from register_maps.draft_7 import draft_7_text
 from simulator.wire_faults import Target
 
 Json = dict[str, Any]
 
 _MATCHES = {"Step": ("when", "until"), "Expectation": ("never", "eventually", "count", "while", "after")}
-_TYPES: Mapping[Sort, Json] = {Sort.NUMBER: {"type": "number"}, Sort.FLAG: {"type": "boolean"}}
+_TYPES: Mapping[ValueType, Json] = {ValueType.NUMBER: {"type": "number"}, ValueType.FLAG: {"type": "boolean"}}
 
 
 def json_schema() -> str:
@@ -63,14 +63,14 @@ def _field(name: str, field: Field, parts: Json) -> Json:
     return {"description": field.about + many, "allOf": [{"$ref": f"#/$defs/{shared}"}]}
 
 
-def _values(value: Json, sort: Sort) -> Json:
+def _values(value: Json, sort: ValueType) -> Json:
     """Return what may stand for a value: itself, nothing, any of a list, or a comparison."""
     one = {"enum": [*value["enum"], None]} if "enum" in value else {"anyOf": [value, {"type": "null"}]}
     some = [one, {"type": "array", "items": one, "minItems": 1}]
     compared: Json = {"not": {"anyOf": some}}
-    if sort is Sort.NUMBER:
+    if sort is ValueType.NUMBER:
         compared |= {"above": {"type": "number"}, "below": {"type": "number"}}
-    if sort is Sort.TEXT:
+    if sort is ValueType.TEXT:
         compared |= {"contains": {"type": "string", "minLength": 1}}
     comparison = {"type": "object", "properties": compared, "additionalProperties": False, "minProperties": 1}
     return {"anyOf": [*some, comparison]}

@@ -8,14 +8,14 @@ from typing import Any
 
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.trace import Entry, Value
-from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, Sort
+from lift_manager.lab.scenario.vocabulary import KINDS, LISTS, Field, ValueType
 from register_maps.plain import closest
 from register_maps.source import KeyPath
 
 COMPARISONS = ("above", "below", "contains", "not")
 """What may stand in place of a value."""
 
-_SORTS = {Sort.FLAG: "true or false", Sort.NUMBER: "a number"}
+_SORTS = {ValueType.FLAG: "true or false", ValueType.NUMBER: "a number"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,16 +125,16 @@ class _Reading:
         if raw is None:
             return None
         if sort in _SORTS:
-            is_right = isinstance(raw, bool) if sort is Sort.FLAG else _is_number(raw)
+            is_right = isinstance(raw, bool) if sort is ValueType.FLAG else _is_number(raw)
             if not is_right:
                 self.mistakes.say(path, f"must be {_SORTS[sort]}, not {raw!r}")
             return raw if isinstance(raw, bool | int | float) else None
         if not isinstance(raw, str):
             self.mistakes.say(path, f'must be text, not {raw!r}; quote it: "{raw}"')
             return None
-        if sort is Sort.WORD and raw not in words:
+        if sort is ValueType.WORD and raw not in words:
             self.mistakes.say(path, f"must be one of {', '.join(words)}, not {raw!r}{closest(raw, words)}")
-        if sort in (Sort.FLOOR, Sort.FLOORS) and self.floors is not None and raw not in self.floors:
+        if sort in (ValueType.FLOOR, ValueType.FLOORS) and self.floors is not None and raw not in self.floors:
             self.mistakes.say(path, f"no floor {raw!r}; there is {', '.join(self.floors)}")
         return raw
 
@@ -159,7 +159,7 @@ def _condition(raw: object, path: KeyPath, reading: _Reading) -> Condition:
 
 
 def _contained(raw: object, path: KeyPath, reading: _Reading) -> str:
-    if reading.field.sort is not Sort.TEXT:
+    if reading.field.sort is not ValueType.TEXT:
         many = "; a list matches when one of its entries does" if reading.field.sort in LISTS else ""
         reading.mistakes.say(path, f"only text contains something, and this is {reading.field.sort}{many}")
     if not isinstance(raw, str) or not raw:
@@ -168,7 +168,7 @@ def _contained(raw: object, path: KeyPath, reading: _Reading) -> str:
 
 
 def _bound(raw: object, path: KeyPath, reading: _Reading) -> float:
-    if reading.field.sort is not Sort.NUMBER:
+    if reading.field.sort is not ValueType.NUMBER:
         reading.mistakes.say(path, f"only numbers are above or below, and this is {reading.field.sort}")
     if not _is_number(raw):
         reading.mistakes.say(path, f"must be a number, not {raw!r}")

@@ -18,7 +18,7 @@ from simulator.wire_faults import WIRE_FAULTS
 
 
 @unique
-class Sort(StrEnum):
+class ValueType(StrEnum):
     """What the value of a field is."""
 
     TEXT = "text"
@@ -31,7 +31,7 @@ class Sort(StrEnum):
     COMMANDS = "commands"
 
 
-LISTS = frozenset({Sort.FLOORS, Sort.COMMANDS})
+LISTS = frozenset({ValueType.FLOORS, ValueType.COMMANDS})
 """Fields with several values; a match with one of them is a match."""
 
 
@@ -39,7 +39,7 @@ LISTS = frozenset({Sort.FLOORS, Sort.COMMANDS})
 class Field:
     """One field of an entry."""
 
-    sort: Sort
+    sort: ValueType
     about: str
     words: tuple[str, ...] = ()
     """Of a closed list, all of it."""
@@ -87,19 +87,19 @@ class RobotDoes(StrEnum):
 
 
 def _words(values: Iterable[str], about: str) -> Field:
-    return Field(Sort.WORD, about, tuple(str(value) for value in values))
+    return Field(ValueType.WORD, about, tuple(str(value) for value in values))
 
 
 def _text(about: str) -> Field:
-    return Field(Sort.TEXT, about)
+    return Field(ValueType.TEXT, about)
 
 
 def _floor(about: str) -> Field:
-    return Field(Sort.FLOOR, about)
+    return Field(ValueType.FLOOR, about)
 
 
 def _flag(about: str) -> Field:
-    return Field(Sort.FLAG, about)
+    return Field(ValueType.FLAG, about)
 
 
 _HOLDER = _text("whose session, such as `fleet:r1`")
@@ -115,7 +115,7 @@ KINDS: Mapping[str, Kind] = {
         fields={
             "quality": _words(Quality, "whether it may be acted on"),
             "reason": _text("why it is offline"),
-            "age_s": Field(Sort.NUMBER, "age of the reading behind it, when it was published"),
+            "age_s": Field(ValueType.NUMBER, "age of the reading behind it, when it was published"),
             "floor": _floor("where the car stands or passes"),
             "standing": _flag("the car stands at `floor`"),
             "destination": _floor("the floor of the session, else `floor`"),
@@ -141,8 +141,8 @@ KINDS: Mapping[str, Kind] = {
             "doors_shut": _flag("every door is fully closed"),
             "mode": _words(Mode, "the service that the lift is in"),
             "robot_mode": _flag("robot mode is granted"),
-            "calls": Field(Sort.FLOORS, "car calls that are not served yet"),
-            "commands": Field(Sort.COMMANDS, "what is written to the controller, whether or not it obeys"),
+            "calls": Field(ValueType.FLOORS, "car calls that are not served yet"),
+            "commands": Field(ValueType.COMMANDS, "what is written to the controller, whether or not it obeys"),
         },
     ),
     "press": Kind(
