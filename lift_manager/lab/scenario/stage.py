@@ -11,7 +11,7 @@ from lift_manager.lab.scenario.schema import Inputs as Pressed
 from lift_manager.lab.scenario.schema import Robot
 from lift_manager.lab.scenario.steps import Planned
 from lift_manager.lab.scenario.trace import Entry, Recorder, holder_of, reply_fields
-from lift_manager.lab.scenario.vocabulary import Person, RobotDoes, WantedDoor
+from lift_manager.lab.scenario.vocabulary import Person, RobotProgress, WantedDoor
 from lift_manager.lab.world.witness import FloorRequest
 from lift_manager.lab.world.world import World
 from lift_manager.lift.observation import RobotDoor
@@ -231,17 +231,17 @@ class _Ride:
         word = RobotWord.IN_PLACE if robot.in_words else None
         try:
             async with asyncio.timeout(robot.gives_up_after_s):
-                self._does(RobotDoes.CALLS, robot.from_)
+                self._does(RobotProgress.CALLS, robot.from_)
                 await self._until_open(robot.from_, None)
-                self._does(RobotDoes.ENTERS, robot.from_)
+                self._does(RobotProgress.ENTERS, robot.from_)
                 await self._walk(robot.from_)
-                self._does(RobotDoes.RIDES, robot.to)
+                self._does(RobotProgress.RIDES, robot.to)
                 await self._until_open(robot.to, word)
-                self._does(RobotDoes.LEAVES, robot.to)
+                self._does(RobotProgress.LEAVES, robot.to)
                 await self._walk(robot.to)
-                self._does(RobotDoes.DONE, robot.to)
+                self._does(RobotProgress.DONE, robot.to)
         except TimeoutError:
-            self._does(RobotDoes.GIVES_UP, robot.to)
+            self._does(RobotProgress.GIVES_UP, robot.to)
             word = None
         if robot.releases:
             left = RobotWord.LEFT if word is not None else None
@@ -266,6 +266,6 @@ class _Ride:
             await asyncio.sleep(min(ASKS_EVERY_S, left_s))
             left_s -= ASKS_EVERY_S
 
-    def _does(self, what: RobotDoes, floor: str) -> None:
+    def _does(self, what: RobotProgress, floor: str) -> None:
         now = asyncio.get_running_loop().time()
         self._recorder.note(now, self._lift, "robot", {"holder": self._holder, "does": what, "floor": floor})

@@ -75,7 +75,7 @@ class Person(StrEnum):
 
 
 @unique
-class RobotDoes(StrEnum):
+class RobotProgress(StrEnum):
     """How far a robot is, by its own account."""
 
     CALLS = "calls"
@@ -217,7 +217,7 @@ KINDS: Mapping[str, Kind] = {
         lasts=False,
         fields={
             "holder": _text("as whom it asks"),
-            "does": _words(RobotDoes, "what it begins; `done`: it is out at its destination"),
+            "does": _words(RobotProgress, "what it begins; `done`: it is out at its destination"),
             "floor": _floor("where it calls, enters, rides to, leaves"),
         },
     ),
