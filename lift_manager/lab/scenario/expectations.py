@@ -11,7 +11,7 @@ from lift_manager.lab.scenario.matching import Match, read_match
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import DEMANDS, GOES_WITH_IN_EXPECTATION, Expectation, Scenario
 from lift_manager.lab.scenario.steps import check_company, lift_of, one_of
-from lift_manager.lab.scenario.trace import Known
+from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.source import KeyPath
 
 
@@ -32,7 +32,7 @@ class Expected:
 
 
 def read_expectations(
-    scenario: Scenario | None, lifts: Mapping[str, Known], mistakes: Mistakes
+    scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes
 ) -> tuple[Expected, ...]:
     """Read what must be so; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
@@ -50,7 +50,7 @@ def read_expectations(
 
 
 def _expected(
-    index: int, one: Expectation, scenario: Scenario, lifts: Mapping[str, Known], mistakes: Mistakes
+    index: int, one: Expectation, scenario: Scenario, lifts: Mapping[str, TracedLift], mistakes: Mistakes
 ) -> Expected | None:
     path: KeyPath = ("expect", index)
     before = len(mistakes.findings)

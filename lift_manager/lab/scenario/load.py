@@ -17,7 +17,7 @@ from lift_manager.lab.scenario.expectations import Expected, read_expectations
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.steps import Planned, read_steps
-from lift_manager.lab.scenario.trace import Known
+from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import MapFileError
 from register_maps.load import Changes, LoadedMap, load
@@ -39,7 +39,7 @@ class LoadedScenario:
     path: Path
     scenario: Scenario
     site: LoadedSite
-    lifts: dict[str, Known]
+    lifts: dict[str, TracedLift]
     steps: tuple[Planned, ...]
     expected: tuple[Expected, ...]
 
@@ -59,14 +59,14 @@ def load_scenario(path: Path) -> LoadedScenario:
     return LoadedScenario(path, scenario, site, lifts, steps, expected)
 
 
-def known_lifts(site: LoadedSite) -> dict[str, Known]:
+def known_lifts(site: LoadedSite) -> dict[str, TracedLift]:
     """Return what there is to know of every lift of a site."""
     found = {}
     for name, spec in site.site.lifts.items():
         codec = compile_map(site.maps[name].map, offset=spec.offset)
         commands = codec.commands
         places = (spec.controller, *(endpoint.controller for endpoint in spec.endpoints.values()))
-        found[name] = Known(
+        found[name] = TracedLift(
             floors=tuple(spec.floors),
             commands=frozenset(commands),
             calls=frozenset(command for command, codec in commands.items() if codec.is_call),

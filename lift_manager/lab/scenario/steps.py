@@ -9,7 +9,7 @@ from lift_manager.lab.scenario.faults import WireFaultSpec, read_fault, read_peo
 from lift_manager.lab.scenario.matching import Match, read_match
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import DOINGS, GOES_WITH_IN_STEP, Scenario, Step
-from lift_manager.lab.scenario.trace import Known
+from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.source import KeyPath
 from simulator.faults import Fault, ForeignCell, ForeignWriter
 from simulator.people import Traffic
@@ -40,7 +40,7 @@ class Planned:
     parts: Parts
 
 
-def read_steps(scenario: Scenario | None, lifts: Mapping[str, Known], mistakes: Mistakes) -> tuple[Planned, ...]:
+def read_steps(scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes) -> tuple[Planned, ...]:
     """Read the timeline; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
     listed = raw.get("do") if isinstance(raw, dict) else None
@@ -57,7 +57,7 @@ def read_steps(scenario: Scenario | None, lifts: Mapping[str, Known], mistakes: 
     return tuple(one for one in planned if one is not None)
 
 
-def lift_of(lift: str | None, lifts: Mapping[str, Known], path: KeyPath, mistakes: Mistakes) -> str:
+def lift_of(lift: str | None, lifts: Mapping[str, TracedLift], path: KeyPath, mistakes: Mistakes) -> str:
     """Return which lift is meant; where there are several, it has to be said."""
     if lift is None and len(lifts) > 1:
         mistakes.say(path, f"must say which `lift`; there is {', '.join(lifts)}")
@@ -97,7 +97,7 @@ def said_keys(step: Step) -> list[str]:
 
 
 def _planned(
-    index: int, step: Step, scenario: Scenario, lifts: Mapping[str, Known], mistakes: Mistakes
+    index: int, step: Step, scenario: Scenario, lifts: Mapping[str, TracedLift], mistakes: Mistakes
 ) -> Planned | None:
     path: KeyPath = ("do", index)
     given = said_keys(step)
@@ -116,7 +116,7 @@ def _planned(
     return None if does is None else Planned(mistakes.source.line(path) or 0, does, step, lift, parts)
 
 
-def _parts(said: Mapping[str, object], path: KeyPath, mistakes: Mistakes, known: Known | None) -> Parts:
+def _parts(said: Mapping[str, object], path: KeyPath, mistakes: Mistakes, known: TracedLift | None) -> Parts:
     floors = None if known is None else known.floors
 
     def match(key: str) -> Match | None:
@@ -132,7 +132,7 @@ def _parts(said: Mapping[str, object], path: KeyPath, mistakes: Mistakes, known:
     )
 
 
-def _check_names(step: Step, path: KeyPath, known: Known, mistakes: Mistakes) -> None:
+def _check_names(step: Step, path: KeyPath, known: TracedLift, mistakes: Mistakes) -> None:
     named: list[tuple[KeyPath, str]] = []
     if step.request is not None:
         named.append((("request", "floor"), step.request.floor))
@@ -150,7 +150,7 @@ def _check_names(step: Step, path: KeyPath, known: Known, mistakes: Mistakes) ->
             mistakes.say((*path, *place), f"no floor {floor!r}; there is {', '.join(known.floors)}")
 
 
-def _check_parts(parts: Parts, path: KeyPath, known: Known, mistakes: Mistakes) -> None:
+def _check_parts(parts: Parts, path: KeyPath, known: TracedLift, mistakes: Mistakes) -> None:
     if parts.wire is not None and parts.wire.controller not in (None, *known.controllers):
         message = f"no controller {parts.wire.controller!r}; there is {', '.join(known.controllers)}"
         mistakes.say((*path, "wire", "controller"), message)

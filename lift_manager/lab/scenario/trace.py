@@ -53,7 +53,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class TracedLift:
     """What the recorder must know of one lift to speak in words."""
 
     floors: tuple[FloorName, ...]
@@ -68,7 +68,7 @@ class Known:
 class Recorder:
     """Writes the trace; one of the witnesses of a world. Times are rounded to microseconds."""
 
-    def __init__(self, lifts: Mapping[str, Known]) -> None:
+    def __init__(self, lifts: Mapping[str, TracedLift]) -> None:
         self.entries: list[Entry] = []
         self.on_entry: Callable[[Entry], None] | None = None
         self._lifts = lifts
