@@ -12,7 +12,7 @@ import typer
 
 from lift_manager.cli.common import fail, refused, say
 from lift_manager.lab.scenario.load import LoadedScenario, load_scenario
-from lift_manager.lab.scenario.play import Played, play
+from lift_manager.lab.scenario.play import ScenarioResult, play
 from lift_manager.lab.scenario.verdict import Verdict, lines, summary, verdict_of
 from lift_manager.lab.world.world import WorldError
 from register_maps.errors import Finding, MapFileError
@@ -73,14 +73,14 @@ def _loaded(files: list[Path]) -> list[LoadedScenario]:
     return loaded
 
 
-def _played(loaded: LoadedScenario, seed: int | None) -> Played:
+def _played(loaded: LoadedScenario, seed: int | None) -> ScenarioResult:
     try:
         return play(loaded, seed=seed)
     except WorldError as error:
         raise refused(MapFileError([Finding(str(loaded.path), None, "site", str(error))])) from error
 
 
-def _write(trace: Path, played: Played) -> None:
+def _write(trace: Path, played: ScenarioResult) -> None:
     try:
         trace.write_text("".join(f"{entry.as_json()}\n" for entry in played.trace), encoding="utf-8")
     except OSError as error:

@@ -23,7 +23,7 @@ AFTER_THE_END_S = 3600.0
 
 
 @dataclass(slots=True)
-class Played:
+class ScenarioResult:
     """What became of a scenario."""
 
     scenario: LoadedScenario
@@ -43,7 +43,7 @@ class Played:
     """Whether everything was seen to be let go at the end."""
 
 
-def play(loaded: LoadedScenario, *, seed: int | None = None) -> Played:
+def play(loaded: LoadedScenario, *, seed: int | None = None) -> ScenarioResult:
     """Play a scenario to its end; a crash of anything is a finding. The same seed gives the same trace.
 
     Raises WorldError for a site that cannot be simulated.
@@ -52,7 +52,7 @@ def play(loaded: LoadedScenario, *, seed: int | None = None) -> Played:
     seed = loaded.scenario.seed if seed is None else seed
     site = loaded.site
     oracle, recorder = judge_of(site), Recorder(loaded.lifts)
-    played = Played(loaded, seed, recorder.entries, oracle.findings)
+    played = ScenarioResult(loaded, seed, recorder.entries, oracle.findings)
 
     async def main() -> None:
         settings = {name: _settings(loaded.scenario.simulator) for name in site.site.lifts}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from lift_manager.lab.scenario.assertions import Broken, DemandMet, Run, judge
 from lift_manager.lab.scenario.expectations import Expected
-from lift_manager.lab.scenario.play import Played
+from lift_manager.lab.scenario.play import ScenarioResult
 from lift_manager.lab.scenario.trace import Entry, Value, changes
 
 AROUND = 3
@@ -53,7 +53,7 @@ class Verdict:
     entries: int
 
 
-def verdict_of(played: Played) -> Verdict:
+def verdict_of(played: ScenarioResult) -> Verdict:
     """Judge what was played."""
     loaded = played.scenario
     judgements = tuple(
@@ -105,7 +105,7 @@ def summary(verdict: Verdict) -> str:
     return f"{word}  {verdict.file}: {verdict.title}" + ("" if verdict.ok else f" ({failed} failed)")
 
 
-def _judged(expected: Expected, played: Played, lasts_s: float) -> Iterator[Judgement]:
+def _judged(expected: Expected, played: ScenarioResult, lasts_s: float) -> Iterator[Judgement]:
     for lift in expected.lifts:
         entries = [entry for entry in played.trace if entry.lift == lift]
         result = judge(expected.demand, Run(entries, lasts_s), expected.window)

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from lift_manager.lab.scenario.load import LoadedScenario, load_scenario
-from lift_manager.lab.scenario.play import Played, play
+from lift_manager.lab.scenario.play import ScenarioResult, play
 from lift_manager.lab.scenario.trace import Entry, Value
 from lift_manager.lab.scenario.verdict import Verdict, verdict_of
 
@@ -31,7 +31,7 @@ def loaded(folder: Path, text: str) -> LoadedScenario:
     return load_scenario(path)
 
 
-def played(folder: Path, text: str) -> Played:
+def played(folder: Path, text: str) -> ScenarioResult:
     return play(loaded(folder, text))
 
 
