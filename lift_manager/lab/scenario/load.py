@@ -16,7 +16,7 @@ from lift_manager.lab.plant import default_floors, simulated_lift
 from lift_manager.lab.scenario.expectations import Expected, read_expectations
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import Scenario
-from lift_manager.lab.scenario.steps import Planned, read_steps
+from lift_manager.lab.scenario.steps import PlannedStep, read_steps
 from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import MapFileError
@@ -40,7 +40,7 @@ class LoadedScenario:
     scenario: Scenario
     site: LoadedSite
     lifts: dict[str, TracedLift]
-    steps: tuple[Planned, ...]
+    steps: tuple[PlannedStep, ...]
     expected: tuple[Expected, ...]
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from lift_manager.lab.scenario.matching import Match
 from lift_manager.lab.scenario.schema import Inputs as Pressed
 from lift_manager.lab.scenario.schema import Robot
-from lift_manager.lab.scenario.steps import Planned
+from lift_manager.lab.scenario.steps import PlannedStep
 from lift_manager.lab.scenario.trace import Entry, Recorder, holder_of, reply_fields
 from lift_manager.lab.scenario.vocabulary import Person, RobotProgress, WantedDoor
 from lift_manager.lab.world.witness import FloorRequest
@@ -36,10 +36,10 @@ class Stage:
         self._seed = seed
         self._awaited: list[tuple[str, Match, asyncio.Future[None]]] = []
         self._pressed: dict[str, list[Inputs]] = {name: [] for name in world.lifts}
-        self._begun: list[Planned] = []
+        self._begun: list[PlannedStep] = []
         recorder.on_entry = self._happened
 
-    async def act(self, planned: Planned) -> None:
+    async def act(self, planned: PlannedStep) -> None:
         """Do one step when its time has come; it may be cancelled at any time."""
         step, when = planned.step, planned.parts.when
         await asyncio.sleep(step.at or 0.0)
@@ -53,7 +53,7 @@ class Stage:
         self._begun.append(planned)
         await self._do(planned)
 
-    def problems(self, steps: Iterable[Planned]) -> list[str]:
+    def problems(self, steps: Iterable[PlannedStep]) -> list[str]:
         """Say which steps were never done, for what they waited for did not come about."""
         return [
             f"line {one.line}: {one.does} was not done: {one.parts.when} did not come about"
@@ -82,7 +82,7 @@ class Stage:
 
     # -- what is done
 
-    async def _do(self, planned: Planned) -> None:
+    async def _do(self, planned: PlannedStep) -> None:
         step, parts, world = planned.step, planned.parts, self._world
         if step.request is not None:
             await self._request(planned)
@@ -104,7 +104,7 @@ class Stage:
         else:
             self._say(planned)
 
-    async def _request(self, planned: Planned) -> None:
+    async def _request(self, planned: PlannedStep) -> None:
         step, given = planned.step, planned.step.request
         assert given is not None  # noqa: S101  the step is a request
         opens = given.door is WantedDoor.OPEN
@@ -130,7 +130,7 @@ class Stage:
             self._world.request(request)
             await asyncio.sleep(every_s)
 
-    async def _spoil(self, planned: Planned) -> None:
+    async def _spoil(self, planned: PlannedStep) -> None:
         wire = planned.parts.wire
         assert wire is not None  # noqa: S101  the step is about the wire
         own = self._world.lifts[planned.lift].controllers
@@ -142,7 +142,7 @@ class Stage:
             for controller in where:
                 self._world.mend(controller, wire.fault)
 
-    async def _press(self, planned: Planned, pressed: Pressed) -> None:
+    async def _press(self, planned: PlannedStep, pressed: Pressed) -> None:
         lift = self._world.lifts[planned.lift]
 
         def indices(floors: tuple[str, ...]) -> frozenset[int]:
@@ -177,7 +177,7 @@ class Stage:
         )
         self._world.set_inputs(lift, changed)
 
-    def _say(self, planned: Planned) -> None:
+    def _say(self, planned: PlannedStep) -> None:
         site, step, lift = self._world.site, planned.step, planned.lift
         if (one := step.acknowledge) is not None:
             by = one.by

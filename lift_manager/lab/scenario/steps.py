@@ -28,7 +28,7 @@ class Parts:
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedStep:
     """One step, ready to be done."""
 
     line: int
@@ -40,7 +40,9 @@ class Planned:
     parts: Parts
 
 
-def read_steps(scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes) -> tuple[Planned, ...]:
+def read_steps(
+    scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes
+) -> tuple[PlannedStep, ...]:
     """Read the timeline; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
     listed = raw.get("do") if isinstance(raw, dict) else None
@@ -98,7 +100,7 @@ def said_keys(step: Step) -> list[str]:
 
 def _planned(
     index: int, step: Step, scenario: Scenario, lifts: Mapping[str, TracedLift], mistakes: Mistakes
-) -> Planned | None:
+) -> PlannedStep | None:
     path: KeyPath = ("do", index)
     given = said_keys(step)
     lift = lift_of(step.lift, lifts, path, mistakes)
@@ -113,7 +115,7 @@ def _planned(
     if known is not None:
         _check_names(step, path, known, mistakes)
         _check_parts(parts, path, known, mistakes)
-    return None if does is None else Planned(mistakes.source.line(path) or 0, does, step, lift, parts)
+    return None if does is None else PlannedStep(mistakes.source.line(path) or 0, does, step, lift, parts)
 
 
 def _parts(said: Mapping[str, object], path: KeyPath, mistakes: Mistakes, known: TracedLift | None) -> Parts:
