@@ -16,7 +16,7 @@ from register_maps.source import KeyPath
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ReadyExpectation:
     """One expectation, ready to be judged."""
 
     line: int
@@ -33,7 +33,7 @@ class Expected:
 
 def read_expectations(
     scenario: Scenario | None, lifts: Mapping[str, TracedLift], mistakes: Mistakes
-) -> tuple[Expected, ...]:
+) -> tuple[ReadyExpectation, ...]:
     """Read what must be so; what is wrong with it is added to the mistakes. Without lifts, names are not checked."""
     raw = mistakes.source.data
     listed = raw.get("expect") if isinstance(raw, dict) else None
@@ -51,7 +51,7 @@ def read_expectations(
 
 def _expected(
     index: int, one: Expectation, scenario: Scenario, lifts: Mapping[str, TracedLift], mistakes: Mistakes
-) -> Expected | None:
+) -> ReadyExpectation | None:
     path: KeyPath = ("expect", index)
     before = len(mistakes.findings)
     given = {key.rstrip("_") for key in one.model_fields_set if getattr(one, key) is not None}
@@ -66,7 +66,7 @@ def _expected(
     if demand is None or len(mistakes.findings) > before:
         return None
     window = Window(one.after_s or 0.0, math.inf if one.before_s is None else one.before_s)
-    return Expected(mistakes.source.line(path) or 0, demand, window, named, one.because or "")
+    return ReadyExpectation(mistakes.source.line(path) or 0, demand, window, named, one.because or "")
 
 
 def _check_times(one: Expectation, path: KeyPath, scenario: Scenario, mistakes: Mistakes) -> None:

@@ -13,7 +13,7 @@ from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.config.problem import Key
 from lift_manager.config.site import Site, is_parameter_value
 from lift_manager.lab.plant import default_floors, simulated_lift
-from lift_manager.lab.scenario.expectations import Expected, read_expectations
+from lift_manager.lab.scenario.expectations import ReadyExpectation, read_expectations
 from lift_manager.lab.scenario.mistakes import Mistakes
 from lift_manager.lab.scenario.schema import Scenario
 from lift_manager.lab.scenario.steps import PlannedStep, read_steps
@@ -41,7 +41,7 @@ class LoadedScenario:
     site: LoadedSite
     lifts: dict[str, TracedLift]
     steps: tuple[PlannedStep, ...]
-    expected: tuple[Expected, ...]
+    expected: tuple[ReadyExpectation, ...]
 
 
 def load_scenario(path: Path) -> LoadedScenario:

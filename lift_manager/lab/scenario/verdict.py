@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from lift_manager.lab.scenario.assertions import Broken, DemandMet, Run, judge
-from lift_manager.lab.scenario.expectations import Expected
+from lift_manager.lab.scenario.expectations import ReadyExpectation
 from lift_manager.lab.scenario.play import ScenarioResult
 from lift_manager.lab.scenario.trace import Entry, Value, changes
 
@@ -105,7 +105,7 @@ def summary(verdict: Verdict) -> str:
     return f"{word}  {verdict.file}: {verdict.title}" + ("" if verdict.ok else f" ({failed} failed)")
 
 
-def _judged(expected: Expected, played: ScenarioResult, lasts_s: float) -> Iterator[Judgement]:
+def _judged(expected: ReadyExpectation, played: ScenarioResult, lasts_s: float) -> Iterator[Judgement]:
     for lift in expected.lifts:
         entries = [entry for entry in played.trace if entry.lift == lift]
         result = judge(expected.demand, Run(entries, lasts_s), expected.window)
