@@ -2,7 +2,7 @@
 
 from lift_manager.lab.bench.bench import Bench
 from lift_manager.lab.bench.errors import BenchBroken, BenchError, NeverSeen
-from lift_manager.lab.bench.log import Logged
+from lift_manager.lab.bench.log import LogEntry
 from lift_manager.lab.bench.simulator import LiftSimulator, Write
 from lift_manager.lab.bench.site import LiftSite
 from lift_manager.lab.bench.wire import ModbusFaults
@@ -13,7 +13,7 @@ __all__ = [
     "BenchError",
     "LiftSimulator",
     "LiftSite",
-    "Logged",
+    "LogEntry",
     "ModbusFaults",
     "NeverSeen",
     "Write",

@@ -12,7 +12,7 @@ from lift_manager.runtime.bus import Bus, Event
 
 
 @dataclass(frozen=True, slots=True)
-class Logged:
+class LogEntry:
     """One thing that happened, beside changes of state."""
 
     at_s: float
@@ -25,12 +25,12 @@ class Log:
     """Everything that happened, oldest first."""
 
     def __init__(self) -> None:
-        self.entries: list[Logged] = []
-        self.news: Bus[Logged] = Bus()
+        self.entries: list[LogEntry] = []
+        self.news: Bus[LogEntry] = Bus()
 
     def add(self, lift: str, what: Event | Refused) -> None:
         """Write down what happens now."""
-        entry = Logged(asyncio.get_running_loop().time(), lift, what)
+        entry = LogEntry(asyncio.get_running_loop().time(), lift, what)
         self.entries.append(entry)
         self.news.publish(entry)
 

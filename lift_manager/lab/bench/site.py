@@ -14,7 +14,7 @@ from drivers.model import FloorName, Outcome
 from lift_manager import app
 from lift_manager.config.load import load_site
 from lift_manager.lab.bench.errors import BenchError, NeverSeen
-from lift_manager.lab.bench.log import Log, Logged
+from lift_manager.lab.bench.log import Log, LogEntry
 from lift_manager.lab.bench.plan import LiftPlan
 from lift_manager.lab.bench.simulator import HOST, WITHIN_S, LiftSimulator, Plant
 from lift_manager.lab.bench.thread import LoopThread
@@ -98,7 +98,7 @@ class RunningSite:
             except TimeoutError:
                 raise NeverSeen(self._instead(lift, within_s)) from None
 
-    async def told(self, condition: EventCondition, within_s: float) -> Logged:
+    async def told(self, condition: EventCondition, within_s: float) -> LogEntry:
         """Return the first entry of the log for which the condition holds. Raises NeverSeen."""
         with self.log.news.listen() as news:
             for entry in self.log.entries:
@@ -190,16 +190,16 @@ class LiftSite:
         """Wait as `wait_for` does, for an asyncio test, whose loop goes on meanwhile."""
         return await self._thread.run_async(self._running.reached(self._named(lift), condition, within_s))
 
-    def wait_for_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> Logged:
+    def wait_for_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> LogEntry:
         """Return the first event of this test, also a past one, for which the condition holds. Raises NeverSeen."""
         return self._thread.run(self._running.told(condition, within_s), within_s=within_s)
 
-    async def when_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> Logged:
+    async def when_event(self, condition: EventCondition, *, within_s: float = WITHIN_S) -> LogEntry:
         """Wait as `wait_for_event` does, for an asyncio test."""
         return await self._thread.run_async(self._running.told(condition, within_s))
 
     @property
-    def events(self) -> tuple[Logged, ...]:
+    def events(self) -> tuple[LogEntry, ...]:
         """Sessions, outcomes, alarms, advice, refusals and people's words, oldest first."""
         return self._thread.call(lambda: tuple(self._running.log.entries))
 
