@@ -31,7 +31,7 @@ __all__ = [
     "MapFileError",
     "Source",
     "StandIns",
-    "Tried",
+    "ValidationResult",
     "key_text",
     "read",
     "try_validate",
@@ -61,7 +61,7 @@ _READ_AS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Tried(Generic[Model]):
+class ValidationResult(Generic[Model]):
     """What came of validating a file that may have mistakes."""
 
     model: Model | None
@@ -140,14 +140,14 @@ def validate(source: Source, model: type[Model]) -> Model:
 
 def try_validate(
     source: Source, model: type[Model], *, spare: Collection[str] = (), stand_ins: StandIns = MappingProxyType({})
-) -> Tried[Model]:
+) -> ValidationResult[Model]:
     """Validate as far as possible, so that checks across fields can add their findings to these.
 
     Unknown keys are left out, and so are wrong entries of the tables named by `spare`. What is missing or wrong where
     `stand_ins` has a place for it is replaced by that; where something else is wrong there is no model.
     """
     if message := _other_kind(source.data, model):
-        return Tried(None, (source.finding((), message),), frozenset())
+        return ValidationResult(None, (source.finding((), message),), frozenset())
     findings = list(source.findings)
     told = set(source.spoiled)
     data = source.data
@@ -156,7 +156,7 @@ def try_validate(
         try:
             # JSON mode is the one in which `strict` takes lists for tuples and words for enums, yet no "1" or yes for 1
             result = model.model_validate_json(json.dumps(data), strict=True)
-            return Tried(result, tuple(findings), frozenset(replaced))
+            return ValidationResult(result, tuple(findings), frozenset(replaced))
         except ValidationError as error:
             schema = _json_schema(model)
             dropped: set[KeyPath] = set()
@@ -176,7 +176,7 @@ def try_validate(
             data = _without(data, (), {*dropped, *replaced})
             for path, value in replaced.items():
                 _put(data, path, value)
-    return Tried(None, tuple(findings))
+    return ValidationResult(None, tuple(findings))
 
 
 def _stand_in(path: KeyPath, stand_ins: StandIns) -> tuple[KeyPath, object] | None:
