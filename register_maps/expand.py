@@ -35,7 +35,7 @@ CHANGEABLE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Filled:
+class ExpandedMap:
     """A map with its parameters in place."""
 
     data: Any
@@ -81,7 +81,7 @@ def added_signals(changes: Mapping[str, Any]) -> frozenset[str]:
     return frozenset(given.keys() | by_position)
 
 
-def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> Filled:
+def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> ExpandedMap:
     """Put parameters where the map uses them; what `given` leaves out takes its default, else its example."""
     declared = data.get("parameters") if isinstance(data, dict) else None
     table = declared if isinstance(declared, dict) else {}
@@ -99,7 +99,7 @@ def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> Filled
     filled = data
     if isinstance(data, dict):
         filled = {key: item if key == "parameters" else run.walk((key,), item) for key, item in data.items()}
-    return Filled(filled, values, tuple(name for name in unset if name in run.used), tuple(run.problems))
+    return ExpandedMap(filled, values, tuple(name for name in unset if name in run.used), tuple(run.problems))
 
 
 def unused(data: Any) -> list[Problem]:
