@@ -25,7 +25,7 @@ MAPS = Path(__file__).parent / "maps"
 
 
 @dataclass(frozen=True, slots=True)
-class Changes:
+class MapChanges:
     """What a site says about a map: values for its parameters, and entries laid over it."""
 
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class Changes:
         return bool(self.parameters or self.override)
 
 
-AS_IT_IS = Changes()
+AS_IT_IS = MapChanges()
 
 _HEAD: StandIns = {
     ("name",): "unnamed",
@@ -82,7 +82,7 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in MAPS.glob("*.yaml")))
 
 
-def load(name_or_path: str | Path, *, near: Path | None = None, changes: Changes = AS_IT_IS) -> LoadedMap:
+def load(name_or_path: str | Path, *, near: Path | None = None, changes: MapChanges = AS_IT_IS) -> LoadedMap:
     """Load a shipped map by its name, or a file by its path, relative to the folder `near`, with a site's changes.
 
     Raises MapFileError with every finding.
@@ -151,10 +151,10 @@ def _find(name_or_path: str | Path, near: Path) -> Path:
 class _Changed(Source):
     """A map's file under a site's changes: a finding is said where the wrong words stand."""
 
-    changes: Changes = AS_IT_IS
+    changes: MapChanges = AS_IT_IS
 
     @classmethod
-    def of(cls, source: Source, changes: Changes) -> _Changed:
+    def of(cls, source: Source, changes: MapChanges) -> _Changed:
         return cls(**{part.name: getattr(source, part.name) for part in fields(source)}, changes=changes)
 
     def finding(self, path: KeyPath, message: str) -> Finding:
@@ -214,7 +214,7 @@ def _own(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPa
     return [problem for problem in problems if problem.path[0] not in gone and problem not in caused]
 
 
-def _fingerprint(source: Source, changes: Changes) -> str:
+def _fingerprint(source: Source, changes: MapChanges) -> str:
     if not changes.any:
         return source.sha256
     said = json.dumps([dict(changes.parameters), dict(changes.override)], sort_keys=True, default=str)

@@ -17,7 +17,7 @@ from lift_manager.config.problem import Problem
 from lift_manager.config.site import Api, Controller, Lift, Site
 from lift_manager.config.tls import tls_cautions, tls_lines, tls_problems
 from register_maps.errors import Finding, MapFileError
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.schema import CALLS, LinkDefaults, RegisterMap
 from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
 
@@ -177,7 +177,7 @@ def check_file(
 def _about(name: str, lift: Lift, source: RegisterMap) -> Iterator[str]:
     for signal, reason in source.not_visible.items():
         yield f"{name}: {signal} is not visible on this interface: {reason}"
-    if keys := Changes(override=lift.override).keys:
+    if keys := MapChanges(override=lift.override).keys:
         yield f"{name}: map {source.name} is changed at this site: {', '.join(keys)}"
     for text in unused_codes(lift, source):
         yield f"{name}: {text}"

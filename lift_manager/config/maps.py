@@ -10,7 +10,7 @@ from typing import Any
 
 from lift_manager.config.site import is_parameter_value
 from register_maps.errors import Finding, MapFileError
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.source import KeyPath, Source
 
 
@@ -107,7 +107,7 @@ class _Plain:
         return tuple(_at_map_key(self._source, controller, finding) for finding in read)
 
 
-def _load_changed(place: _Place, named: str, changes: Changes, plain: _Plain, found: Maps) -> None:
+def _load_changed(place: _Place, named: str, changes: MapChanges, plain: _Plain, found: Maps) -> None:
     try:
         found.lifts[place.lift] = load(named, near=place.near, changes=changes)
     except MapFileError as error:
@@ -120,7 +120,7 @@ def _load_changed(place: _Place, named: str, changes: Changes, plain: _Plain, fo
 
 
 def _of_changes(
-    place: _Place, named: str, changes: Changes, error: MapFileError, known: LoadedMap | tuple[Finding, ...]
+    place: _Place, named: str, changes: MapChanges, error: MapFileError, known: LoadedMap | tuple[Finding, ...]
 ) -> Iterator[Finding]:
     """Say a mistake that a map has only under the site's changes where the site makes it."""
     misfits = list(_misfits(place, changes, known)) if isinstance(known, LoadedMap) else []
@@ -135,7 +135,7 @@ def _of_changes(
             yield place.source.finding(("lifts", place.lift, *_cause(changes, finding)), message)
 
 
-def _misfits(place: _Place, changes: Changes, known: LoadedMap) -> Iterator[Finding]:
+def _misfits(place: _Place, changes: MapChanges, known: LoadedMap) -> Iterator[Finding]:
     """Yield parameters out of range, in the words of the map's own check: that is silent where they leave no map to check."""
     for name, value in changes.parameters.items():
         about = known.map.parameters.get(name)
@@ -148,7 +148,7 @@ def _at_map_key(source: Source, controller: str, finding: Finding) -> Finding:
     return source.finding(("controllers", controller, "map"), finding.message) if finding.line is None else finding
 
 
-def _cause(changes: Changes, finding: Finding) -> KeyPath:
+def _cause(changes: MapChanges, finding: Finding) -> KeyPath:
     words = set(re.findall(r"[\w.]*\w", finding.message))
     for section, change in changes.override.items():
         for name in change if isinstance(change, dict) else ():
@@ -159,9 +159,9 @@ def _cause(changes: Changes, finding: Finding) -> KeyPath:
     return ("override",)
 
 
-def _changes(source: Source, lift: str, said: dict[str, Any]) -> Changes:
+def _changes(source: Source, lift: str, said: dict[str, Any]) -> MapChanges:
     parameters, override = said.get("parameters"), said.get("override")
-    return Changes(
+    return MapChanges(
         {name: value for name, value in parameters.items() if is_parameter_value(value)}
         if isinstance(parameters, dict)
         else {},

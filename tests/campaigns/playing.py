@@ -26,7 +26,7 @@ from lift_manager.lift.occupancy import RobotWord
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.errors import RequestRefused
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from simulator import faults as device
 from simulator.faults import Fault
 from simulator.modes import Key
@@ -121,7 +121,7 @@ def loaded_map(name: str, *, two_doors: bool = False) -> tuple[LoadedMap, Mappin
     added = COMPLETIONS.get(name, Completion())
     if two_doors:
         added = Completion(added.parameters, {**added.override, **REAR_DOOR[name]})
-    return load(name, changes=Changes(added.parameters, added.override)), site_of(name).floors
+    return load(name, changes=MapChanges(added.parameters, added.override)), site_of(name).floors
 
 
 @cache

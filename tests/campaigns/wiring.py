@@ -19,7 +19,7 @@ from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import LiftState
 from lift_manager.runtime.bus import Event
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault
 from simulator.people import People, Traffic
@@ -57,7 +57,7 @@ def door_map(name: str, door: Mapping[str, Any]) -> LoadedMap:
     """Return a shipped map, completed where a site has to, with this front door."""
     added = COMPLETIONS.get(name, Completion())
     signals = {**added.override.get("signals", {}), "door.front": dict(door)}
-    return load(name, changes=Changes(added.parameters, {**added.override, "signals": signals}))
+    return load(name, changes=MapChanges(added.parameters, {**added.override, "signals": signals}))
 
 
 @dataclass
@@ -201,4 +201,4 @@ def shifted(loaded: LoadedMap, command: str = "go_to") -> RegisterMap:
 def completed(name: str) -> LoadedMap:
     """Return a shipped map, completed where a site has to."""
     added = COMPLETIONS.get(name, Completion())
-    return load(name, changes=Changes(added.parameters, added.override))
+    return load(name, changes=MapChanges(added.parameters, added.override))

@@ -9,7 +9,7 @@ import yaml
 
 from register_maps.errors import Finding, MapFileError
 from register_maps.expand import fill, overlay, unused
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.source import KeyPath
 from tests.support.rows import each_row
 
@@ -43,7 +43,7 @@ def in_the_site(key: KeyPath, message: str) -> Finding:
 def changed(folder: Path, text: str = MAP, **changes: Any) -> LoadedMap:
     path = folder / "template.yaml"
     path.write_text(text)
-    return load(path, changes=Changes(changes.get("parameters", {}), changes.get("override", {}), in_the_site))
+    return load(path, changes=MapChanges(changes.get("parameters", {}), changes.get("override", {}), in_the_site))
 
 
 def findings(folder: Path, text: str = MAP, **changes: Any) -> list[str]:
@@ -238,5 +238,5 @@ def test_data_that_is_no_map_goes_through_unchanged() -> None:
 
 
 def test_changes_are_named_for_whoever_looks_at_the_site() -> None:
-    changes = Changes(override=yaml.safe_load("{signals: {fire: {at: x}, level: null}, at_same_floor: call}"))
+    changes = MapChanges(override=yaml.safe_load("{signals: {fire: {at: x}, level: null}, at_same_floor: call}"))
     assert changes.keys == ("signals.fire", "signals.level", "at_same_floor")

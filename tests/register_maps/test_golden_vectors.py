@@ -22,7 +22,7 @@ from drivers.modbus.standstill import STILL_S
 from drivers.modbus.units import Unit
 from drivers.model import Command, CommandKind, Outcome, Result
 from register_maps.codec import Codec, Point, compile_map
-from register_maps.load import Changes, load, shipped
+from register_maps.load import MapChanges, load, shipped
 from simulator import shaft
 from simulator.controller import Parameters
 from simulator.modes import Key
@@ -78,7 +78,7 @@ def allowed() -> None:
 
 
 def compiled(golden: Golden) -> Codec:
-    changes = Changes(parameters=golden.parameters, override=golden.override)
+    changes = MapChanges(parameters=golden.parameters, override=golden.override)
     return compile_map(load(golden.map_name, changes=changes).map)
 
 

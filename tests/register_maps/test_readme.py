@@ -14,7 +14,7 @@ import yaml
 import register_maps
 from drivers.modbus.reading import lift_mode
 from register_maps.codec import Point, compile_map
-from register_maps.load import Changes, json_schema, load
+from register_maps.load import MapChanges, json_schema, load
 from register_maps.schema import COMMANDS, SIGNALS
 from register_maps.words import Door, Mode, Motion, Table
 from tests.support.rows import each_row
@@ -91,7 +91,7 @@ def test_the_changes_of_a_site_can_be_laid_over_the_map_they_are_meant_for(tmp_p
     (template,) = (param.values[0] for param in snippets() if param.id.startswith("Across all"))
     path = tmp_path / "template.yaml"
     path.write_text(completed(template) + 'commands: {close_door.front: {at: "coil:5", action: pulse, width_s: 1}}\n')
-    loaded = load(path, changes=Changes(lift["parameters"], lift["override"]))
+    loaded = load(path, changes=MapChanges(lift["parameters"], lift["override"]))
     assert loaded.map.signals["door.front"].addresses == ("discrete:100", "discrete:101")
     assert loaded.map.signals["overload"].at == "discrete:7"
     assert loaded.map.commands == {}

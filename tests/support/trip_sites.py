@@ -6,7 +6,7 @@ from typing import Any
 
 from lift_manager.lab.plant import default_floors
 from register_maps.codec import Codec, compile_map
-from register_maps.load import Changes, load
+from register_maps.load import MapChanges, load
 from register_maps.schema import CALLS
 from register_maps.words import Door
 
@@ -86,7 +86,7 @@ class Site:
 def site_of(name: str, completions: Mapping[str, Completion] = COMPLETIONS) -> Site:
     """Return a shipped map as it is used here. Raises Incomplete if it lacks something still."""
     added = completions.get(name, Completion())
-    loaded = load(name, changes=Changes(added.parameters, added.override))
+    loaded = load(name, changes=MapChanges(added.parameters, added.override))
     codec = compile_map(loaded.map)
     lacks = [f"parameter {parameter}" for parameter in loaded.unset]
     lacks += [*(signal for signal in loaded.map.needs if signal not in codec.signals), *lacking(codec)]

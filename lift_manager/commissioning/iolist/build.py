@@ -12,7 +12,7 @@ from lift_manager.config.devices import Device, devices
 from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Lift
 from register_maps.codec import Codec, compile_map
-from register_maps.load import Changes, LoadedMap
+from register_maps.load import LoadedMap, MapChanges
 
 
 def io_list(loaded: LoadedSite) -> IoList:
@@ -58,7 +58,7 @@ def _facts(
     yield "Fingerprint of the map (sha256)", found.sha256
     if found.parameters:
         yield "Parameters", ", ".join(f"{name} = {value}" for name, value in found.parameters.items())
-    if changed := Changes(override=lift.override).keys:
+    if changed := MapChanges(override=lift.override).keys:
         yield "Changed by the site", ", ".join(changed)
     if moved := {table.value: by for table, by in lift.offset.items() if by}:
         yield "Moved by", ", ".join(f"{table} {by:+d}" for table, by in moved.items()) + " from the printed address"

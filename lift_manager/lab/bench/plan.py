@@ -13,7 +13,7 @@ from lift_manager.lab.bench.naming import device_fault
 from lift_manager.lab.plant import default_floors
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import MapFileError
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.plain import closest
 from simulator.faults import Fault
 
@@ -87,7 +87,7 @@ def _plan(wish: Mapping[str, Any], near: Path) -> LiftPlan:
     if not isinstance(map_name, str | Path):
         raise BenchError(f"{name}: map must be the name of a shipped map or a path, not {map_name!r}")
     keys = {key: wish[key] for key in _SITE_KEYS if key in wish}
-    changes = Changes(keys.get("parameters", {}), keys.get("override", {}))
+    changes = MapChanges(keys.get("parameters", {}), keys.get("override", {}))
     try:
         loaded = load(map_name, near=near, changes=changes)
     except (MapFileError, OSError) as error:

@@ -20,7 +20,7 @@ from lift_manager.lab.scenario.steps import PlannedStep, read_steps
 from lift_manager.lab.scenario.trace import TracedLift
 from register_maps.codec import Codec, compile_map
 from register_maps.errors import MapFileError
-from register_maps.load import Changes, LoadedMap, load
+from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.source import KeyPath, read, try_validate
 from register_maps.vocabulary import HANDSHAKE
 from simulator.faults import Fault
@@ -109,7 +109,7 @@ def _at_any_hour(site: LoadedSite) -> LoadedSite:
 def _one_lift(scenario: Scenario, near: Path, mistakes: Mistakes) -> LoadedSite | None:
     raw: Any = mistakes.source.data
     given = {name: value for name, value in scenario.parameters.items() if is_parameter_value(value)}
-    changes = Changes(given, raw.get("override", {}), mistakes.source.finding)
+    changes = MapChanges(given, raw.get("override", {}), mistakes.source.finding)
     try:
         loaded = load(str(scenario.map), near=near, changes=changes)
         floors: Mapping[str, object] = scenario.floors or default_floors(loaded.map)

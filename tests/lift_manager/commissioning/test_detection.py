@@ -3,14 +3,14 @@
 from lift_manager.commissioning.detection import MODES, Detection, FaultEffect, detections
 from lift_manager.lab.world.fault_names import every_device_fault, fault_name
 from register_maps.codec import compile_map
-from register_maps.load import Changes, load, shipped
+from register_maps.load import MapChanges, load, shipped
 from register_maps.words import Mode
 from simulator.faults import ForeignWriter
 from tests.support.rows import each_row
 
 
 def of(name: str, **override: object) -> dict[str, Detection]:
-    codec = compile_map(load(name, changes=Changes(override=override)).map)
+    codec = compile_map(load(name, changes=MapChanges(override=override)).map)
     return {one.fault: one for one in detections(codec, max_age_s=1.0)}
 
 

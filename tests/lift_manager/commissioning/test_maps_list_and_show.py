@@ -9,7 +9,7 @@ from lift_manager.commissioning import maps_list, maps_text
 from lift_manager.commissioning.maps_list import WIDTH, MapLine, map_line, shipped_maps
 from lift_manager.commissioning.maps_show import MapSheet, map_sheet, side_by_side
 from register_maps.codec import compile_map
-from register_maps.load import Changes, load, shipped
+from register_maps.load import MapChanges, load, shipped
 from tests.support.rows import each_row
 
 each_map = pytest.mark.parametrize("name", shipped())
@@ -179,7 +179,7 @@ def test_an_output_that_is_read_elsewhere_is_shown_with_both_addresses() -> None
 
 
 def test_a_site_s_parameters_move_what_is_shown() -> None:
-    moved = map_sheet(load("two-stop-agv", changes=Changes(parameters={"first_input": 100})))
+    moved = map_sheet(load("two-stop-agv", changes=MapChanges(parameters={"first_input": 100})))
     (door,) = [signal for signal in moved.signals if signal.name == "door.front"]
     assert list(side_by_side(door.places)) == [("discrete:100 to discrete:101", "discrete 100 to 101")]
 

@@ -4,7 +4,7 @@ import pytest
 
 from drivers.model import Command
 from lift_manager.commissioning.maps_plan import Part, Plan, PlannedRequest, lines, plan
-from register_maps.load import Changes, load
+from register_maps.load import MapChanges, load
 from tests.register_maps.golden.vectors import Golden, frames_of
 from tests.register_maps.test_golden_vectors import GOLDEN
 from tests.support.written_maps import written_map
@@ -91,7 +91,7 @@ go_to 5F (code 1): all else as for 4F
 
 
 def planned(golden: Golden) -> Plan:
-    changes = Changes(parameters=golden.parameters, override=golden.override)
+    changes = MapChanges(parameters=golden.parameters, override=golden.override)
     return plan(load(golden.map_name, changes=changes).map, golden.floors)
 
 

@@ -12,7 +12,7 @@ from lift_manager.lift.journal import Row
 from lift_manager.lift.state import Quality
 from lift_manager.runtime.recorder import MemoryRecorder, SavedLift
 from register_maps.codec import compile_map
-from register_maps.load import Changes, load
+from register_maps.load import MapChanges, load
 from register_maps.words import Motion
 from simulator.controller import Inputs
 from simulator.faults import PowerLoss
@@ -59,7 +59,7 @@ def test_a_controller_that_consumes_each_request_keeps_robot_mode_under_way_if_i
 ) -> None:
     plain = compiled("generic-registers")
     override = {"commands": {"robot_mode": {"self_clearing": True}}}
-    consuming = compile_map(load("generic-registers", changes=Changes({}, override)).map)
+    consuming = compile_map(load("generic-registers", changes=MapChanges({}, override)).map)
 
     async def check(made: Spine) -> None:
         made.accept(made.actor.config.floors[-1])

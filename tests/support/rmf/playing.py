@@ -13,7 +13,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.config.site import Site
 from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.rmf.adapter import Adapter
-from register_maps.load import Changes, load
+from register_maps.load import MapChanges, load
 from tests.support.refusals import reply
 from tests.support.rmf.acting import PERSON, Actors
 from tests.support.rmf.events import Ends, Event, Fire, LockedOut, SupervisorRestarts, UnheardEnd, WebEnd
@@ -40,7 +40,7 @@ NEEDS_HELP = (SupervisorRestarts, Ends, WebEnd, UnheardEnd, Fire, LockedOut)
 def loaded_site(name: str, between_sessions_s: float = 2.0) -> LoadedSite:
     """Return a site with one lift of a shipped map, which RMF's building map names otherwise."""
     added = COMPLETIONS.get(name, Completion())
-    loaded = load(name, changes=Changes(added.parameters, added.override))
+    loaded = load(name, changes=MapChanges(added.parameters, added.override))
     floors = dict(site_of(name).floors)
     lift = {
         "controller": "plc",
