@@ -23,7 +23,7 @@ _Place = tuple[str, int]
 """Space and address on the wire."""
 
 
-class Objection(Exception):
+class ExceptionReply(Exception):
     """The device answers with an exception code instead."""
 
     def __init__(self, code: int) -> None:
@@ -130,16 +130,16 @@ class Cells:
             self._echoes += zip(command.points, command.read_points, strict=True)
 
     def read(self, endpoint: str, table: Table, address: int, count: int) -> list[int]:
-        """Return what is shown. Raises Objection outside what the map serves."""
+        """Return what is shown. Raises ExceptionReply outside what the map serves."""
         return self._served_cells(self._read, endpoint, table, address, count)[address : address + count]
 
     def stored(self, endpoint: str, table: Table, address: int) -> int:
-        """Return what was written to one cell, or seems to be. Raises Objection outside what the map serves."""
+        """Return what was written to one cell, or seems to be. Raises ExceptionReply outside what the map serves."""
         cell = self._served_cells(self.written, endpoint, table, address, 1)[address]
         return self._pretended.get((space(endpoint, table), address), cell) if self._pretended else cell
 
     def write(self, endpoint: str, table: Table, address: int, values: Sequence[int], now: float) -> None:
-        """Write cells. Raises Objection outside what the map serves, and for a coil that takes durations only."""
+        """Write cells. Raises ExceptionReply outside what the map serves, and for a coil that takes durations only."""
         cells = self.writable(endpoint, table, address, values)
         name = space(endpoint, table)
         before = cells[address : address + len(values)]
@@ -157,21 +157,21 @@ class Cells:
         self._note_next_end()
 
     def pretend(self, endpoint: str, table: Table, address: int, values: Sequence[int]) -> None:
-        """Write nothing, and answer as if it had been written. Raises Objection as `write` does."""
+        """Write nothing, and answer as if it had been written. Raises ExceptionReply as `write` does."""
         self.writable(endpoint, table, address, values)
         name = space(endpoint, table)
         self._pretended |= {(name, place): value for place, value in enumerate(values, start=address)}
 
     def writable(self, endpoint: str, table: Table, address: int, values: Sequence[int]) -> list[int]:
-        """Return the cells of a table in which these values may be written. Raises Objection where they may not."""
+        """Return the cells of a table in which these values may be written. Raises ExceptionReply where they may not."""
         cells = self._served_cells(self.written, endpoint, table, address, len(values))
         name = space(endpoint, table)
         if any(value and (name, place) in self._timed_coils for place, value in enumerate(values, start=address)):
-            raise Objection(ILLEGAL_VALUE)
+            raise ExceptionReply(ILLEGAL_VALUE)
         return cells
 
     def pulse(self, endpoint: str, table: Table, address: int, counts: int, now: float) -> None:
-        """Set a coil for so many counts of its device. Raises Objection where no coil takes a duration."""
+        """Set a coil for so many counts of its device. Raises ExceptionReply where no coil takes a duration."""
         point, command = self.timed_coil(endpoint, table, address)
         unit_s = command.spec.payload.unit_s if command.spec.payload is not None else 0.0
         for image in (self.written, self._shown):
@@ -181,11 +181,11 @@ class Cells:
         self._note_next_end()
 
     def timed_coil(self, endpoint: str, table: Table, address: int) -> tuple[Point, CommandCodec]:
-        """Return the coil that takes a duration here. Raises Objection where there is none."""
+        """Return the coil that takes a duration here. Raises ExceptionReply where there is none."""
         self._served_cells(self.written, endpoint, table, address, 1)
         timed = self._timed_coils.get((space(endpoint, table), address))
         if timed is None or timed[1].spec.payload is None:
-            raise Objection(ILLEGAL_VALUE)
+            raise ExceptionReply(ILLEGAL_VALUE)
         return timed
 
     @property
@@ -255,9 +255,9 @@ class Cells:
         name = space(endpoint, table)
         spans = self._served.get(name)
         if spans is None:
-            raise Objection(ILLEGAL_FUNCTION)
+            raise ExceptionReply(ILLEGAL_FUNCTION)
         if not any(address in span and address + count <= span.stop for span in spans):
-            raise Objection(ILLEGAL_ADDRESS)
+            raise ExceptionReply(ILLEGAL_ADDRESS)
         return image[name]
 
     def _let_go(self, point: Point, rest: int) -> None:

@@ -11,7 +11,7 @@ from register_maps.codec import Codec, Point
 from register_maps.command_codec import payload_counts
 from register_maps.words import Door, Motion, Table
 from simulator import controller, shaft
-from simulator.cells import Cells, Objection
+from simulator.cells import Cells, ExceptionReply
 from simulator.faults import (
     ContradictingLimits,
     Fault,
@@ -297,7 +297,7 @@ class ForeignWriters:
             raise ValueError(f"{cell} takes 0 to {highest}, not {fault.value}")
         try:
             self._cells.writable(fault.endpoint, fault.table, fault.address, [fault.value])
-        except Objection as objection:
+        except ExceptionReply as objection:
             raise ValueError(
                 f"{self._codec.map.name} answers a write of {fault.value} to {cell} with {objection}"
             ) from None

@@ -15,7 +15,7 @@ from register_maps.schema import Kind
 from register_maps.words import Table
 from simulator import asks, controller, shaft
 from simulator.asks import WATCHDOG_REFRESHES
-from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, Objection, Silence
+from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, ExceptionReply, Silence
 from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
 from simulator.register_faults import Tale, Troubles, restarted, stand
@@ -29,7 +29,7 @@ __all__ = [
     "ILLEGAL_VALUE",
     "WATCHDOG_REFRESHES",
     "Endpoint",
-    "Objection",
+    "ExceptionReply",
     "RegisterFace",
     "Silence",
 ]
@@ -224,7 +224,7 @@ class RegisterFace:
     # -- what clients do
 
     def read(self, table: Table, address: int, count: int, now: float, *, endpoint: str = "") -> list[int]:
-        """Read cells by their address on the wire. Raises Objection outside what the map serves."""
+        """Read cells by their address on the wire. Raises ExceptionReply outside what the map serves."""
         self._answer(now)
         return self._cells.read(endpoint, table, address, count)
 
@@ -248,7 +248,7 @@ class RegisterFace:
         self.write(Table.HOLDING, address, [cell & keep | put & ~keep], now, endpoint=endpoint)
 
     def pulse(self, address: int, counts: int, now: float, *, endpoint: str = "") -> None:
-        """Set a coil for so many counts of its device. Raises Objection where the map has no such coil."""
+        """Set a coil for so many counts of its device. Raises ExceptionReply where the map has no such coil."""
         self._answer(now)
         self._cells.timed_coil(endpoint, Table.COIL, address)
         if not self._troubles.drops_writes:
@@ -341,7 +341,7 @@ class Endpoint:
         self._name = name
 
     def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
-        """Read cells. Raises Objection outside what this device serves."""
+        """Read cells. Raises ExceptionReply outside what this device serves."""
         return self._face.read(table, address, count, now, endpoint=self._name)
 
     def stored(self, table: Table, address: int, now: float) -> int:

@@ -19,7 +19,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from register_maps import frames
 from register_maps.errors import BadRequest, FrameError
 from register_maps.words import Table
-from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection, Silence
+from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, ExceptionReply, Silence
 from simulator.faults import Fault, SlotKept
 
 _FUNCTION_AT = 7
@@ -45,19 +45,19 @@ class Device(Protocol):
     """What answers for one unit id."""
 
     def read(self, table: Table, address: int, count: int, now: float) -> list[int]:
-        """Return cells, or raise Objection."""
+        """Return cells, or raise ExceptionReply."""
         ...
 
     def write(self, table: Table, address: int, values: list[int], now: float) -> None:
-        """Write cells, or raise Objection."""
+        """Write cells, or raise ExceptionReply."""
         ...
 
     def stored(self, table: Table, address: int, now: float) -> int:
-        """Return what was last written to a cell, or raise Objection: a mask write starts from it, and a write is answered with it."""
+        """Return what was last written to a cell, or raise ExceptionReply: a mask write starts from it, and a write is answered with it."""
         ...
 
     def pulse(self, address: int, counts: int, now: float) -> None:
-        """Set a coil for so many counts of the device, or raise Objection."""
+        """Set a coil for so many counts of the device, or raise ExceptionReply."""
         ...
 
 
@@ -154,7 +154,7 @@ class _Context:
             if func_code in _WRITES_THAT_ASK:
                 return [self._device(device_id).stored(_TABLES[func_code], address, self._clock())]
             return self._device(device_id).read(_TABLES[func_code], address, count, self._clock())
-        except Objection as objection:
+        except ExceptionReply as objection:
             return ExcCodes(objection.code)
         except Silence as silence:
             raise NoSuchIdException(f"unit {device_id} is off") from silence
@@ -164,7 +164,7 @@ class _Context:
     ) -> ExcCodes | None:
         try:
             self._device(device_id).write(_TABLES[func_code], address, [int(value) for value in values], self._clock())
-        except Objection as objection:
+        except ExceptionReply as objection:
             return ExcCodes(objection.code)
         except Silence as silence:
             raise NoSuchIdException(f"unit {device_id} is off") from silence
@@ -175,7 +175,7 @@ class _Context:
         try:
             request = frames.parse_request(frame, timed_coils=True)
             self._device(request.unit).pulse(request.address, request.duration or 0, self._clock())
-        except (BadRequest, Objection) as refusal:
+        except (BadRequest, ExceptionReply) as refusal:
             return frames.exception_answer(frame, refusal.code)
         except (NoSuchIdException, Silence):
             return frames.exception_answer(frame, ExcCodes.GATEWAY_NO_RESPONSE)

@@ -3,7 +3,7 @@
 import pytest
 
 from register_maps.words import Table
-from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, Objection
+from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ExceptionReply
 from tests.simulator.faces import faced, is_closed, is_open, stands_open_at
 from tests.support.written_maps import HEAD, written_map
 
@@ -114,7 +114,7 @@ def test_a_mask_write_of_a_neighbour_does_not_press_what_the_lift_shows_there() 
 
 @pytest.mark.parametrize("address", [1000, 2000])
 def test_a_mask_write_outside_what_is_served_is_refused(address: int) -> None:
-    with pytest.raises(Objection) as refused:
+    with pytest.raises(ExceptionReply) as refused:
         faced(written_map(SHARED_WORD), (0, 1)).mask(address, 0xFFFF, 0)
     assert refused.value.code == ILLEGAL_ADDRESS
 
@@ -247,7 +247,7 @@ def test_a_command_may_lie_on_an_endpoint_and_each_write_there_keeps_it_alive() 
 )
 def test_an_endpoint_serves_what_the_map_says_of_it_only(table: Table, address: int, code: int) -> None:
     head, text = TWO_DEVICES
-    with pytest.raises(Objection) as refused:
+    with pytest.raises(ExceptionReply) as refused:
         faced(written_map(text, head), (0, 1)).read(table, address, of="sensor")
     assert refused.value.code == code
 

@@ -25,7 +25,7 @@ from simulator.faults import (
     Stopped,
 )
 from simulator.modes import Key
-from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_VALUE, Objection
+from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ExceptionReply
 from tests.simulator.faces import SCAN_S, Faced, faced, is_closed, is_open, stands_open_at
 from tests.support.good_map import HANDSHAKE
 from tests.support.rows import each_row
@@ -411,10 +411,10 @@ def test_a_write_that_is_ignored_does_not_let_go_and_is_no_sign_of_life(*, store
 def test_an_ignored_write_is_refused_where_any_write_is() -> None:
     lift = begun(faced("waveshare-relay", (0, 1)), IgnoredWrites())
     for refused, code in ((0x208, ILLEGAL_ADDRESS), (0x200, ILLEGAL_VALUE)):
-        with pytest.raises(Objection) as objection:
+        with pytest.raises(ExceptionReply) as objection:
             lift.write(COIL, refused, 1)
         assert objection.value.code == code
-    with pytest.raises(Objection):
+    with pytest.raises(ExceptionReply):
         lift.pulse(0x002, 5)
     lift.pulse(0x201, 5)
     assert lift.read(COIL, 0x201) == [0]

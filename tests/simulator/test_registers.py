@@ -9,7 +9,7 @@ from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import shaft
 from simulator.controller import Inputs, Parameters, Picture
 from simulator.modes import Key
-from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, Objection, RegisterFace
+from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ExceptionReply, RegisterFace
 from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
 
@@ -462,7 +462,7 @@ def test_what_people_do_renews_no_watchdog() -> None:
     ],
 )
 def test_a_read_outside_what_the_map_serves_is_refused(table: Table, address: int, count: int, code: int) -> None:
-    with pytest.raises(Objection) as refused:
+    with pytest.raises(ExceptionReply) as refused:
         generic().face.read(table, address, count, 0.0)
     assert refused.value.code == code
 
@@ -470,7 +470,7 @@ def test_a_read_outside_what_the_map_serves_is_refused(table: Table, address: in
 def test_a_write_outside_what_the_map_serves_is_refused_and_changes_nothing() -> None:
     lift = generic()
     for address, values in ((15, [1, 2]), (19, [0, 1]), (8, [1]), (40, [1])):
-        with pytest.raises(Objection) as refused:
+        with pytest.raises(ExceptionReply) as refused:
             lift.face.write(Table.HOLDING, address, values, 0.0)
         assert refused.value.code == ILLEGAL_ADDRESS
     assert lift.face.read(Table.HOLDING, 16, 4, 0.0) == [0, 0, 0, 0]

@@ -11,7 +11,7 @@ from pymodbus.client import AsyncModbusTcpClient
 from register_maps.words import Table
 from simulator import shaft
 from simulator.controller import Parameters
-from simulator.registers import Objection, RegisterFace
+from simulator.registers import ExceptionReply, RegisterFace
 from simulator.server import SimulatedController
 from tests.support.rows import each_row
 from tests.support.shipped_maps import compiled
@@ -51,12 +51,12 @@ class Notebook:
     def pulse(self, address: int, counts: int, now: float) -> None:
         self.check(address + 1)
         if self.pulses is None:
-            raise Objection(3)
+            raise ExceptionReply(3)
         self.pulses.append((address, counts))
 
     def check(self, end: int) -> None:
         if self.objects or end > SPAN:
-            raise Objection(self.objects or 2)
+            raise ExceptionReply(self.objects or 2)
 
 
 @dataclass

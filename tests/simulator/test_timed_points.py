@@ -3,7 +3,7 @@
 import pytest
 
 from register_maps.words import Table
-from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Objection
+from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, ExceptionReply
 from tests.simulator.faces import Faced, faced, is_closed, is_open, stands_open_at
 from tests.support.rows import each_row
 from tests.support.written_maps import written_map
@@ -104,7 +104,7 @@ def test_however_long_nobody_looks_a_timed_relay_has_ended_in_time() -> None:
 )
 def test_a_duration_for_a_coil_that_takes_none_is_refused(address: int, code: int) -> None:
     lift = faced("waveshare-relay", (0, 1))
-    with pytest.raises(Objection) as refused:
+    with pytest.raises(ExceptionReply) as refused:
         lift.pulse(address, 5)
     assert refused.value.code == code
 
@@ -114,14 +114,14 @@ def test_a_duration_for_a_coil_that_takes_none_is_refused(address: int, code: in
 )
 def test_a_device_without_timed_coils_refuses_durations(map_name: str, code: int) -> None:
     lift = faced(map_name, (0, 1) if map_name == "two-stop-agv" else (1, 2))
-    with pytest.raises(Objection) as refused:
+    with pytest.raises(ExceptionReply) as refused:
         lift.pulse(0, 5)
     assert refused.value.code == code
 
 
 def test_a_timed_coil_takes_no_plain_on() -> None:
     lift = faced("waveshare-relay", (0, 1))
-    with pytest.raises(Objection) as refused:
+    with pytest.raises(ExceptionReply) as refused:
         lift.write(COIL, 0x200, 1)
     assert refused.value.code == ILLEGAL_VALUE
     assert lift.read(COIL, 0x200) == [0]

@@ -25,7 +25,7 @@ from register_maps import frames
 from register_maps.codec import Codec
 from register_maps.frames import Request
 from simulator.controller import Inputs, Parameters
-from simulator.registers import Endpoint, Objection, RegisterFace
+from simulator.registers import Endpoint, ExceptionReply, RegisterFace
 from tests.support.session_calls import SessionCalls
 from tests.support.shipped_maps import compiled
 from tests.support.virtual_time import cancel_all, elapse, run_virtual
@@ -79,7 +79,7 @@ class SimulatedDevice:
             payload = b"" if ignored else carry_out(self.face, request, now)
             if request.is_write:
                 self.writes.append((now, request))
-        except Objection as objection:
+        except ExceptionReply as objection:
             return [(self.delay_s, frames.exception_answer(frame, objection.code))]
         return [(self.delay_s, frames.answer(request, frames.tid_of(frame), payload))]
 
