@@ -31,7 +31,7 @@ class ExceptionReply(Exception):
         self.code = code
 
 
-class Silence(Exception):
+class NoReply(Exception):
     """The device is not on its network: no answer comes at all, and no connection lasts."""
 
 

@@ -15,7 +15,7 @@ from register_maps.schema import Kind
 from register_maps.words import Table
 from simulator import asks, controller, shaft
 from simulator.asks import WATCHDOG_REFRESHES
-from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, ExceptionReply, Silence
+from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, ExceptionReply, NoReply
 from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
 from simulator.register_faults import Tale, Troubles, restarted, stand
@@ -30,8 +30,8 @@ __all__ = [
     "WATCHDOG_REFRESHES",
     "Endpoint",
     "ExceptionReply",
+    "NoReply",
     "RegisterFace",
-    "Silence",
 ]
 
 BEATS_PER_S = 2
@@ -209,7 +209,7 @@ class RegisterFace:
 
     @property
     def on_network(self) -> bool:
-        """Whether it answers at all; otherwise reading and writing raise Silence."""
+        """Whether it answers at all; otherwise reading and writing raise NoReply."""
         return not self._troubles.off
 
     def admits(self, now: float) -> bool:
@@ -258,7 +258,7 @@ class RegisterFace:
     def _answer(self, now: float) -> None:
         self.advance(now)
         if self._troubles.off:
-            raise Silence
+            raise NoReply
 
     def _written(self) -> None:
         """A client wrote: that, or a heartbeat that moved on, is a sign of life."""

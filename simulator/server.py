@@ -19,7 +19,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from register_maps import frames
 from register_maps.errors import BadRequest, FrameError
 from register_maps.words import Table
-from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, ExceptionReply, Silence
+from simulator.cells import ILLEGAL_FUNCTION, ILLEGAL_VALUE, ExceptionReply, NoReply
 from simulator.faults import Fault, SlotKept
 
 _FUNCTION_AT = 7
@@ -67,7 +67,7 @@ class Networked(Protocol):
 
     @property
     def on_network(self) -> bool:
-        """Whether it answers at all; otherwise every access raises Silence."""
+        """Whether it answers at all; otherwise every access raises NoReply."""
         ...
 
     @property
@@ -156,7 +156,7 @@ class _Context:
             return self._device(device_id).read(_TABLES[func_code], address, count, self._clock())
         except ExceptionReply as objection:
             return ExcCodes(objection.code)
-        except Silence as silence:
+        except NoReply as silence:
             raise NoSuchIdException(f"unit {device_id} is off") from silence
 
     async def async_setValues(  # noqa: N802 - pymodbus's name
@@ -166,7 +166,7 @@ class _Context:
             self._device(device_id).write(_TABLES[func_code], address, [int(value) for value in values], self._clock())
         except ExceptionReply as objection:
             return ExcCodes(objection.code)
-        except Silence as silence:
+        except NoReply as silence:
             raise NoSuchIdException(f"unit {device_id} is off") from silence
         return None
 
@@ -177,7 +177,7 @@ class _Context:
             self._device(request.unit).pulse(request.address, request.duration or 0, self._clock())
         except (BadRequest, ExceptionReply) as refusal:
             return frames.exception_answer(frame, refusal.code)
-        except (NoSuchIdException, Silence):
+        except (NoSuchIdException, NoReply):
             return frames.exception_answer(frame, ExcCodes.GATEWAY_NO_RESPONSE)
         return frames.answer(request, frames.tid_of(frame))
 

@@ -26,7 +26,7 @@ from simulator.faults import (
     Stopped,
 )
 from simulator.modes import Key
-from simulator.registers import Silence
+from simulator.registers import NoReply
 from simulator.server import Device, SimulatedController
 from tests.simulator.faces import Faced, faced, is_closed, is_open, stands_open_at
 from tests.support.rows import each_row
@@ -91,7 +91,7 @@ def test_a_device_that_is_off_answers_to_nothing_and_admits_nobody(fault: Fault)
         lambda: lift.read(DISCRETE, 0, of="sensor"),
     ]
     for ask in asked:
-        with pytest.raises(Silence):
+        with pytest.raises(NoReply):
             ask()
     for device in (lift.face, lift.face.endpoint("sensor")):
         assert not device.on_network

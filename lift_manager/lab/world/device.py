@@ -10,7 +10,7 @@ from register_maps import frames
 from register_maps.errors import BadRequest
 from register_maps.frames import Request
 from register_maps.words import BIT_TABLES
-from simulator.registers import Endpoint, ExceptionReply, RegisterFace, Silence
+from simulator.registers import Endpoint, ExceptionReply, NoReply, RegisterFace
 
 ANSWER_S = 0.004
 """How long a device takes to answer. Chosen: a quick PLC."""
@@ -66,14 +66,14 @@ class MemoryController:
             payload = carry_out(device, request, asyncio.get_running_loop().time())
         except ExceptionReply as objection:
             return [(ANSWER_S, frames.exception_answer(frame, objection.code))]
-        except Silence:
+        except NoReply:
             return []
         self._look(request.is_write)
         return [(ANSWER_S, frames.answer(request, frames.tid_of(frame), payload))]
 
 
 def carry_out(device: Device, request: Request, now: float) -> bytes:
-    """Read or write, and return what the answer carries. Raises ExceptionReply, and Silence while the device is off."""
+    """Read or write, and return what the answer carries. Raises ExceptionReply, and NoReply while the device is off."""
     if not request.is_write:
         cells = device.read(request.table, request.address, request.count, now)
         if request.table in BIT_TABLES:
