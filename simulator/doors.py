@@ -34,7 +34,7 @@ class Leaf:
 
 
 @dataclass(frozen=True, slots=True)
-class Trouble:
+class DoorFaults:
     """What goes wrong with the doors."""
 
     stuck: frozenset[Side] = frozenset()
@@ -45,13 +45,13 @@ class Trouble:
     """The doors close slowly."""
 
 
-NO_TROUBLE = Trouble()
+NO_TROUBLE = DoorFaults()
 
 
 def move(
     doors: Mapping[Side, Leaf],
     to_open: frozenset[Side],
-    trouble: Trouble,
+    trouble: DoorFaults,
     dt: float,
     *,
     open_s: float,
@@ -79,7 +79,7 @@ def move(
     return (after if moves else doors), dt
 
 
-def _end(side: Side, leaf: Leaf, trouble: Trouble) -> float:
+def _end(side: Side, leaf: Leaf, trouble: DoorFaults) -> float:
     """How far a closing door is open still where it closes no further."""
     if trouble is NO_TROUBLE:
         return 0.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from register_maps.words import Mode
-from simulator.doors import NO_TROUBLE, Trouble
+from simulator.doors import NO_TROUBLE, DoorFaults
 from simulator.faults import (
     CallsCancelled,
     Homing,
@@ -37,7 +37,7 @@ _KEYS = {
 class Acting:
     """What all faults that are present come to."""
 
-    trouble: Trouble = NO_TROUBLE
+    trouble: DoorFaults = NO_TROUBLE
     relevelling: Relevelling | None = None
     """Of several the one that comes most often."""
     floors_off: int = 0
@@ -58,7 +58,7 @@ def acting(faults: AbstractSet[MachineFault]) -> Acting:
         return NOTHING
     sinking = [fault for fault in faults if isinstance(fault, Relevelling)]
     return Acting(
-        trouble=Trouble(
+        trouble=DoorFaults(
             stuck=frozenset(fault.side for fault in faults if isinstance(fault, StuckDoor)),
             jammed=frozenset(fault.side for fault in faults if isinstance(fault, ReopeningDoor)),
             nudging=_has(faults, NudgingDoor),

@@ -5,7 +5,7 @@ steps. The interlocks live here, below any controller: the car never travels wit
 opens only where the car stands in the door zone of a floor that has this door, whatever is ordered. Within a door zone
 a car that is not level may creep back with its doors open, as real lifts do.
 
-What goes wrong with the doors comes in as `Trouble`; a wrong floor or a stop between floors is a different
+What goes wrong with the doors comes in as `DoorFaults`; a wrong floor or a stop between floors is a different
 `target_m`.
 """
 
@@ -18,7 +18,7 @@ from math import sqrt
 
 from register_maps.words import Motion, Side
 from simulator import doors
-from simulator.doors import NO_TROUBLE, Leaf, Trouble
+from simulator.doors import NO_TROUBLE, DoorFaults, Leaf
 
 FLOOR_SPACING_M = 3.2
 """Chosen: a usual storey of an office building."""
@@ -142,7 +142,7 @@ class Orders:
     """Creep level with the floor of this door zone although a door is open."""
     sinks_m: float = 0.0
     """How far below the floor a standing car with an open door sinks, never out of the door zone. No order, but a load."""
-    trouble: Trouble = NO_TROUBLE
+    trouble: DoorFaults = NO_TROUBLE
 
 
 def at_floor(floor: int, parameters: Parameters) -> State:
