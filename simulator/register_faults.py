@@ -36,7 +36,7 @@ from simulator.state import Parameters, Picture, State
 Foreign = ForeignWriter | ForeignCell
 
 
-class Tale(NamedTuple):
+class ShownRegisters(NamedTuple):
     """What the registers are to show."""
 
     picture: Picture
@@ -64,12 +64,12 @@ class Troubles:
         self._presses: LostPresses | None = None
         self._floors = len(codes)
         self._cells = cells
-        self._held: Tale | None = None
+        self._held: ShownRegisters | None = None
         """What a stopped program said last."""
         self._beat: int | None = None
         """Where a frozen heartbeat stands."""
 
-    def begin(self, fault: Fault, now: float, tale: Tale) -> None:
+    def begin(self, fault: Fault, now: float, tale: ShownRegisters) -> None:
         """`tale` is what the registers show at that moment. Raises ValueError for a foreign writer that cannot be."""
         match fault:
             case ForeignWriter() | ForeignCell():
@@ -130,7 +130,7 @@ class Troubles:
         """Presses that are swallowed and still last, by command."""
         return {} if self._presses is None else self._presses.lost
 
-    def tale(self, told: Tale) -> Tale:
+    def tale(self, told: ShownRegisters) -> ShownRegisters:
         """Return what is shown in the place of the truth."""
         if self._held is not None:
             return self._held
@@ -153,7 +153,7 @@ def _any(faults: frozenset[Fault], *kinds: type) -> bool:
 # -- what is told
 
 
-def lied(told: Tale, faults: frozenset[Fault], floors: int) -> Tale:
+def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRegisters:
     """Return what these faults make of the truth; the lift has so many floors."""
     picture = told.picture
     sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
@@ -163,7 +163,7 @@ def lied(told: Tale, faults: frozenset[Fault], floors: int) -> Tale:
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
-    return Tale(picture, told.beat, Lies(floor_between=ahead, contradicting=sides))
+    return ShownRegisters(picture, told.beat, Lies(floor_between=ahead, contradicting=sides))
 
 
 def _leaves(picture: Picture) -> bool:

@@ -18,7 +18,7 @@ from simulator.asks import WATCHDOG_REFRESHES
 from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, ExceptionReply, NoReply
 from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
-from simulator.register_faults import Tale, Troubles, restarted, stand
+from simulator.register_faults import ShownRegisters, Troubles, restarted, stand
 from simulator.says import Says
 from simulator.shaft import NEGLIGIBLE_S
 from simulator.state import Inputs, Parameters, Picture, State
@@ -168,7 +168,7 @@ class RegisterFace:
         self.advance(now)
         if fault in self.faults:
             return
-        self._troubles.begin(fault, now, self._troubles.tale(Tale(self.picture, self._beats)))
+        self._troubles.begin(fault, now, self._troubles.tale(ShownRegisters(self.picture, self._beats)))
         match fault:
             case LostPress():
                 self._troubles.lose(fault, asks.asked(self._codec, self._cells.seen, self._codes))
@@ -324,7 +324,7 @@ class RegisterFace:
         if made_of == self._made_of and not stale:
             return
         self._made_of = made_of
-        tale = Tale(self.picture, self._beats)
+        tale = ShownRegisters(self.picture, self._beats)
         if self._troubles.lies:
             tale = self._troubles.tale(tale)
         said = self._sayable(tale.picture), tale.beat, tale.lies
