@@ -45,7 +45,7 @@ class ShownRegisters(NamedTuple):
     lies: Lies = NO_LIES
 
 
-class Troubles:
+class RegisterFaults:
     """The faults of one register face, and what they do to its cells."""
 
     def __init__(self, codec: Codec, codes: Sequence[int], cells: Cells) -> None:

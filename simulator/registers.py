@@ -18,7 +18,7 @@ from simulator.asks import WATCHDOG_REFRESHES
 from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, ExceptionReply, NoReply
 from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
-from simulator.register_faults import ShownRegisters, Troubles, restarted, stand
+from simulator.register_faults import RegisterFaults, ShownRegisters, restarted, stand
 from simulator.says import Says
 from simulator.shaft import NEGLIGIBLE_S
 from simulator.state import Inputs, Parameters, Picture, State
@@ -77,7 +77,7 @@ class RegisterFace:
         self._beats = 0
         """What the alive counter stood at when it was last looked at."""
         self._beats_from = 0.0
-        self._troubles = Troubles(codec, self._codes, self._cells)
+        self._troubles = RegisterFaults(codec, self._codes, self._cells)
         self._homes = False
         """The program has begun, and does not know yet where its car is."""
         self._watchers: list[Callable[[], None]] = []
