@@ -34,7 +34,7 @@ _KEYS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Acting:
+class ActiveFaults:
     """What all faults that are present come to."""
 
     trouble: DoorFaults = NO_TROUBLE
@@ -49,15 +49,15 @@ class Acting:
     overload: bool = False
 
 
-NOTHING = Acting()
+NOTHING = ActiveFaults()
 
 
-def acting(faults: AbstractSet[MachineFault]) -> Acting:
+def acting(faults: AbstractSet[MachineFault]) -> ActiveFaults:
     """Put faults together; the order in which they are given never matters."""
     if not faults:
         return NOTHING
     sinking = [fault for fault in faults if isinstance(fault, Relevelling)]
-    return Acting(
+    return ActiveFaults(
         trouble=DoorFaults(
             stuck=frozenset(fault.side for fault in faults if isinstance(fault, StuckDoor)),
             jammed=frozenset(fault.side for fault in faults if isinstance(fault, ReopeningDoor)),
@@ -77,7 +77,7 @@ def _has(faults: AbstractSet[MachineFault], kind: type) -> bool:
     return any(isinstance(fault, kind) for fault in faults)
 
 
-def upon(image: Inputs, doing: Acting) -> Inputs:
+def upon(image: Inputs, doing: ActiveFaults) -> Inputs:
     """Put alarms, keys and load on top of what people set."""
     keys = {image.key, *(_KEYS[mode] for mode in doing.modes if mode in _KEYS)}
     return replace(

@@ -13,7 +13,7 @@ from register_maps.words import Door, Mode, Motion, Side
 from simulator import handshake, network, shaft
 from simulator.faults import MachineFault
 from simulator.levelling import NOT_SINKING, Levelling
-from simulator.machine_faults import NOTHING, Acting
+from simulator.machine_faults import NOTHING, ActiveFaults
 from simulator.modes import NO_GRANT, Key, RobotGrant
 from simulator.shaft import NEGLIGIBLE_S
 
@@ -138,7 +138,7 @@ class State(NamedTuple):
     image: Inputs = Inputs()
     """The inputs with what is believed of the network put on them."""
     handshake: handshake.State = handshake.State()
-    acting: Acting = NOTHING
+    acting: ActiveFaults = NOTHING
     """What is wrong with the machine, as the last scan saw it."""
     homes_from: int | None = None
     """Floor that was known last, while the car drives home; None: it knows where it is."""
