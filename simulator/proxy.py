@@ -17,7 +17,7 @@ from typing import Self
 
 from register_maps import frames
 from register_maps.errors import FrameError
-from simulator.wire_faults import Admission, Connection, Reply, WireFaults
+from simulator.wire_faults import Connection, ConnectOutcome, Reply, WireFaults
 
 _CHUNK = 65536
 _RESET = struct.pack("ii", 1, 0)
@@ -108,11 +108,11 @@ class FaultProxy:
         try:
             near = await asyncio.open_connection(sock=client)
             writers.append(near[1])
-            if connection.admission is Admission.REFUSED:
+            if connection.admission is ConnectOutcome.REFUSED:
                 _reset(near[1])
                 return
             device: _Stream | None = None
-            if connection.admission is Admission.ADMITTED:
+            if connection.admission is ConnectOutcome.ADMITTED:
                 try:
                     device = await asyncio.open_connection(*self._server)
                 except OSError:

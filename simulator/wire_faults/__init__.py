@@ -14,7 +14,7 @@ from simulator.wire_faults.contents import (
     WrongTransactionId,
     WrongUnit,
 )
-from simulator.wire_faults.engine import Admission, Answer, Connection, Verdict, WireFaults
+from simulator.wire_faults.engine import Answer, Connection, ConnectOutcome, Verdict, WireFaults
 from simulator.wire_faults.faults import ORDER, WIRE_FAULTS, WireFault
 from simulator.wire_faults.ledger import Exchange, Struck
 from simulator.wire_faults.losses import (
@@ -48,10 +48,10 @@ __all__ = [
     "WIRE_FAULTS",
     "AcceptAndSayNothing",
     "Access",
-    "Admission",
     "Answer",
     "AnswerWithException",
     "Bandwidth",
+    "ConnectOutcome",
     "Connection",
     "ConnectionLimit",
     "Delay",

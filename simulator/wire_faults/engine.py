@@ -32,7 +32,7 @@ _RANK: dict[type, int] = {kind: rank for rank, kind in enumerate(ORDER)}
 
 
 @unique
-class Admission(StrEnum):
+class ConnectOutcome(StrEnum):
     """What an attempt to connect meets."""
 
     ADMITTED = "admitted"
@@ -142,11 +142,11 @@ class Connection:
     def __init__(self, ledger: Ledger, now: float) -> None:
         self.admission = _admission(ledger.on_connect(now))
         """Whether the client is let in."""
-        self.dead = self.admission is Admission.SILENT
+        self.dead = self.admission is ConnectOutcome.SILENT
         """Whether nothing passes any more though the connection stays, in neither direction, and not its end either."""
         self._ledger = ledger
-        self._counts = self.admission is Admission.ADMITTED
-        self._ended = self.admission is Admission.REFUSED
+        self._counts = self.admission is ConnectOutcome.ADMITTED
+        self._ended = self.admission is ConnectOutcome.REFUSED
         self._pending: deque[_Plan] = deque()
         self._held: tuple[_Plan, Replies] | None = None
         self._clear_at = now
@@ -342,8 +342,8 @@ class Connection:
         )
 
 
-def _admission(fault: WireFault | None) -> Admission:
+def _admission(fault: WireFault | None) -> ConnectOutcome:
     if fault is None:
-        return Admission.ADMITTED
+        return ConnectOutcome.ADMITTED
     silent = isinstance(fault, AcceptAndSayNothing) or (isinstance(fault, ConnectionLimit) and fault.silent)
-    return Admission.SILENT if silent else Admission.REFUSED
+    return ConnectOutcome.SILENT if silent else ConnectOutcome.REFUSED

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from simulator.wire_faults.bases import Reply
-from simulator.wire_faults.engine import Admission, Answer, Connection, WireFaults
+from simulator.wire_faults.engine import Answer, Connection, ConnectOutcome, WireFaults
 
 
 class FaultyAnswer:
@@ -24,7 +24,7 @@ class FaultyAnswer:
             self._connection = self._engine.connection(now)
         return self._connection.request(frame, now, self._answer)
 
-    def admit(self) -> Admission:
+    def admit(self) -> ConnectOutcome:
         """An attempt to connect; the connection before it is gone."""
         self.close()
         self._connection = self._engine.connection(self._clock())

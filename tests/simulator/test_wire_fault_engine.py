@@ -11,10 +11,10 @@ from simulator.wire_faults import (
     WIRE_FAULTS,
     AcceptAndSayNothing,
     Access,
-    Admission,
     AnswerWithException,
     Bandwidth,
     ConnectionLimit,
+    ConnectOutcome,
     Delay,
     DropAnswer,
     DropRequest,
@@ -237,7 +237,7 @@ def test_a_request_of_an_unknown_function_passes_and_can_be_struck() -> None:
 def test_connections_may_be_refused_or_accepted_in_silence() -> None:
     engine = WireFaults([RefuseConnections(times=1), AcceptAndSayNothing(times=1)])
     admissions = [engine.connection(0.0).admission for _ in range(3)]
-    assert admissions == [Admission.REFUSED, Admission.SILENT, Admission.ADMITTED]
+    assert admissions == [ConnectOutcome.REFUSED, ConnectOutcome.SILENT, ConnectOutcome.ADMITTED]
 
 
 def test_a_connection_accepted_in_silence_hears_nothing_even_when_the_fault_is_over() -> None:
@@ -249,7 +249,7 @@ def test_a_connection_accepted_in_silence_hears_nothing_even_when_the_fault_is_o
 
 
 def test_a_limit_keeps_more_clients_out_until_one_has_gone() -> None:
-    for silent, turned_away in ((False, Admission.REFUSED), (True, Admission.SILENT)):
+    for silent, turned_away in ((False, ConnectOutcome.REFUSED), (True, ConnectOutcome.SILENT)):
         engine = WireFaults([ConnectionLimit(2, silent=silent)])
         one, _two, three = (engine.connection(0.0) for _ in range(3))
         assert three.admission is turned_away
@@ -257,7 +257,7 @@ def test_a_limit_keeps_more_clients_out_until_one_has_gone() -> None:
         assert engine.connection(1.0).admission is turned_away
         one.close(2.0)
         one.close(2.0)
-        assert engine.connection(2.0).admission is Admission.ADMITTED
+        assert engine.connection(2.0).admission is ConnectOutcome.ADMITTED
         assert engine.connection(2.0).admission is turned_away
 
 
@@ -269,16 +269,16 @@ def test_in_memory_every_attempt_to_connect_is_a_connection_of_its_own() -> None
     far = Far(HalfOpen(times=1), ConnectionLimit(1))
     far.connection.close(0.0)
     end = faulty(far.answer, far.faults, lambda: now[0])
-    assert end.admit() is Admission.ADMITTED
+    assert end.admit() is ConnectOutcome.ADMITTED
     assert end(frames.frame(READ, 1)) == []
     assert end(frames.frame(READ, 2)) == []
-    assert end.admit() is Admission.ADMITTED
+    assert end.admit() is ConnectOutcome.ADMITTED
     assert end(frames.frame(READ, 3)) == [(0.0, answer_to(READ, 3))]
     other = faulty(far.answer, far.faults, lambda: now[0])
-    assert other.admit() is Admission.REFUSED
+    assert other.admit() is ConnectOutcome.REFUSED
     assert other(frames.frame(READ, 4)) == []
     end.close()
-    assert other.admit() is Admission.ADMITTED
+    assert other.admit() is ConnectOutcome.ADMITTED
 
 
 def test_in_memory_a_first_request_connects() -> None:

@@ -30,10 +30,10 @@ from simulator.wire_faults import (
     EVERYTHING,
     WIRE_FAULTS,
     AcceptAndSayNothing,
-    Admission,
     AnswerWithException,
     Bandwidth,
     ConnectionLimit,
+    ConnectOutcome,
     Delay,
     DropAnswer,
     DropRequest,
@@ -127,7 +127,7 @@ class FaultyWire(MemoryWire):
         self._far.close()
 
     def _admitted(self) -> ConnectProblem | None:
-        return ConnectProblem.REFUSED if self._far.admit() is Admission.REFUSED else None
+        return ConnectProblem.REFUSED if self._far.admit() is ConnectOutcome.REFUSED else None
 
 
 Check = Callable[[Bench], Coroutine[object, object, None]]

@@ -7,7 +7,7 @@ import asyncio
 from drivers.errors import ConnectProblem
 from drivers.modbus.memory import MemoryWire
 from lift_manager.lab.world.device import MemoryController
-from simulator.wire_faults import Admission, WireFaults, faulty
+from simulator.wire_faults import ConnectOutcome, WireFaults, faulty
 
 
 class FaultyWire(MemoryWire):
@@ -27,7 +27,7 @@ class FaultyWire(MemoryWire):
     def _admitted(self) -> ConnectProblem | None:
         if not self._controller.on_network:
             return ConnectProblem.TIMED_OUT
-        if self._controller.keeps_slot or self._far.admit() is Admission.REFUSED:
+        if self._controller.keeps_slot or self._far.admit() is ConnectOutcome.REFUSED:
             return ConnectProblem.REFUSED
         self._controller.wires.append(self)
         return None
