@@ -16,7 +16,7 @@ from simulator.wire_faults.contents import (
 )
 from simulator.wire_faults.engine import Answer, Connection, ConnectOutcome, Verdict, WireFaults
 from simulator.wire_faults.faults import ORDER, WIRE_FAULTS, WireFault
-from simulator.wire_faults.ledger import Exchange, Struck
+from simulator.wire_faults.ledger import Exchange, StruckFault
 from simulator.wire_faults.losses import (
     AcceptAndSayNothing,
     AnswerWithException,
@@ -74,7 +74,7 @@ __all__ = [
     "Reply",
     "ResetConnection",
     "SplitAnswer",
-    "Struck",
+    "StruckFault",
     "Target",
     "TruncateAnswer",
     "UniformDelay",

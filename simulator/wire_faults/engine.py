@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from simulator.wire_faults.bases import HoldFault, InsteadFault, Replies, Reply, ShapeFault
 from simulator.wire_faults.faults import ORDER, WireFault
-from simulator.wire_faults.ledger import Entry, Exchange, Ledger, Struck
+from simulator.wire_faults.ledger import Entry, Exchange, Ledger, StruckFault
 from simulator.wire_faults.losses import AcceptAndSayNothing, ConnectionLimit, HalfOpen
 from simulator.wire_faults.target import FUNCTION_AT, UNIT_AT
 from simulator.wire_faults.ways import Bandwidth, LateAnswer, MergeAnswers
@@ -65,7 +65,7 @@ class WireFaults:
         return tuple(entry.fault for entry in self._ledger.entries)
 
     @property
-    def done(self) -> list[Struck]:
+    def done(self) -> list[StruckFault]:
         """Every strike in its order. It grows without limit; whoever runs for long may clear it."""
         return self._ledger.done
 
@@ -317,7 +317,7 @@ class Connection:
 
     def _strike(self, plan: _Plan, entry: Entry, at: float) -> None:
         plan.struck.append(entry.fault)
-        self._ledger.done.append(Struck(at, entry.fault, plan.frame))
+        self._ledger.done.append(StruckFault(at, entry.fault, plan.frame))
 
     def _lose_held(self) -> None:
         if self._held is not None:

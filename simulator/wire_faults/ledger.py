@@ -20,7 +20,7 @@ SLOT_S = 1.0
 because others are sent before them, and shorter than faults last."""
 
 
-class Struck(NamedTuple):
+class StruckFault(NamedTuple):
     """One fault that has struck."""
 
     at: float
@@ -109,7 +109,7 @@ class Ledger:
 
     seed: int
     start: float | None
-    done: list[Struck] = field(default_factory=list)
+    done: list[StruckFault] = field(default_factory=list)
     on_exchange: Callable[[Exchange], None] | None = None
     entries: list[Entry] = field(default_factory=list)
     clients: int = 0
@@ -162,6 +162,6 @@ class Ledger:
             if isinstance(fault, ConnectionLimit) and self.clients < fault.clients:
                 continue
             if entry.strikes(elapsed_s):
-                self.done.append(Struck(now, fault, None))
+                self.done.append(StruckFault(now, fault, None))
                 return fault
         return None

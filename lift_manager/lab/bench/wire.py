@@ -15,7 +15,7 @@ from simulator.wire_faults import (
     DropRequest,
     HalfOpen,
     ResetConnection,
-    Struck,
+    StruckFault,
     WireFault,
     WireFaults,
 )
@@ -140,7 +140,7 @@ class ModbusFaults:
         return self._thread.call(self._present)
 
     @property
-    def struck(self) -> tuple[Struck, ...]:
+    def struck(self) -> tuple[StruckFault, ...]:
         """Everything that has been struck, in order of time: the fault, the request, and when by `time.monotonic`."""
         return self._thread.call(
             lambda: tuple(sorted((one for wire in self._mine() for one in wire.done), key=attrgetter("at")))
