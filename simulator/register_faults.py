@@ -29,8 +29,8 @@ from simulator.faults import (
 )
 from simulator.modes import Key
 from simulator.network import Given
-from simulator.says import NO_LIES, Lies
 from simulator.shaft import NEGLIGIBLE_S
+from simulator.shown_signals import NO_LIES, Lies
 from simulator.state import Parameters, Picture, State
 
 Foreign = ForeignWriter | ForeignCell

@@ -19,8 +19,8 @@ from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Ce
 from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
 from simulator.register_faults import RegisterFaults, ShownRegisters, restarted, stand
-from simulator.says import Says
 from simulator.shaft import NEGLIGIBLE_S
+from simulator.shown_signals import Says
 from simulator.state import Inputs, Parameters, Picture, State
 
 __all__ = [
