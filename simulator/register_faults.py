@@ -30,7 +30,7 @@ from simulator.faults import (
 from simulator.modes import Key
 from simulator.network import Given
 from simulator.shaft import NEGLIGIBLE_S
-from simulator.shown_signals import NO_LIES, Lies
+from simulator.shown_signals import NO_LIES, FalseSignals
 from simulator.state import Parameters, Picture, State
 
 Foreign = ForeignWriter | ForeignCell
@@ -42,7 +42,7 @@ class ShownRegisters(NamedTuple):
     picture: Picture
     beat: int
     """Where the alive counter stands."""
-    lies: Lies = NO_LIES
+    lies: FalseSignals = NO_LIES
 
 
 class RegisterFaults:
@@ -163,7 +163,7 @@ def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRe
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
-    return ShownRegisters(picture, told.beat, Lies(floor_between=ahead, contradicting=sides))
+    return ShownRegisters(picture, told.beat, FalseSignals(floor_between=ahead, contradicting=sides))
 
 
 def _leaves(picture: Picture) -> bool:

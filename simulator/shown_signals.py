@@ -21,7 +21,7 @@ _MODES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Lies:
+class FalseSignals:
     """What is said otherwise than the picture has it."""
 
     floor_between: bool = False
@@ -30,7 +30,7 @@ class Lies:
     """Doors that say open and closed at once."""
 
 
-NO_LIES = Lies()
+NO_LIES = FalseSignals()
 
 
 class Says:
@@ -63,7 +63,7 @@ class Says:
         """What each value was found to be in raw bits; None: there are none for it."""
         self._says_unknown_floor = floor is not None and self._encoded(floor, None) is not None
 
-    def into(self, image: dict[str, list[int]], picture: Picture, beat: int, lies: Lies = NO_LIES) -> None:
+    def into(self, image: dict[str, list[int]], picture: Picture, beat: int, lies: FalseSignals = NO_LIES) -> None:
         """Put every signal into a register image; `beat` is what a counter stands at."""
         for signal, places in self._signals:
             value = self._value(signal, picture, beat, lies)
@@ -79,7 +79,7 @@ class Says:
         for side in lies.contradicting:
             self._contradict(image, side)
 
-    def _value(self, signal: SignalCodec, picture: Picture, beat: int, lies: Lies) -> Value:
+    def _value(self, signal: SignalCodec, picture: Picture, beat: int, lies: FalseSignals) -> Value:
         match signal.kind:
             case Kind.FLOOR:
                 return self._floor(signal, picture, lies)
@@ -98,7 +98,7 @@ class Says:
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
-    def _floor(self, signal: SignalCodec, picture: Picture, lies: Lies) -> int | None:
+    def _floor(self, signal: SignalCodec, picture: Picture, lies: FalseSignals) -> int | None:
         index: int | None = picture.floor
         if signal.name == "destination":
             index = picture.destination
