@@ -20,7 +20,7 @@ from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFaul
 from simulator.modes import Key
 from simulator.register_faults import RegisterFaults, ShownRegisters, restarted, stand
 from simulator.shaft import NEGLIGIBLE_S
-from simulator.shown_signals import Says
+from simulator.shown_signals import ShownSignals
 from simulator.state import Inputs, Parameters, Picture, State
 
 __all__ = [
@@ -67,7 +67,7 @@ class RegisterFace:
         self._now = 0.0
         self._cells = Cells(codec)
         self._beat = asks.beat(codec, self._cells.seen)
-        self._says = Says(codec, self._codes, self.parameters.hold_watchdog_s, self.parameters.shaft.heights_m)
+        self._says = ShownSignals(codec, self._codes, self.parameters.hold_watchdog_s, self.parameters.shaft.heights_m)
         self._sayable = _sayable_with_position if "car_position" in codec.signals else _sayable
         self._shown: State | None = None
         """The state when the registers were last brought up to date, what of it they were made of, and what they say."""

@@ -33,7 +33,7 @@ class FalseSignals:
 NO_LIES = FalseSignals()
 
 
-class Says:
+class ShownSignals:
     """The signals of one map, for a lift with these floor codes, lowest floor first."""
 
     def __init__(
