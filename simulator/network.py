@@ -33,7 +33,7 @@ class Level:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class NetworkMemory:
     """What the controller remembers of its network."""
 
     given: Given = field(default_factory=dict)
@@ -47,7 +47,9 @@ class Heard:
     """The watchdog has let go of something that the network still asks for."""
 
 
-def listen(heard: Heard, asked: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool) -> Heard:
+def listen(
+    heard: NetworkMemory, asked: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool
+) -> NetworkMemory:
     """One scan further; what was heard stays the same one where nothing is new."""
     if signs_of_life == heard.signs_of_life and asked == heard.given and parameters.believes_all:
         return heard
@@ -65,7 +67,7 @@ def listen(heard: Heard, asked: Given, signs_of_life: int, parameters: Parameter
         and (robot_mode or name not in parameters.robot_mode_only)
         and _is_believed(name, levels.get(name), parameters)
     }
-    return Heard(given, levels, signs_of_life, silent_s, tripped=bool(fallen))
+    return NetworkMemory(given, levels, signs_of_life, silent_s, tripped=bool(fallen))
 
 
 def _levels(before: Mapping[str, Level], asked: Given, parameters: Parameters) -> Mapping[str, Level]:

@@ -134,7 +134,7 @@ class State(NamedTuple):
     """Doors that are told to open or stay open, and the mechanical seconds for which they still do once fully open."""
     inputs: Inputs = Inputs()
     """The inputs as the last scan saw them."""
-    heard: network.Heard = network.Heard()
+    heard: network.NetworkMemory = network.NetworkMemory()
     image: Inputs = Inputs()
     """The inputs with what is believed of the network put on them."""
     handshake: handshake.State = handshake.State()
