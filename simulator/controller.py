@@ -19,13 +19,13 @@ from simulator.levelling import NOT_SINKING
 from simulator.machine_faults import NOTHING
 from simulator.modes import NO_GRANT, SERVICE, Key, RobotGrant
 from simulator.shaft import NEGLIGIBLE_S
-from simulator.state import Inputs, Parameters, Picture, SameFloorCall, State
+from simulator.state import Inputs, Parameters, SameFloorCall, ShownState, State
 
 __all__ = [
     "Inputs",
     "Parameters",
-    "Picture",
     "SameFloorCall",
+    "ShownState",
     "State",
     "initial",
     "picture",
@@ -65,12 +65,12 @@ def step(state: State, inputs: Inputs, dt: float, parameters: Parameters) -> Sta
     return state._replace(since_scan_s=since_scan_s)
 
 
-def picture(state: State, parameters: Parameters) -> Picture:
+def picture(state: State, parameters: Parameters) -> ShownState:
     level = shaft.level_floor(state.shaft, parameters.shaft)
     doors = {side: leaf.word for side, leaf in state.shaft.doors.items()}
     all_open = level is not None and all(doors[side] is Door.OPEN for side in parameters.doors_at[level])
     awaited = all_open and level == _awaits_at(state, parameters)
-    return Picture(
+    return ShownState(
         floor=state.shaft.floor,
         floor_known=state.homes_from is None,
         last_known_floor=state.shaft.floor if state.homes_from is None else state.homes_from,

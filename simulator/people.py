@@ -12,7 +12,7 @@ from math import inf
 from random import Random
 
 from register_maps.words import Door, Mode, Side
-from simulator.state import Inputs, Picture
+from simulator.state import Inputs, ShownState
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class People:
         riding = sum(person.rides for person in self._here)
         return Counts(len(self._here) - riding, riding, self._delivered, self._given_up)
 
-    def act(self, now: float, picture: Picture, inputs: Inputs) -> Inputs:
+    def act(self, now: float, picture: ShownState, inputs: Inputs) -> Inputs:
         """Return the inputs with what people do from `now` on; what others do at them stays."""
         self._come(now)
         if picture.door_open_floor != self._opened[0]:
@@ -204,7 +204,7 @@ class People:
     def _is_full(self) -> bool:
         return sum(person.rides for person in self._here) >= self.traffic.load
 
-    def _start_walk(self, now: float, picture: Picture) -> None:
+    def _start_walk(self, now: float, picture: ShownState) -> None:
         """One person at a time goes through the doors, those who get out first."""
         floor, since = self._opened
         if floor is None or now < since + self.traffic.reacts_s or any(person.walks for person in self._here):
@@ -225,13 +225,13 @@ class People:
             self._set_out(person, _Walk.OVERLOADS if full or person.heavy else _Walk.IN, now, picture)
             return
 
-    def _set_out(self, person: _Person, walk: _Walk, now: float, picture: Picture) -> None:
+    def _set_out(self, person: _Person, walk: _Walk, now: float, picture: ShownState) -> None:
         person.walks = walk
         person.walks_until = now + (self.traffic.overload_s if walk is _Walk.OVERLOADS else self.traffic.walks_s)
         person.side = next((side for side in Side if picture.doors.get(side) is Door.OPEN), Side.FRONT)
         person.presses = frozenset()
 
-    def _finish_walk(self, person: _Person, now: float, picture: Picture) -> None:
+    def _finish_walk(self, person: _Person, now: float, picture: ShownState) -> None:
         if person.walks is None or now < person.walks_until:
             return
         walk, person.walks = person.walks, None
@@ -251,7 +251,7 @@ class People:
 
     # -- buttons
 
-    def _press(self, person: _Person, now: float, picture: Picture) -> None:
+    def _press(self, person: _Person, now: float, picture: ShownState) -> None:
         """Press what is not lit; a finger stays on a button for a while, and comes back if the lamp stays dark."""
         if person.presses:
             if now < person.presses_until:

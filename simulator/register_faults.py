@@ -31,7 +31,7 @@ from simulator.modes import Key
 from simulator.network import Given
 from simulator.shaft import NEGLIGIBLE_S
 from simulator.shown_signals import NO_LIES, FalseSignals
-from simulator.state import Parameters, Picture, State
+from simulator.state import Parameters, ShownState, State
 
 Foreign = ForeignWriter | ForeignCell
 
@@ -39,7 +39,7 @@ Foreign = ForeignWriter | ForeignCell
 class ShownRegisters(NamedTuple):
     """What the registers are to show."""
 
-    picture: Picture
+    picture: ShownState
     beat: int
     """Where the alive counter stands."""
     lies: FalseSignals = NO_LIES
@@ -166,18 +166,18 @@ def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRe
     return ShownRegisters(picture, told.beat, FalseSignals(floor_between=ahead, contradicting=sides))
 
 
-def _leaves(picture: Picture) -> bool:
+def _leaves(picture: ShownState) -> bool:
     return picture.motion is not Motion.STOPPED and all(door is Door.CLOSED for door in picture.doors.values())
 
 
-def _next_floor(picture: Picture, floors: int) -> int:
+def _next_floor(picture: ShownState, floors: int) -> int:
     if picture.destination is not None:
         return picture.destination
     step = 1 if picture.motion is Motion.UP else -1
     return min(max(picture.floor + step, 0), floors - 1)
 
 
-def _moved(picture: Picture, by: int, floors: int) -> Picture:
+def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
     """Every sensor of a floor speaks for another one."""
 
     def other(floor: int) -> int:

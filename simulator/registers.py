@@ -21,7 +21,7 @@ from simulator.modes import Key
 from simulator.register_faults import RegisterFaults, ShownRegisters, restarted, stand
 from simulator.shaft import NEGLIGIBLE_S
 from simulator.shown_signals import ShownSignals
-from simulator.state import Inputs, Parameters, Picture, State
+from simulator.state import Inputs, Parameters, ShownState, State
 
 __all__ = [
     "ILLEGAL_ADDRESS",
@@ -40,9 +40,9 @@ BEATS_PER_S = 2
 
 _remembered = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
 """What a picture is made of; the time since the last scan shows nowhere."""
-_sayable = attrgetter(*(field.name for field in fields(Picture) if field.name not in ("position_m", "speed_m_s")))
+_sayable = attrgetter(*(field.name for field in fields(ShownState) if field.name not in ("position_m", "speed_m_s")))
 """What a map can say of a picture, unless it has a car position."""
-_sayable_with_position = attrgetter(*(field.name for field in fields(Picture) if field.name != "speed_m_s"))
+_sayable_with_position = attrgetter(*(field.name for field in fields(ShownState) if field.name != "speed_m_s"))
 
 
 class RegisterFace:
@@ -81,12 +81,12 @@ class RegisterFace:
         self._homes = False
         """The program has begun, and does not know yet where its car is."""
         self._watchers: list[Callable[[], None]] = []
-        self._pictured: tuple[State, object, Picture] | None = None
+        self._pictured: tuple[State, object, ShownState] | None = None
         """The picture last made, of which state, and of what in it: one that has not changed since is the same one."""
         self._show()
 
     @property
-    def picture(self) -> Picture:
+    def picture(self) -> ShownState:
         """What the lift really does, by its own physics."""
         state, last = self._state, self._pictured
         if last is not None and last[0] is state:

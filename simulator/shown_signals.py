@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from register_maps.codec import UNLISTED, Codec, Point, SignalCodec, Value
 from register_maps.schema import Kind, Signal
 from register_maps.words import Door, Mode, Motion, Side
-from simulator.state import Picture
+from simulator.state import ShownState
 
 _MODES = {
     "fire": Mode.FIRE,
@@ -63,7 +63,7 @@ class ShownSignals:
         """What each value was found to be in raw bits; None: there are none for it."""
         self._says_unknown_floor = floor is not None and self._encoded(floor, None) is not None
 
-    def into(self, image: dict[str, list[int]], picture: Picture, beat: int, lies: FalseSignals = NO_LIES) -> None:
+    def into(self, image: dict[str, list[int]], picture: ShownState, beat: int, lies: FalseSignals = NO_LIES) -> None:
         """Put every signal into a register image; `beat` is what a counter stands at."""
         for signal, places in self._signals:
             value = self._value(signal, picture, beat, lies)
@@ -79,7 +79,7 @@ class ShownSignals:
         for side in lies.contradicting:
             self._contradict(image, side)
 
-    def _value(self, signal: SignalCodec, picture: Picture, beat: int, lies: FalseSignals) -> Value:
+    def _value(self, signal: SignalCodec, picture: ShownState, beat: int, lies: FalseSignals) -> Value:
         match signal.kind:
             case Kind.FLOOR:
                 return self._floor(signal, picture, lies)
@@ -98,7 +98,7 @@ class ShownSignals:
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
-    def _floor(self, signal: SignalCodec, picture: Picture, lies: FalseSignals) -> int | None:
+    def _floor(self, signal: SignalCodec, picture: ShownState, lies: FalseSignals) -> int | None:
         index: int | None = picture.floor
         if signal.name == "destination":
             index = picture.destination
@@ -113,12 +113,12 @@ class ShownSignals:
             index = None if self._says_unknown_floor else picture.last_known_floor
         return None if index is None else self._codes[index]
 
-    def _number(self, name: str, picture: Picture) -> int | None:
+    def _number(self, name: str, picture: ShownState) -> int | None:
         if name == "car_position":
             return self._position(picture)
         return {"watchdog_time": self._watchdog_counts, "fault_code": int(picture.fault)}.get(name, 0)
 
-    def _position(self, picture: Picture) -> int | None:
+    def _position(self, picture: ShownState) -> int | None:
         if self._knows_no_position and not picture.floor_known:
             return None
         if picture.level_floor is not None:
@@ -128,14 +128,14 @@ class ShownSignals:
         (low_m, low), (high_m, high) = self._positions[first : first + 2]
         return round(low + (high - low) * (picture.position_m - low_m) / (high_m - low_m))
 
-    def _door(self, signal: SignalCodec, picture: Picture) -> Value:
+    def _door(self, signal: SignalCodec, picture: ShownState) -> Value:
         door = picture.doors.get(Side(signal.name.removeprefix("door.")), Door.CLOSED)
         if not signal.per_floor:
             return door
         is_made = door is Door.OPEN and picture.level_floor is not None
         return frozenset({self._codes[picture.level_floor]} if is_made and picture.level_floor is not None else ())
 
-    def _flag(self, name: str, picture: Picture) -> bool:
+    def _flag(self, name: str, picture: ShownState) -> bool:
         name, _, side = name.partition(".")
         if name == "obstruction":
             return Side(side) in picture.obstruction

@@ -149,7 +149,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class ShownState:
     """What the lift shows to the outside, as of the last scan."""
 
     floor: int

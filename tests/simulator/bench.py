@@ -6,7 +6,7 @@ from typing import Any
 
 from register_maps.words import Door, Side
 from simulator import controller, shaft
-from simulator.controller import Inputs, Parameters, Picture, State
+from simulator.controller import Inputs, Parameters, ShownState, State
 from simulator.modes import Key
 
 FRONT, REAR = frozenset({Side.FRONT}), frozenset({Side.REAR})
@@ -34,21 +34,21 @@ class Lift:
         self.state = controller.initial(self.parameters, floor_index=self.at, key=self.key)
         self.inputs = Inputs(key=self.key)
 
-    def run(self, duration_s: float, **inputs: Any) -> Picture:
+    def run(self, duration_s: float, **inputs: Any) -> ShownState:
         """Set inputs, let time pass, look."""
         self.inputs = replace(self.inputs, **inputs)
         self.state = controller.step(self.state, self.inputs, duration_s, self.parameters)
         return self.see()
 
-    def see(self) -> Picture:
+    def see(self) -> ShownState:
         return controller.picture(self.state, self.parameters)
 
-    def press(self, *, car: frozenset[int] = frozenset(), landing: frozenset[int] = frozenset()) -> Picture:
+    def press(self, *, car: frozenset[int] = frozenset(), landing: frozenset[int] = frozenset()) -> ShownState:
         """Press buttons for two scans and let go."""
         self.run(2 * SCAN_S, car_buttons=car, landing_buttons=landing)
         return self.run(2 * SCAN_S, car_buttons=frozenset(), landing_buttons=frozenset())
 
-    def watch(self, duration_s: float, **inputs: Any) -> list[Picture]:
+    def watch(self, duration_s: float, **inputs: Any) -> list[ShownState]:
         return [self.run(SCAN_S, **inputs) for _ in range(round(duration_s / SCAN_S))]
 
     def stops(self, duration_s: float) -> list[int]:
@@ -61,5 +61,5 @@ def opened(lift: Lift, *sides: Side) -> bool:
     return all(lift.see().doors[side] is Door.OPEN for side in sides)
 
 
-def all_closed(picture: Picture) -> bool:
+def all_closed(picture: ShownState) -> bool:
     return all(door is Door.CLOSED for door in picture.doors.values())

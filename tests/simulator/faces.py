@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from register_maps.codec import Codec
 from register_maps.words import Door, Side, Table
 from simulator import shaft
-from simulator.controller import Inputs, Parameters, Picture
+from simulator.controller import Inputs, Parameters, ShownState
 from simulator.modes import Key
 from simulator.registers import Endpoint, RegisterFace
 from tests.support.shipped_maps import compiled
@@ -40,18 +40,18 @@ class Faced:
     def device(self, of: str) -> RegisterFace | Endpoint:
         return self.face.endpoint(of) if of else self.face
 
-    def people(self, inputs: Inputs) -> Picture:
+    def people(self, inputs: Inputs) -> ShownState:
         """Let people do this, and the next scans see it."""
         self.face.people(self.now, inputs)
         return self.after(3 * SCAN_S)
 
-    def after(self, duration_s: float) -> Picture:
+    def after(self, duration_s: float) -> ShownState:
         """Let time pass with nobody looking, then look."""
         self.now += duration_s
         self.face.advance(self.now)
         return self.face.picture
 
-    def until(self, true: Callable[[Picture], bool], within_s: float = 60.0) -> Picture:
+    def until(self, true: Callable[[ShownState], bool], within_s: float = 60.0) -> ShownState:
         """Look at every scan until it is so."""
         for _ in range(round(within_s / SCAN_S)):
             if true(self.face.picture):
@@ -76,13 +76,13 @@ def faced(
     return Faced(RegisterFace(codec, codes, parameters, start=start, key=key))
 
 
-def is_open(picture: Picture) -> bool:
+def is_open(picture: ShownState) -> bool:
     return picture.doors[Side.FRONT] is Door.OPEN
 
 
-def is_closed(picture: Picture) -> bool:
+def is_closed(picture: ShownState) -> bool:
     return picture.doors[Side.FRONT] is Door.CLOSED
 
 
-def stands_open_at(floor: int) -> Callable[[Picture], bool]:
+def stands_open_at(floor: int) -> Callable[[ShownState], bool]:
     return lambda picture: picture.door_open_floor == floor

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from register_maps.words import Door, Mode, Motion, Side
-from simulator.controller import Inputs, Parameters, Picture
+from simulator.controller import Inputs, Parameters, ShownState
 from simulator.faults import (
     CallsCancelled,
     Homing,
@@ -49,7 +49,7 @@ scripts = st.lists(st.tuples(failing_inputs, st.floats(0.01, 8.0)), min_size=1, 
 SOME = settings(max_examples=25, deadline=None, derandomize=True)
 
 
-def check(before: Picture, after: Picture, parameters: Parameters) -> None:
+def check(before: ShownState, after: ShownState, parameters: Parameters) -> None:
     """What holds between any two scans."""
     scan_s = parameters.scan_s * parameters.speed
     assert abs(after.speed_m_s) <= TOP_M_S + 1e-9

@@ -7,7 +7,7 @@ import pytest
 
 from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import handshake, machine_faults, shaft
-from simulator.controller import Inputs, Parameters, Picture
+from simulator.controller import Inputs, Parameters, ShownState
 from simulator.faults import (
     CallsCancelled,
     Homing,
@@ -34,7 +34,7 @@ def these(*faults: MachineFault) -> frozenset[MachineFault]:
     return frozenset(faults)
 
 
-def until(lift: Lift, true: Callable[[Picture], bool], within_s: float = 60.0) -> Picture:
+def until(lift: Lift, true: Callable[[ShownState], bool], within_s: float = 60.0) -> ShownState:
     for _ in range(round(within_s / SCAN_S)):
         if true(lift.see()):
             return lift.see()
@@ -50,7 +50,7 @@ def open_at(floor: int, parameters: Parameters | None = None) -> Lift:
     return lift
 
 
-def front(pictures: list[Picture]) -> list[Door]:
+def front(pictures: list[ShownState]) -> list[Door]:
     """The words of the front door, each once for as long as it lasts."""
     return [word for word, _ in groupby(picture.doors[Side.FRONT] for picture in pictures)]
 
@@ -191,7 +191,7 @@ def test_a_wrong_floor_is_always_a_floor_and_never_the_right_one(by: int, count:
 # -- re-levelling
 
 
-def relevelled(lift: Lift, duration_s: float, fault: Relevelling) -> list[Picture]:
+def relevelled(lift: Lift, duration_s: float, fault: Relevelling) -> list[ShownState]:
     return lift.watch(duration_s, hold_door=FRONT, faults=these(fault))
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from register_maps.words import Door, Mode
-from simulator.controller import Inputs, Picture
+from simulator.controller import Inputs, ShownState
 from simulator.faults import InMode, MachineFault, NudgingDoor, StuckDoor
 from simulator.people import Counts, People, Traffic
 from tests.simulator.bench import FRONT, Lift, floors
@@ -27,7 +27,7 @@ class House:
     others: Inputs = field(default_factory=Inputs)
     now: float = 0.0
     did: list[tuple[float, Inputs]] = field(default_factory=list)
-    seen: list[Picture] = field(default_factory=list)
+    seen: list[ShownState] = field(default_factory=list)
 
     def live(self, duration_s: float) -> Counts:
         for _ in range(round(duration_s / LOOK_S)):

@@ -7,7 +7,7 @@ import pytest
 
 from register_maps.words import Door, Mode, Motion, Side, Table
 from simulator import shaft
-from simulator.controller import Inputs, Parameters, Picture
+from simulator.controller import Inputs, Parameters, ShownState
 from simulator.modes import Key
 from simulator.registers import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ExceptionReply, RegisterFace
 from tests.support.rows import each_row
@@ -64,18 +64,18 @@ class Lift:
         self.now += after_s
         self.face.write(Table.COIL, 0, values, self.now)
 
-    def people(self, inputs: Inputs) -> Picture:
+    def people(self, inputs: Inputs) -> ShownState:
         """Let people do this, and the next scans see it."""
         self.face.people(self.now, inputs)
         return self.after(3 * SCAN_S)
 
-    def after(self, duration_s: float) -> Picture:
+    def after(self, duration_s: float) -> ShownState:
         """Let time pass with nobody looking, then look."""
         self.now += duration_s
         self.face.advance(self.now)
         return self.face.picture
 
-    def until(self, true: Callable[[Picture], bool], within_s: float = 60.0) -> Picture:
+    def until(self, true: Callable[[ShownState], bool], within_s: float = 60.0) -> ShownState:
         """Look at every scan until it is so."""
         for _ in range(round(within_s / SCAN_S)):
             if true(self.face.picture):
@@ -98,15 +98,15 @@ def two_stop(*, start: int = 0, key: Key = Key.ROBOT) -> Lift:
     return Lift(RegisterFace(compiled("two-stop-agv"), (0, 1), building, start=start, key=key))
 
 
-def is_open(picture: Picture) -> bool:
+def is_open(picture: ShownState) -> bool:
     return picture.doors[Side.FRONT] is Door.OPEN
 
 
-def is_closed(picture: Picture) -> bool:
+def is_closed(picture: ShownState) -> bool:
     return picture.doors[Side.FRONT] is Door.CLOSED
 
 
-def is_closing(picture: Picture) -> bool:
+def is_closing(picture: ShownState) -> bool:
     return picture.doors[Side.FRONT] is Door.CLOSING
 
 

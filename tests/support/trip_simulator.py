@@ -14,7 +14,7 @@ from register_maps.errors import BadRequest
 from register_maps.frames import Request
 from simulator import asks
 from simulator.registers import RegisterFace
-from simulator.state import Picture
+from simulator.state import ShownState
 from tests.support.spine import SimulatedDevice
 from tests.support.trip import Exchange, Trip, Truth, on_trip
 from tests.support.trip_sites import Site, site_of, stops
@@ -26,7 +26,7 @@ class SimulatedPlant:
 
     site: Site
     face: RegisterFace = field(init=False)
-    shown: list[Picture] = field(default_factory=list)
+    shown: list[ShownState] = field(default_factory=list)
     """What the lift really did, at each exchange."""
 
     def __post_init__(self) -> None:

@@ -21,7 +21,7 @@ from register_maps.frames import Request
 from register_maps.load import load, shipped
 from register_maps.words import Motion
 from simulator.registers import BEATS_PER_S
-from simulator.state import Picture
+from simulator.state import ShownState
 from tests.support import second_controllers
 from tests.support.second_controllers.cast import CAST
 from tests.support.second_controllers.lift import NaiveLift, Shows, Still
@@ -194,7 +194,7 @@ def test_the_permission_to_leave_invites_nobody_in_and_that_to_enter_nobody_out(
     assert len(mistaken) > 20
 
 
-def shown(picture: Picture, at: float) -> Shows:
+def shown(picture: ShownState, at: float) -> Shows:
     """Put what the simulated lift did into the words of the second controllers."""
     door = next(iter(picture.doors.values()), "closed")
     return Shows(

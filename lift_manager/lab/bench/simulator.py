@@ -20,7 +20,7 @@ from register_maps.words import Side, Table
 from simulator.faults import Fault
 from simulator.registers import Endpoint, RegisterFace
 from simulator.server import SimulatedController
-from simulator.state import Picture
+from simulator.state import ShownState
 
 HOST = "127.0.0.1"
 WITHIN_S = 5.0
@@ -250,10 +250,10 @@ class LiftSimulator:
         return self._thread.call(self._plant.look)
 
     @property
-    def picture(self) -> Picture:
+    def picture(self) -> ShownState:
         """The same in the words of the simulator: floors are indices, doors and speed are there one by one."""
 
-        def look() -> Picture:
+        def look() -> ShownState:
             self._plant.look()
             return self._plant.face.picture
 

@@ -10,7 +10,7 @@ from drivers.model import FloorName
 from register_maps.words import Door, Mode, Side
 from simulator.modes import SERVICE
 from simulator.registers import RegisterFace
-from simulator.state import Picture
+from simulator.state import ShownState
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _fallen(face: RegisterFace, given: Mapping[str, int], mode: Mode) -> frozens
 _NOTHING = frozenset[str]()
 
 
-def _bars(picture: Picture) -> frozenset[str]:
+def _bars(picture: ShownState) -> frozenset[str]:
     if picture.robots_allowed and not picture.watchdog_tripped:
         return _NOTHING
     kept_off = {"robots_allowed"} if not picture.robots_allowed else set()

@@ -38,7 +38,7 @@ from register_maps.codec import Codec, compile_map
 from register_maps.schema import RegisterMap
 from simulator.faults import Fault, PowerLoss, Reboot, SlotKept
 from simulator.registers import RegisterFace
-from simulator.state import Inputs, Parameters, Picture
+from simulator.state import Inputs, Parameters, ShownState
 from simulator.wire_faults import Exchange, WireFault, WireFaults
 
 LOOK_S = 0.25
@@ -62,7 +62,7 @@ class Passengers(Protocol):
     def next_at(self) -> float:
         """When they next want to do something."""
 
-    def act(self, now: float, picture: Picture, inputs: Inputs) -> Inputs:
+    def act(self, now: float, picture: ShownState, inputs: Inputs) -> Inputs:
         """Return what they press, hold and block from now on."""
 
 
@@ -80,7 +80,7 @@ class SimulatedLift:
     inputs: Inputs
     """What people and keys do."""
     people: Passengers | None = None
-    _seen: tuple[Picture, tuple[Raw, dict[str, int]], Truth] | None = None
+    _seen: tuple[ShownState, tuple[Raw, dict[str, int]], Truth] | None = None
 
     @property
     def truth(self) -> Truth:
