@@ -80,7 +80,7 @@ class Site:
         return str(answer["msg"])
 
     def say(self, *words: str, code: int = 0) -> str:
-        done = call(*words, "--manager", self.url)
+        done = call(*words, "--manager", self.url, COLUMNS="200")
         assert done.returncode == code, done
         return (done.stderr if code else done.stdout).strip()
 
