@@ -18,7 +18,7 @@ from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
 from lift_manager.plain.answers import NotJson, json_of, nobody, problem_of, refusal, stranger
 from lift_manager.plain.backoff import Backoff
 from lift_manager.plain.change_signal import ChangeSignal, event_number
-from lift_manager.plain.http import Connection, Incoming, NoAnswer, Reply, Server
+from lift_manager.plain.http import Connection, NoAnswer, Reply, Server, StreamedReply
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
 from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
 from lift_manager.plain.sse import EventParser, TooLong
@@ -213,7 +213,7 @@ class _Watcher:
     def _asked(self) -> Site:
         """Raises _Unheard."""
         try:
-            reply = self.connection.ask("GET", RMF, within_s=self._within_s)
+            reply = self.connection.request("GET", RMF, within_s=self._within_s)
         except NoAnswer as error:
             raise _Unheard(nobody(self._server, error)) from error
         if reply.status != 200:
@@ -273,13 +273,13 @@ class _Listener:
         """Try now: the manager is back, or the end has come."""
         self._hurry.set()
 
-    def _listen(self, stream: Incoming) -> None:
+    def _listen(self, stream: StreamedReply) -> None:
         if stream.status != 200 or stream.kind != _STREAM:
             self._silent(f"HTTP {stream.status}, {self._server.without_key(stream.kind)}")
             return
         parser = EventParser()
         try:
-            while piece := stream.more(self._pace.silent_s):
+            while piece := stream.read_piece(self._pace.silent_s):
                 self._reason = ""
                 self._backoff.worked()
                 for message in parser.feed(piece):
@@ -325,7 +325,7 @@ class _Carrier:
         word, body = _said(asked)
         try:
             # may go out twice, see `ask`: to want again what is wanted, or to end again what is over, changes nothing
-            reply = self.connection.ask("POST", rmf_path(asked.lift, word), body, within_s=self._pace.answer_s)
+            reply = self.connection.request("POST", rmf_path(asked.lift, word), body, within_s=self._pace.answer_s)
         except NoAnswer as error:
             return Answer(asked, yes=False, code=UNREACHABLE, reason=nobody(self._server, error))
         if reply.status == 200:
