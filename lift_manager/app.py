@@ -33,7 +33,7 @@ from lift_manager.lift.hours import RobotHours
 from lift_manager.lift.journal import Row
 from lift_manager.lift.state import Quality
 from lift_manager.metrics.metrics import Metrics
-from lift_manager.plain.counted import counted
+from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
 from lift_manager.rmf.join import joined
 from lift_manager.rmf.ros_settings import RosSettings

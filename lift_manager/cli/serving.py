@@ -20,8 +20,8 @@ from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
 from lift_manager.cli.servable import lets_in_without_keys, obstacles
 from lift_manager.config.load import LoadedSite
-from lift_manager.plain.counted import counted
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
+from lift_manager.plain.text import counted
 from lift_manager.rmf.dds import DdsError
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.committer import Committer
