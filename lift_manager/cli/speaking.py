@@ -70,7 +70,7 @@ def failure(error: ClientError, manager: str) -> typer.Exit:
         return fail(f"no manager answers at {manager} ({error.text}); {advice(manager)}")
     if isinstance(error, NotAManager):
         return fail(
-            f"what answers at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager ADDRESS"
+            f"the server at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager ADDRESS"
         )
     if isinstance(error, Refused) and error.status == 401:
         return fail(f"{error}; here, with --key-file FILE or in the variable {KEY_VARIABLE}")

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.alarms import AlarmOut, FireAlarm
 from lift_manager.rmf.contract import REPLAY_S, TEXT_LIMIT, Disposition, LiftContract
 from lift_manager.rmf.counts import Counts
@@ -73,7 +73,7 @@ class Adapter:
         self._lifts: dict[str, _Lift] = {}
         """By RMF's name."""
         self._by_site_name: dict[str, _Lift] = {}
-        self._site: Site | None = None
+        self._site: SiteView | None = None
         self._lost_why: str | None = None
         self._replay_until = -math.inf
         self._early_ends: dict[tuple[str, str], None] = {}
@@ -127,7 +127,7 @@ class Adapter:
             )
             self._once(lift_name, _RIVAL, text)
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
         if self._lost_why is not None or self._site is None:
             _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
@@ -225,7 +225,7 @@ class Adapter:
         self._early_ends.clear()
         self._early_ends_of_fleets.clear()
 
-    def _forget_gone(self, site: Site, now: float) -> None:
+    def _forget_gone(self, site: SiteView, now: float) -> None:
         names = {view.name for view in site.lifts}
         for name in [one for one in self._lifts if one not in names]:
             _log.warning("the manager has no lift %s any more", name)

@@ -6,7 +6,7 @@ import logging
 import math
 from typing import Protocol
 
-from lift_manager.plain.rmf import Alarms, Site
+from lift_manager.plain.rmf import Alarms, SiteView
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class FireAlarm:
         self._again_at = math.inf
         self._forget_at = math.inf
 
-    def heard(self, site: Site, now: float) -> None:
+    def heard(self, site: SiteView, now: float) -> None:
         """Take the manager's answer."""
         if site.alarms != self._alarms:
             self._change(site.alarms, now)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Answer:
     """The same in a sentence."""
     boot: str = ""
     event: int = 0
-    """Of `yes`: a `Site` of this boot with a lower number does not show it yet."""
+    """Of `yes`: a `SiteView` of this boot with a lower number does not show it yet."""
 
 
 UNREACHABLE = "unreachable"
@@ -74,7 +74,7 @@ class Manager(Protocol):
 class ManagerListener(Protocol):
     """What of the adapter a way to the manager calls, always in the adapter's own thread. Times are monotonic seconds."""
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         """Take a whole answer; `asked_at` is when the question for it left, from which its ages count."""
         ...
 

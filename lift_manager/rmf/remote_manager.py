@@ -14,13 +14,20 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
-from lift_manager.plain.answers import NotJson, json_of, nobody, problem_of, refusal, stranger
+from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
+from lift_manager.plain.answers import (
+    NotJson,
+    describe_no_answer,
+    describe_refusal,
+    describe_stranger,
+    parse_json,
+    parse_problem,
+)
 from lift_manager.plain.backoff import Backoff
 from lift_manager.plain.change_signal import ChangeSignal, event_number
 from lift_manager.plain.http import Connection, NoAnswer, Reply, Server, StreamedReply
 from lift_manager.plain.paths import EVENTS, RMF, rmf_path
-from lift_manager.plain.rmf import BadAnswer, Site, decision_of, site_of
+from lift_manager.plain.rmf import BadAnswer, SiteView, parse_decision, parse_site
 from lift_manager.plain.sse import EventParser, TooLong
 from lift_manager.rmf.port import (
     NOT_SENT,
@@ -112,7 +119,7 @@ class RemoteManager:
     def close(self) -> None:
         """End every thread and connection; nothing is handed over any more, answers that are due included."""
         self._end.set()
-        self._news.tell(None)
+        self._news.announce(None)
         self._waiting.end()
         self._listener.hurry()
         carriers = [work for work in self._works if isinstance(work, _Carrier)]
@@ -138,7 +145,7 @@ class _Ears:
         self._deliver = deliver
         self.end = end
 
-    def heard(self, site: Site, asked_at: float) -> None:
+    def heard(self, site: SiteView, asked_at: float) -> None:
         self._hand_over(lambda: self._hears.heard(site, asked_at, time.monotonic()))
 
     def answered(self, answer: Answer) -> None:
@@ -191,7 +198,7 @@ class _Watcher:
         self._ears = ears
         self._on_back = on_back
         self._backoff = Backoff(first_s=pace.first_s, longest_s=pace.longest_s)
-        self._every_s = ask_again_s(DEFAULT_MAX_AGE_S)
+        self._every_s = refresh_pause_s(DEFAULT_MAX_AGE_S)
         self._within_s = pace.question_s
         self._is_heard = False
         self._reasons: set[str] = set()
@@ -210,32 +217,32 @@ class _Watcher:
             self._news.wait(asked_at + self._every_s - time.monotonic())
             self._ears.end.wait(max(0.0, asked_at + self._pace.between_s - time.monotonic()))
 
-    def _asked(self) -> Site:
+    def _asked(self) -> SiteView:
         """Raises _Unheard."""
         try:
             reply = self.connection.request("GET", RMF, within_s=self._within_s)
         except NoAnswer as error:
-            raise _Unheard(nobody(self._server, error)) from error
+            raise _Unheard(describe_no_answer(self._server, error)) from error
         if reply.status != 200:
-            raise _Unheard(refusal(self._server, reply, _KEY))
+            raise _Unheard(describe_refusal(self._server, reply, _KEY))
         try:
-            return site_of(json_of(reply))
+            return parse_site(parse_json(reply))
         except (BadAnswer, NotJson) as error:
             text = self._server.without_key(str(error))
             raise _Unheard(
-                f"{stranger(self._server, reply)}, or one of another version than this adapter: {text}"
+                f"{describe_stranger(self._server, reply)}, or one of another version than this adapter: {text}"
             ) from error
 
-    def _heard(self, site: Site, asked_at: float) -> None:
+    def _heard(self, site: SiteView, asked_at: float) -> None:
         ages = [lift.max_age_s for lift in site.lifts] or [DEFAULT_MAX_AGE_S]
-        self._every_s = min(max(ask_again_s(min(ages)), self._pace.between_s), self._pace.at_most_s)
+        self._every_s = min(max(refresh_pause_s(min(ages)), self._pace.between_s), self._pace.at_most_s)
         self._within_s = max(self._pace.question_s, min(max(ages), self._pace.silent_s))
         if not self._is_heard:
             self._is_heard = True
             self._reasons.clear()
-            self._backoff.worked()
+            self._backoff.reset()
             self._on_back()
-        self._news.shown((site.boot, site.event), asked_at)
+        self._news.mark_shown((site.boot, site.event), asked_at)
         self._ears.heard(site, asked_at)
 
     def _lost(self, reason: str) -> None:
@@ -281,12 +288,12 @@ class _Listener:
         try:
             while piece := stream.read_piece(self._pace.silent_s):
                 self._reason = ""
-                self._backoff.worked()
+                self._backoff.reset()
                 for message in parser.feed(piece):
-                    self._news.tell(event_number(message.id))
+                    self._news.announce(event_number(message.id))
         finally:
             # a manager that ends takes its streams along, and that shows sooner than the next question would
-            self._news.tell(None)
+            self._news.announce(None)
 
     def _silent(self, reason: str) -> None:
         if reason != self._reason and not self._end.is_set():
@@ -319,7 +326,7 @@ class _Carrier:
             # later than its answer, which the next one of the same lift must not overtake
             self._waiting.done(asked.lift)
             if answer.yes:
-                self._news.tell((answer.boot, answer.event))
+                self._news.announce((answer.boot, answer.event))
 
     def _carried(self, asked: Asked) -> Answer:
         word, body = _said(asked)
@@ -327,17 +334,17 @@ class _Carrier:
             # may go out twice, see `ask`: to want again what is wanted, or to end again what is over, changes nothing
             reply = self.connection.request("POST", rmf_path(asked.lift, word), body, within_s=self._pace.answer_s)
         except NoAnswer as error:
-            return Answer(asked, yes=False, code=UNREACHABLE, reason=nobody(self._server, error))
+            return Answer(asked, yes=False, code=UNREACHABLE, reason=describe_no_answer(self._server, error))
         if reply.status == 200:
             return self._yes(asked, reply)
-        code = self._server.without_key(problem_of(reply)[0])
-        return Answer(asked, yes=False, code=code or UNREACHABLE, reason=refusal(self._server, reply, _KEY))
+        code = self._server.without_key(parse_problem(reply)[0])
+        return Answer(asked, yes=False, code=code or UNREACHABLE, reason=describe_refusal(self._server, reply, _KEY))
 
     def _yes(self, asked: Asked, reply: Reply) -> Answer:
         try:
-            boot, event = decision_of(json_of(reply))
+            boot, event = parse_decision(parse_json(reply))
         except (BadAnswer, NotJson):
-            return Answer(asked, yes=False, code=UNREACHABLE, reason=stranger(self._server, reply))
+            return Answer(asked, yes=False, code=UNREACHABLE, reason=describe_stranger(self._server, reply))
         return Answer(asked, yes=True, boot=boot, event=event)
 
 

@@ -29,7 +29,7 @@ from rmf_lift_msgs.msg import LiftRequest as RosLiftRequest
 from rmf_lift_msgs.msg import LiftState as RosLiftState
 
 from lift_manager.plain.http import Address, BadAddress, Server
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.port import Answer, Manager
@@ -218,7 +218,7 @@ class AdapterNode:
         """Do this in the executor's thread. From any thread, without waiting."""
         self._inbox.put(call)
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
         self._adapter.heard(site, asked_at, now)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.alarms import AlarmOut
 from lift_manager.rmf.counts import Counts
@@ -185,7 +185,7 @@ class _Shell:
     def clock(self, seconds: float) -> None:
         self._clock.simulated = seconds
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         self._adapter.heard(site, asked_at, now)
         self._soon()
         names = tuple(_names(site))
@@ -254,7 +254,7 @@ def _ended(end: Callable[[], None]) -> None:
         _log.exception("a part of the Open-RMF adapter did not end as it should")
 
 
-def _names(site: Site) -> list[str]:
+def _names(site: SiteView) -> list[str]:
     """Say which lift is which for RMF, a line each."""
     lines = []
     for lift in site.lifts:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.port import Asked
 
 FOLDER = Path(__file__).parent / "fake_rclpy"
@@ -63,7 +63,7 @@ class Ros:
     def hear(self, view: LiftView, alarms: Alarms | None = None, event: int = 1) -> None:
         """Let the manager answer."""
         now = self.world.monotonic()
-        site = Site("boot", event, (view,), 3.0, alarms or Alarms())
+        site = SiteView("boot", event, (view,), 3.0, alarms or Alarms())
         self.shell.deliver(lambda: self.shell.heard(site, now, self.world.monotonic()))
         self.spin(0.01)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, EndOfSession, SessionDemand
@@ -145,9 +145,9 @@ class Bench:
         self.adapter.heard(self.site(), self.now, self.now)
         self.turn()
 
-    def site(self) -> Site:
+    def site(self) -> SiteView:
         """Return the manager's answer as it is now."""
-        return Site(self.boot, self.event, tuple(self.views.values()), 3.0, self.alarms)
+        return SiteView(self.boot, self.event, tuple(self.views.values()), 3.0, self.alarms)
 
     def change(self, name: str = "lift", **changes: object) -> None:
         """Change a lift, and let the adapter hear it."""

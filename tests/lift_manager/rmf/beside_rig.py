@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from lift_manager.plain.http import Address, Server
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.port import Answer
 from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, problem, said
@@ -41,7 +41,7 @@ LIFT = LiftView(
     waiting_for="",
     keeps_off="",
 )
-SITE = Site("boot", 7, (LIFT,), 3.0)
+SITE = SiteView("boot", 7, (LIFT,), 3.0)
 RARELY = replace(SITE, lifts=(replace(LIFT, max_age_s=1e6),))
 """Its lift may be read so rarely that nothing is asked but for news; see `PATIENT`."""
 PATIENT = replace(CALM, at_most_s=1e6, silent_s=WITHIN_S)
@@ -57,7 +57,7 @@ def event(event_id: str) -> bytes:
 class Manager:
     """Answers as a manager does, but where a test puts another script for a path, or for the last part of one."""
 
-    site: Site = SITE
+    site: SiteView = SITE
     scripts: dict[str, Script] = field(default_factory=dict)
 
     def __call__(self, asked: Asked, wire: Wire) -> None:
@@ -76,7 +76,7 @@ class Manager:
 class Heard:
     """Calls of `heard`."""
 
-    site: Site
+    site: SiteView
     asked_at: float
     now: float
 
@@ -95,7 +95,7 @@ class Ears:
         self.inbox: queue.Queue[Callable[[], None]] = queue.Queue()
         self._said: list[Heard | Answer | Lost] = []
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         self._said.append(Heard(site, asked_at, now))
 
     def answered(self, answer: Answer, now: float) -> None:

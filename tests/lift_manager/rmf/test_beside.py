@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.plain.answers import refusal
+from lift_manager.plain.answers import describe_refusal
 from lift_manager.plain.http import Address, Reply, Server
 from lift_manager.rmf.port import EndOfSession, SessionDemand
 from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Pace, RemoteManager
@@ -100,7 +100,7 @@ WRONG = [
     (answers(502, HTML, "text/html"), "at http://127.0.0.1:PORT is no lift manager (HTTP 502, text/html)"),
     (answers(200, HTML, "text/html"), "is no lift manager (HTTP 200, text/html), or one of another version"),
     (answers(200, b"\xff\xfe"), "(HTTP 200, application/json), or one of another version than this adapter: it is no"),
-    (answers(200, b"[" * 200_000), "it is no JSON"),
+    (answers(200, b"[" * 200_000), "it is not JSON"),
     (answers(200, [1]), "the answer is a list and no object"),
     (answers(200, {"data": {}, "success": True}), "the answer lacks `alarms`"),
     (answers(200, spoiled(lifts=[{"lift": "east"}])), "lifts[0] lacks `name`"),
@@ -113,17 +113,17 @@ WRONG = [
         lambda _, wire: wire.send(problem(403, "not_allowed")),
         "(not_allowed): no; the adapter needs a key of the role rmf",
     ),
-    (lambda _, wire: wire.send(problem(404, "no_such_path")), "is of a version that does not know what is asked"),
+    (lambda _, wire: wire.send(problem(404, "no_such_path")), "is of a version that does not know this request"),
     (lambda _, wire: wire.send(problem(503, "stopping", "wait\na bit")), "refuses (stopping): wait a bit"),
-    (answers(302, b"", also="location: http://elsewhere/\r\n"), "points elsewhere (HTTP 302); give the address of"),
+    (answers(302, b"", also="location: http://elsewhere/\r\n"), "redirects elsewhere (HTTP 302); give the address of"),
 ]
 
 
 def test_a_path_behind_the_address_that_no_manager_has_is_named() -> None:
     server = Server(Address.of("http://[::1]:5003/x"))
     body = json.dumps({"code": "no_such_path", "detail": "Not Found"}).encode()
-    why = refusal(server, Reply(404, "application/problem+json", body), "")
-    assert why.startswith("the manager at http://[::1]:5003 has nothing under /x: leave that out of its address")
+    why = describe_refusal(server, Reply(404, "application/problem+json", body), "")
+    assert why.startswith("the manager at http://[::1]:5003 has nothing under /x: leave the path out of its address")
 
 
 @each_row(("script", "why"), WRONG)

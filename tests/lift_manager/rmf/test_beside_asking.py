@@ -59,7 +59,7 @@ def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
         (lambda _, wire: wire.send(problem(503, "stopping")), "stopping", "refuses (stopping)"),
         (answers(409, b"<html>", "text/html"), UNREACHABLE, "is no lift manager (HTTP 409, text/html)"),
         (answers(409, {"code": 7, "detail": "x"}), UNREACHABLE, "is no lift manager (HTTP 409, application/json)"),
-        (answers(302, also="location: /\r\n"), UNREACHABLE, "points elsewhere"),
+        (answers(302, also="location: /\r\n"), UNREACHABLE, "redirects elsewhere"),
         (answers(200, b"<html>", "text/html"), UNREACHABLE, "is no lift manager (HTTP 200, text/html)"),
         (answers(200, {"boot": "a", "event": -1}), UNREACHABLE, "is no lift manager"),
         (answers(202, {"boot": "a", "event": 1}), UNREACHABLE, "is no lift manager"),

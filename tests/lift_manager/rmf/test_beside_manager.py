@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from lift_manager.lab.bench import LiftSite
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.port import Answer, EndOfSession, SessionDemand
 from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
@@ -21,7 +21,7 @@ WANTED = SessionDemand(LIFT, SESSION, "L2", hold_door=True)
 PORT = r"127\.0\.0\.1:(\d+)"
 
 
-def until(ears: Ears, wanted: Callable[[LiftView], bool]) -> Site:
+def until(ears: Ears, wanted: Callable[[LiftView], bool]) -> SiteView:
     """Hear on until the lift is so; the test's time limit ends it."""
     while not wanted((site := ears.next_heard().site).lifts[0]):
         pass

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
 from lift_manager.rmf.port import Answer, Asked, EndOfSession, SessionDemand
 from register_maps.words import Door
@@ -29,14 +29,14 @@ def soon(what: Callable[[], None]) -> None:
 class Ears:
     """Writes down what an adapter hears."""
 
-    sites: list[Site] = field(default_factory=list)
+    sites: list[SiteView] = field(default_factory=list)
     times: list[tuple[float, float]] = field(default_factory=list)
     """When each was asked for, and when it was heard."""
     answers: list[Answer] = field(default_factory=list)
     lost_for: list[str] = field(default_factory=list)
     on_answer: Callable[[Answer], None] = _nothing
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         self.sites.append(site)
         self.times.append((asked_at, now))
 

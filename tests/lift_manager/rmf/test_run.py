@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener, SessionDemand
@@ -94,13 +94,13 @@ class FakeWay:
     def lose(self) -> None:
         self._deliver(lambda: self.hears.lost("it is switched off", asyncio.get_running_loop().time()))
 
-    def tell(self, site: Site) -> None:
+    def tell(self, site: SiteView) -> None:
         now = asyncio.get_running_loop().time()
         self._deliver(lambda: self.hears.heard(site, now, now))
 
     def _tell(self) -> None:
         if not self.closed:
-            self.tell(Site("boot", self._number, (self.view,), 3.0, self.alarms))
+            self.tell(SiteView("boot", self._number, (self.view,), 3.0, self.alarms))
             asyncio.get_running_loop().call_later(0.2, self._tell)
 
 

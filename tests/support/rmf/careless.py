@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
 from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, EndOfSession, Manager, SessionDemand
@@ -35,7 +35,7 @@ class _Says(Adapter):
 
         super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         (self._view,) = site.lifts
         super().heard(site, asked_at, now)
 
@@ -125,7 +125,7 @@ class EndMovesTheCar(_Asks):
         self._end: LiftRequest | None = None
         super().__init__(manager, out, ros_time, self._with_floor)
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         self._floors = {rmf: floor for floor, rmf in site.lifts[0].floors.items()}
         super().heard(site, asked_at, now)
 
@@ -220,7 +220,7 @@ class EndsWhatGoesOn(Adapter):
 class TakesAnotherRmf(Adapter):
     """Takes a session of another RMF for one of its own."""
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         lifts = tuple(
             lift if lift.holder is None else replace(lift, holder=replace(lift.holder, adapter=""))
             for lift in site.lifts

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from random import Random
 
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Manager, ManagerListener
 from tests.support.rmf.network import Channel
 
@@ -74,7 +74,7 @@ class Way:
 
     # -- the manager's side
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         self._back(lambda: None if self.hears is None else self.hears.heard(site, asked_at, _now()))
 
     def answered(self, answer: Answer, now: float) -> None:

@@ -13,7 +13,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.lab.virtual_time import elapse
 from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
-from lift_manager.plain.rmf import Alarms, Site
+from lift_manager.plain.rmf import Alarms, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.messages import LiftRequest, LiftState
@@ -246,7 +246,7 @@ class _Ears:
         self._adapter = adapter
         self._then = then
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
         self._adapter.heard(site, asked_at, now)
         self._then()
 
