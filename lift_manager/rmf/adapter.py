@@ -42,14 +42,14 @@ class RmfOutput:
 class _Lift:
     """One lift, and what was last told of it."""
 
-    def __init__(self, contract: LiftContract, cadence: Cadence, asked_at: float) -> None:
+    def __init__(self, contract: LiftContract, cadence: Cadence, sent_at: float) -> None:
         self.contract = contract
         self.cadence = cadence
-        self.asked_at = asked_at
+        self.sent_at = sent_at
         self.next_at = -math.inf
 
     def message(self, now: float, ros_time: float) -> LiftState:
-        return message(self.contract, self.asked_at, now, ros_time)
+        return message(self.contract, self.sent_at, now, ros_time)
 
 
 class Adapter:
@@ -127,7 +127,7 @@ class Adapter:
             )
             self._once(lift_name, _RIVAL, text)
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
         if self._lost_why is not None or self._site is None:
             _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
@@ -138,12 +138,12 @@ class Adapter:
             if lift is None or lift.contract.view.lift != view.lift:
                 # another lift of the site has this name now: what the old one was asked is not answered any more
                 made = LiftContract(view, site.end_grace_s, self._adapter_id)
-                lift = self._lifts[view.name] = _Lift(made, Cadence(place, len(site.lifts), now), asked_at)
+                lift = self._lifts[view.name] = _Lift(made, Cadence(place, len(site.lifts), now), sent_at)
             contract = lift.contract
             contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
             before = contract.session if contract.holds else ""
             if contract.heard(view, site.boot, site.event, now):
-                lift.asked_at = asked_at
+                lift.sent_at = sent_at
             self._say_change(view.name, before, contract.session if contract.holds else "")
         self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
         self._say_early_ends(now)
@@ -151,18 +151,18 @@ class Adapter:
 
     def answered(self, answer: Answer, now: float) -> None:
         """Take what became of something asked."""
-        lift = self._by_site_name.get(answer.asked.lift)
+        lift = self._by_site_name.get(answer.request.lift)
         if lift is None:
             return  # of a site file that is no more
         lift.next_at = -math.inf
         before, name = lift.contract.holds, lift.contract.view.name
         lift.contract.answered(answer, now)
         if lift.contract.holds and not before:
-            _log.info("%s: %s has the lift", name, quoted(answer.asked.session))
+            _log.info("%s: %s has the lift", name, quoted(answer.request.session))
             self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
-        if not answer.yes and answer.code not in (UNREACHABLE, NOT_SENT):
-            what = "the end of" if isinstance(answer.asked, EndOfSession) else "a request of"
-            text = f"{name}: the manager refuses {what} {quoted(answer.asked.session)}: {answer.reason}"
+        if not answer.accepted and answer.code not in (UNREACHABLE, NOT_SENT):
+            what = "the end of" if isinstance(answer.request, EndOfSession) else "a request of"
+            text = f"{name}: the manager refuses {what} {quoted(answer.request.session)}: {answer.reason}"
             self._once(name, answer.code, text)
 
     def lost(self, reason: str, now: float) -> None:
@@ -191,14 +191,14 @@ class Adapter:
             self._count(contract.view.name, Disposition.ENDED)
             text = "%s: %s has ended its session, and the lift supervisor has not passed it on; it ends without"
             _log.warning(text, contract.view.name, quoted(session))
-        if (asked := contract.ask(now)) is not None:
-            self._manager.ask(asked)
+        if (request := contract.next_request(now)) is not None:
+            self._manager.send(request)
         state = lift.message(now, self._ros_time())
         if lift.cadence.due(state, now):
             self._out.publish(state)
             self.counts.states[state.lift_name] += 1
             lift.cadence.sent(state, now)
-        stale = stale_at(contract.view, lift.asked_at)
+        stale = stale_at(contract.view, lift.sent_at)
         lift.next_at = min(lift.cadence.next(state), contract.due(now), stale if stale > now else math.inf)
         return lift.next_at
 

@@ -11,7 +11,7 @@ from enum import Enum
 
 from lift_manager.plain.rmf import HeldBy, LiftView
 from lift_manager.rmf.messages import ASKED_DOORS, DOOR_OPEN, END_SESSION, HUMAN_MODE, REQUEST_TYPES, LiftRequest
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, EndOfSession, SessionDemand
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
 
 FACE = "rmf"
 _OFFLINE = "offline"
@@ -110,7 +110,7 @@ class LiftContract:
         """Wishes are not told before."""
         self._end_from = -math.inf
         """Nor are ends."""
-        self._in_flight: Asked | None = None
+        self._in_flight: ManagerRequest | None = None
         self._ends: list[str] = []
         """Sessions whose end the manager has to hear, the oldest first."""
         self._ended: dict[str, float] = {}
@@ -225,16 +225,16 @@ class LiftContract:
 
     def answered(self, answer: Answer, now: float) -> None:
         """Take the manager's word on what it was asked."""
-        asked, self._in_flight = answer.asked, None
-        if answer.yes:
+        request, self._in_flight = answer.request, None
+        if answer.accepted:
             self._as_of = (answer.boot, answer.event)
-            self._forget_doubt(asked.session)
-        if isinstance(asked, EndOfSession):
-            self._end_answered(asked, answer, now)
+            self._forget_doubt(request.session)
+        if isinstance(request, EndOfSession):
+            self._end_answered(request, answer, now)
         else:
-            self._wanted_answered(asked, answer, now)
+            self._wanted_answered(request, answer, now)
 
-    def ask(self, now: float) -> Asked | None:
+    def next_request(self, now: float) -> ManagerRequest | None:
         """Return what the manager is to be asked now, if anything. It counts as asked."""
         if self._in_flight is not None or self.lost:
             return None
@@ -327,7 +327,7 @@ class LiftContract:
         self.session, self.granted, self.wish, self._told, self._again, self._had = "", False, None, None, False, False
         self.human, self._pass_on_until = False, math.inf
 
-    def _next(self, now: float) -> Asked | None:
+    def _next(self, now: float) -> ManagerRequest | None:
         lift = self.view.lift
         if self._ends:
             session = self._ends[0]
@@ -346,24 +346,24 @@ class LiftContract:
         """Whether another session of RMF, which is over, has the lift still."""
         return self._is_rmf() and not self._is_held_by(self.session)
 
-    def _end_answered(self, asked: EndOfSession, answer: Answer, now: float) -> None:
-        heard = answer.yes or answer.code in _NOTHING_TO_END
+    def _end_answered(self, request: EndOfSession, answer: Answer, now: float) -> None:
+        heard = answer.accepted or answer.code in _NOTHING_TO_END
         reached = answer.code not in (UNREACHABLE, _STOPPING)
-        if not heard and not (reached and self._is_current() and not self._is_held_by(asked.session)):
+        if not heard and not (reached and self._is_current() and not self._is_held_by(request.session)):
             self._end_from = now + REFUSED_S
-        elif asked.session in self._ends:
-            self._ends.remove(asked.session)
+        elif request.session in self._ends:
+            self._ends.remove(request.session)
 
-    def _wanted_answered(self, asked: SessionDemand, answer: Answer, now: float) -> None:
-        if answer.code == UNREACHABLE and asked.session not in self._ends:
-            self._forget_doubt(asked.session)
-            self._perhaps = [*self._perhaps[-(DOUBTS - 1) :], asked.session]
-        if asked.session != self.session:
+    def _wanted_answered(self, request: SessionDemand, answer: Answer, now: float) -> None:
+        if answer.code == UNREACHABLE and request.session not in self._ends:
+            self._forget_doubt(request.session)
+            self._perhaps = [*self._perhaps[-(DOUBTS - 1) :], request.session]
+        if request.session != self.session:
             return  # it ended meanwhile; that is said next
         self._again = False
-        if answer.yes:
+        if answer.accepted:
             self.granted, self._had = True, True
-            self._told, self._told_at = RmfDemand(asked.floor, asked.hold_door), now
+            self._told, self._told_at = RmfDemand(request.floor, request.hold_door), now
             return
         self._paused_until = now + REFUSED_S
         if answer.code == NOT_SENT:
@@ -371,7 +371,7 @@ class LiftContract:
         self._told, self._taken_from = None, ""
         # one that was told to RMF stays while the lift is offline, as every session does
         waits = answer.code == UNREACHABLE or (self.granted and answer.code == _OFFLINE)
-        if not waits and not self._is_held_by(asked.session):
+        if not waits and not self._is_held_by(request.session):
             self._drop()
 
     def _reconcile(self, now: float) -> None:

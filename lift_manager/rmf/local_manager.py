@@ -12,7 +12,7 @@ from dataclasses import replace
 from lift_manager.lift.rmf import rmf_holder, rmf_lift
 from lift_manager.lift.state import LiftState
 from lift_manager.plain.rmf import LiftView
-from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener
+from lift_manager.rmf.port import Answer, Deliver, EndOfSession, ManagerListener, ManagerRequest
 from lift_manager.runtime.bus import Occurrence, StateChanged
 from lift_manager.runtime.errors import RequestRefused
 from lift_manager.runtime.rmf import rmf_site_of
@@ -57,22 +57,22 @@ class LocalManager:
             timer.cancel()
         self._due = False
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, request: ManagerRequest) -> None:
         """Decide at once; the answer comes after this has returned."""
-        answer = self._answer(asked)
+        answer = self._answer(request)
         self._soon(lambda hears: hears.answered(answer, _now()))
 
-    def _answer(self, asked: Asked) -> Answer:
-        site, holder = self._site, rmf_holder(asked.session, asked.adapter)
+    def _answer(self, request: ManagerRequest) -> Answer:
+        site, holder = self._site, rmf_holder(request.session, request.adapter)
         try:
-            if isinstance(asked, EndOfSession):
-                site.end_session(asked.lift, holder, asked.grace_s)
+            if isinstance(request, EndOfSession):
+                site.end_session(request.lift, holder, request.grace_s)
             else:
-                site.request(asked.lift, holder, asked.floor, hold_door=asked.hold_door, stays=True)
+                site.request(request.lift, holder, request.floor, hold_door=request.hold_door, stays=True)
         except RequestRefused as refused:
-            return Answer(asked, yes=False, code=refused.code, reason=refused.message)
-        site.freshen(asked.lift)
-        return Answer(asked, yes=True, boot=site.boot, event=site.newest)
+            return Answer(request, accepted=False, code=refused.code, reason=refused.message)
+        site.freshen(request.lift)
+        return Answer(request, accepted=True, boot=site.boot, event=site.newest)
 
     def _changed(self, occurrence: Occurrence) -> None:
         if isinstance(occurrence.event, StateChanged):

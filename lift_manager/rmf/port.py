@@ -34,15 +34,15 @@ class EndOfSession:
     adapter: str = ""
 
 
-Asked = SessionDemand | EndOfSession
+ManagerRequest = SessionDemand | EndOfSession
 
 
 @dataclass(frozen=True)
 class Answer:
     """What the manager said to one of these; answers come one for one, in order for each lift."""
 
-    asked: Asked
-    yes: bool
+    request: ManagerRequest
+    accepted: bool
     """It is decided so. Of `SessionDemand`: the session holds the lift; acceptance is not arrival."""
     code: str = ""
     """Why not, in a word of `web/ERRORS.md`; `unreachable` where no manager answered: then nobody knows whether it was heard."""
@@ -50,7 +50,7 @@ class Answer:
     """The same in a sentence."""
     boot: str = ""
     event: int = 0
-    """Of `yes`: a `SiteView` of this boot with a lower number does not show it yet."""
+    """Of `accepted`: a `SiteView` of this boot with a lower number does not show it yet."""
 
 
 UNREACHABLE = "unreachable"
@@ -66,7 +66,7 @@ never waiting, and from any thread."""
 class Manager(Protocol):
     """Takes what is asked without waiting; the answer comes to `ManagerListener.answered`."""
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, request: ManagerRequest) -> None:
         """Pass it on. Never called again for a lift whose last answer has not come."""
         ...
 
@@ -74,8 +74,8 @@ class Manager(Protocol):
 class ManagerListener(Protocol):
     """What of the adapter a way to the manager calls, always in the adapter's own thread. Times are monotonic seconds."""
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
-        """Take a whole answer; `asked_at` is when the question for it left, from which its ages count."""
+    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
+        """Take a whole answer; `sent_at` is when the question for it left, from which its ages count."""
         ...
 
     def answered(self, answer: Answer, now: float) -> None:

@@ -50,14 +50,14 @@ _MODES: Mapping[str, int] = {
 """RMF has no word for a lift that persons have taken for themselves but HUMAN."""
 
 
-def message(contract: LiftContract, asked_at: float, now: float, ros_time: float) -> LiftState:
+def message(contract: LiftContract, sent_at: float, now: float, ros_time: float) -> LiftState:
     """Return the state of a lift as RMF may have it now.
 
-    `asked_at` is when the question for the contract's view left, `ros_time` RMF's clock in seconds; `lift_time` is that clock
+    `sent_at` is when the question for the contract's view left, `ros_time` RMF's clock in seconds; `lift_time` is that clock
     less the age of the data, and 0 where there never was a reading.
     """
     view = contract.view
-    age = age_s(view.age_s, asked_at, now)
+    age = age_s(view.age_s, sent_at, now)
     live = not contract.lost and view.live and not is_too_old(age, view.max_age_s)
     floor = _floor(contract, view) if live else ""
     return LiftState(
@@ -74,9 +74,9 @@ def message(contract: LiftContract, asked_at: float, now: float, ros_time: float
     )
 
 
-def stale_at(view: LiftView, asked_at: float) -> float:
+def stale_at(view: LiftView, sent_at: float) -> float:
     """Return when nothing may be concluded from a view any more; infinite where nothing may already."""
-    return math.inf if not view.live or view.age_s is None else asked_at + view.max_age_s - view.age_s
+    return math.inf if not view.live or view.age_s is None else sent_at + view.max_age_s - view.age_s
 
 
 def offline(state: LiftState) -> LiftState:

@@ -33,10 +33,10 @@ from lift_manager.rmf.port import (
     NOT_SENT,
     UNREACHABLE,
     Answer,
-    Asked,
     Deliver,
     EndOfSession,
     ManagerListener,
+    ManagerRequest,
     SessionDemand,
 )
 
@@ -112,9 +112,9 @@ class RemoteManager:
             self._threads.append(thread)
             thread.start()
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, request: ManagerRequest) -> None:
         """Pass it on, after what was asked of the same lift before; ENDs of other lifts go first."""
-        self._waiting.put(asked)
+        self._waiting.put(request)
 
     def close(self) -> None:
         """End every thread and connection; nothing is handed over any more, answers that are due included."""
@@ -145,8 +145,8 @@ class _Ears:
         self._deliver = deliver
         self.end = end
 
-    def heard(self, site: SiteView, asked_at: float) -> None:
-        self._hand_over(lambda: self._hears.heard(site, asked_at, time.monotonic()))
+    def heard(self, site: SiteView, sent_at: float) -> None:
+        self._hand_over(lambda: self._hears.heard(site, sent_at, time.monotonic()))
 
     def answered(self, answer: Answer) -> None:
         self._hand_over(lambda: self._hears.answered(answer, time.monotonic()))
@@ -206,16 +206,16 @@ class _Watcher:
 
     def run(self) -> None:
         while not self._ears.end.is_set():
-            asked_at = time.monotonic()
+            sent_at = time.monotonic()
             try:
                 site = self._asked()
             except _Unheard as error:
                 self._lost(str(error))
                 self._ears.end.wait(self._backoff.next_s())
                 continue
-            self._heard(site, asked_at)
-            self._news.wait(asked_at + self._every_s - time.monotonic())
-            self._ears.end.wait(max(0.0, asked_at + self._pace.between_s - time.monotonic()))
+            self._heard(site, sent_at)
+            self._news.wait(sent_at + self._every_s - time.monotonic())
+            self._ears.end.wait(max(0.0, sent_at + self._pace.between_s - time.monotonic()))
 
     def _asked(self) -> SiteView:
         """Raises _Unheard."""
@@ -233,7 +233,7 @@ class _Watcher:
                 f"{describe_stranger(self._server, reply)}, or one of another version than this adapter: {text}"
             ) from error
 
-    def _heard(self, site: SiteView, asked_at: float) -> None:
+    def _heard(self, site: SiteView, sent_at: float) -> None:
         ages = [lift.max_age_s for lift in site.lifts] or [DEFAULT_MAX_AGE_S]
         self._every_s = min(max(refresh_pause_s(min(ages)), self._pace.between_s), self._pace.at_most_s)
         self._within_s = max(self._pace.question_s, min(max(ages), self._pace.silent_s))
@@ -242,8 +242,8 @@ class _Watcher:
             self._reasons.clear()
             self._backoff.reset()
             self._on_back()
-        self._news.mark_shown((site.boot, site.event), asked_at)
-        self._ears.heard(site, asked_at)
+        self._news.mark_shown((site.boot, site.event), sent_at)
+        self._ears.heard(site, sent_at)
 
     def _lost(self, reason: str) -> None:
         self._is_heard = False
@@ -319,33 +319,37 @@ class _Carrier:
 
     def run(self) -> None:
         while (taken := self._waiting.take(only_ended=self._only_ended)) is not None:
-            asked, waited_s = taken
-            too_late = isinstance(asked, SessionDemand) and waited_s > WAITED_S
-            answer = Answer(asked, yes=False, code=NOT_SENT, reason=_BUSY) if too_late else self._carried(asked)
+            request, waited_s = taken
+            too_late = isinstance(request, SessionDemand) and waited_s > WAITED_S
+            answer = (
+                Answer(request, accepted=False, code=NOT_SENT, reason=_BUSY) if too_late else self._carried(request)
+            )
             self._ears.answered(answer)
             # later than its answer, which the next one of the same lift must not overtake
-            self._waiting.done(asked.lift)
-            if answer.yes:
+            self._waiting.done(request.lift)
+            if answer.accepted:
                 self._news.announce((answer.boot, answer.event))
 
-    def _carried(self, asked: Asked) -> Answer:
-        word, body = _said(asked)
+    def _carried(self, request: ManagerRequest) -> Answer:
+        word, body = _said(request)
         try:
-            # may go out twice, see `ask`: to want again what is wanted, or to end again what is over, changes nothing
-            reply = self.connection.request("POST", rmf_path(asked.lift, word), body, within_s=self._pace.answer_s)
+            # may go out twice, see `send`: to want again what is wanted, or to end again what is over, changes nothing
+            reply = self.connection.request("POST", rmf_path(request.lift, word), body, within_s=self._pace.answer_s)
         except NoAnswer as error:
-            return Answer(asked, yes=False, code=UNREACHABLE, reason=describe_no_answer(self._server, error))
+            return Answer(request, accepted=False, code=UNREACHABLE, reason=describe_no_answer(self._server, error))
         if reply.status == 200:
-            return self._yes(asked, reply)
+            return self._yes(request, reply)
         code = self._server.without_key(parse_problem(reply)[0])
-        return Answer(asked, yes=False, code=code or UNREACHABLE, reason=describe_refusal(self._server, reply, _KEY))
+        return Answer(
+            request, accepted=False, code=code or UNREACHABLE, reason=describe_refusal(self._server, reply, _KEY)
+        )
 
-    def _yes(self, asked: Asked, reply: Reply) -> Answer:
+    def _yes(self, request: ManagerRequest, reply: Reply) -> Answer:
         try:
             boot, event = parse_decision(parse_json(reply))
         except (BadAnswer, NotJson):
-            return Answer(asked, yes=False, code=UNREACHABLE, reason=describe_stranger(self._server, reply))
-        return Answer(asked, yes=True, boot=boot, event=event)
+            return Answer(request, accepted=False, code=UNREACHABLE, reason=describe_stranger(self._server, reply))
+        return Answer(request, accepted=True, boot=boot, event=event)
 
 
 class _Waiting:
@@ -353,17 +357,17 @@ class _Waiting:
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._asked: list[tuple[Asked, float]] = []
+        self._asked: list[tuple[ManagerRequest, float]] = []
         """With the time when it was asked."""
         self._under_way: set[str] = set()
         self._is_over = False
 
-    def put(self, asked: Asked) -> None:
+    def put(self, request: ManagerRequest) -> None:
         with self._changed:
-            self._asked.append((asked, time.monotonic()))
+            self._asked.append((request, time.monotonic()))
             self._changed.notify_all()
 
-    def take(self, *, only_ended: bool) -> tuple[Asked, float] | None:
+    def take(self, *, only_ended: bool) -> tuple[ManagerRequest, float] | None:
         """Wait for the next one and for how long it has waited; it keeps others of its lift until `done`. None at the end."""
         with self._changed:
             found = self._next(only_ended=only_ended)
@@ -373,9 +377,9 @@ class _Waiting:
             if found is None:
                 return None
             self._asked.remove(found)
-            asked, since = found
-            self._under_way.add(asked.lift)
-            return asked, time.monotonic() - since
+            request, since = found
+            self._under_way.add(request.lift)
+            return request, time.monotonic() - since
 
     def done(self, lift: str) -> None:
         with self._changed:
@@ -389,8 +393,8 @@ class _Waiting:
             self._asked = [one for one in self._asked if isinstance(one[0], EndOfSession)]
             self._changed.notify_all()
 
-    def _next(self, *, only_ended: bool) -> tuple[Asked, float] | None:
-        firsts: dict[str, tuple[Asked, float]] = {}
+    def _next(self, *, only_ended: bool) -> tuple[ManagerRequest, float] | None:
+        firsts: dict[str, tuple[ManagerRequest, float]] = {}
         for one in self._asked:
             firsts.setdefault(one[0].lift, one)
         free = [one for lift, one in firsts.items() if lift not in self._under_way]
@@ -402,10 +406,10 @@ class _Unheard(Exception):
     """No answer from which anything is known; the message is for people."""
 
 
-def _said(asked: Asked) -> tuple[str, dict[str, object]]:
+def _said(request: ManagerRequest) -> tuple[str, dict[str, object]]:
     """Return the last word of the path, and the body."""
     # left out where it is empty, for a manager from before adapters had ids
-    caller = {"session_id": asked.session} | ({"adapter": asked.adapter} if asked.adapter else {})
-    if isinstance(asked, EndOfSession):
-        return "ended", {**caller, "grace_s": asked.grace_s}
-    return "wanted", {**caller, "floor": asked.floor, "hold_door": asked.hold_door}
+    caller = {"session_id": request.session} | ({"adapter": request.adapter} if request.adapter else {})
+    if isinstance(request, EndOfSession):
+        return "ended", {**caller, "grace_s": request.grace_s}
+    return "wanted", {**caller, "floor": request.floor, "hold_door": request.hold_door}

@@ -218,9 +218,9 @@ class AdapterNode:
         """Do this in the executor's thread. From any thread, without waiting."""
         self._inbox.put(call)
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
+    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
-        self._adapter.heard(site, asked_at, now)
+        self._adapter.heard(site, sent_at, now)
 
     def answered(self, answer: Answer, now: float) -> None:
         """Take what became of something asked."""

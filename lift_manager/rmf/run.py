@@ -185,8 +185,8 @@ class _Shell:
     def clock(self, seconds: float) -> None:
         self._clock.simulated = seconds
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
-        self._adapter.heard(site, asked_at, now)
+    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
+        self._adapter.heard(site, sent_at, now)
         self._soon()
         names = tuple(_names(site))
         if names != self._names:

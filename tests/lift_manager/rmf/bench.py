@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, EndOfSession, SessionDemand
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
 from lift_manager.rmf.publishing import AT_LEAST_S
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
@@ -80,10 +80,10 @@ class Bench:
     event: int = 0
     refuses: str = ""
     """The code of a refusal of all wishes; `unreachable` where nobody answers."""
-    asked: list[Asked] = field(default_factory=list)
+    asked: list[ManagerRequest] = field(default_factory=list)
     sent: list[LiftState] = field(default_factory=list)
     alarm: AlarmEar = field(default_factory=AlarmEar)
-    waiting: list[Asked] = field(default_factory=list)
+    waiting: list[ManagerRequest] = field(default_factory=list)
     slow: bool = False
     """Answers are given when `answers` is called."""
     adapter_id: str = ""
@@ -99,7 +99,7 @@ class Bench:
         out = RmfOutput(self.sent.append, self.alarm)
         return Adapter(self, out, lambda: EPOCH + self.now, adapter_id=self.adapter_id)
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         assert asked.lift not in [one.lift for one in self.waiting], "asked again before it was answered"
         self.asked.append(asked)
         self.waiting.append(asked)
@@ -108,23 +108,23 @@ class Bench:
         for asked in [self.waiting.pop(0) for _ in range(len(self.waiting))]:
             self.adapter.answered(self._decide(asked), self.now)
 
-    def _decide(self, asked: Asked) -> Answer:
+    def _decide(self, asked: ManagerRequest) -> Answer:
         view = self.views.get(asked.lift)
         if view is None:
-            return Answer(asked, yes=False, code="unknown_lift", reason="there is no such lift")
+            return Answer(asked, accepted=False, code="unknown_lift", reason="there is no such lift")
         ours = HeldBy("rmf", asked.session, asked.adapter)
         if self.refuses in (UNREACHABLE, NOT_SENT, "stopping"):
-            return Answer(asked, yes=False, code=self.refuses, reason="nobody answers")
+            return Answer(asked, accepted=False, code=self.refuses, reason="nobody answers")
         if isinstance(asked, SessionDemand):
             if self.refuses or view.holder not in (None, ours):
-                return Answer(asked, yes=False, code=self.refuses or "held", reason="held by another")
+                return Answer(asked, accepted=False, code=self.refuses or "held", reason="held by another")
             self.views[asked.lift] = replace(view, holder=ours, ending=False, destination=asked.floor)
         elif view.holder not in (None, ours):
-            return Answer(asked, yes=False, code="held", reason="held by another")
+            return Answer(asked, accepted=False, code="held", reason="held by another")
         elif view.holder == ours:
             self.views[asked.lift] = replace(view, ending=True)
         self.event += 1
-        return Answer(asked, yes=True, boot=self.boot, event=self.event)
+        return Answer(asked, accepted=True, boot=self.boot, event=self.event)
 
     def turn(self) -> None:
         """Let everything that is due happen, questions, answers and changes included."""

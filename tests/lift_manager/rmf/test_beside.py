@@ -269,7 +269,7 @@ def test_an_event_that_comes_while_an_answer_is_under_way_is_asked_for_again() -
     with met(manager, PATIENT) as (_, way, ears):
         assert ears.next_heard().site.event == 7
         events.until_open()
-        way.ask(WANTED)  # decided as event 8, and so it is asked again
+        way.send(WANTED)  # decided as event 8, and so it is asked again
         assert [ears.next_heard().site.event for _ in range(2)] == [8, 9]
 
 
@@ -316,8 +316,8 @@ def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
 @each_row("manager", [Manager(), nothing, Manager(scripts={"events": stream()}), Manager(scripts={RMF: answers(500)})])
 def test_the_end_ends_every_thread_whatever_it_waits_for(manager: Script) -> None:
     with Scripted(manager) as server, beside(server.port, Pace()) as (way, ears):
-        way.ask(WANTED)
-        way.ask(EndOfSession("west", "s", 3.0))
+        way.send(WANTED)
+        way.send(EndOfSession("west", "s", 3.0))
         server.next()
         mine = own_threads()
         assert len(mine) == 2 + CARRIERS
@@ -366,7 +366,7 @@ def test_the_key_is_in_no_reason_no_log_and_no_picture_of_anything(caplog: pytes
         said_ = [repr(way), repr(vars(way)), ears.next_heard()]
         for script in scripts:
             manager.scripts = {RMF: script, "wanted": script, "events": script}
-            way.ask(WANTED)
+            way.send(WANTED)
             said_ += [ears.next_answer(), ears.next_lost()]
             manager.scripts = {}
             ears.next_heard()
@@ -383,7 +383,7 @@ def test_a_manager_that_speaks_https_is_heard_with_its_ca(tmp_path: Path) -> Non
         ears = Ears()
         way = RemoteManager(Server(Address("127.0.0.1", server.port, tls=True), KEY, authority.file))
         way.start(ears, ears.inbox.put)
-        way.ask(WANTED)
-        assert ears.next_answer().yes
+        way.send(WANTED)
+        assert ears.next_answer().accepted
         assert isinstance(ears.next(), Heard | Lost)
         way.close()

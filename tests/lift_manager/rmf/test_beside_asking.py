@@ -4,8 +4,7 @@ import threading
 import time
 from dataclasses import replace
 
-from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, SessionDemand
-from lift_manager.rmf.port import Asked as Wish
+from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
 from lift_manager.rmf.remote_manager import CARRIERS
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
 from tests.support.rows import each_row
@@ -27,8 +26,8 @@ def posts(server: Scripted) -> list[Asked]:
 def test_what_is_asked_arrives_as_the_manager_expects_it_and_its_answer_comes_back() -> None:
     with met(Manager()) as (server, way, ears):
         for asked in (wanted(), ended()):
-            way.ask(asked)
-            assert ears.next_answer() == Answer(asked, yes=True, boot=SITE.boot, event=SITE.event)
+            way.send(asked)
+            assert ears.next_answer() == Answer(asked, accepted=True, boot=SITE.boot, event=SITE.event)
         first, second = posts(server)
     assert (first.path, first.json) == (
         "/api/v1/lifts/east/rmf/wanted",
@@ -46,8 +45,8 @@ def test_what_is_asked_arrives_as_the_manager_expects_it_and_its_answer_comes_ba
 )
 def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
     with met(Manager()) as (server, way, ears):
-        way.ask(wanted(lift))
-        assert ears.next_answer().yes
+        way.send(wanted(lift))
+        assert ears.next_answer().accepted
         assert posts(server)[0].path == f"/api/v1/lifts/{path}/rmf/wanted"
 
 
@@ -71,9 +70,9 @@ def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
 def test_what_is_not_yes_comes_back_with_its_code_and_is_asked_once(script: Script, code: str, reason: str) -> None:
     pace = BRISK if "in time" in reason else CALM
     with met(Manager(scripts={"wanted": script}), pace) as (server, way, ears):
-        way.ask(wanted())
+        way.send(wanted())
         answer = ears.next_answer()
-        assert (answer.yes, answer.code, answer.boot, answer.event) == (False, code, "", 0)
+        assert (answer.accepted, answer.code, answer.boot, answer.event) == (False, code, "", 0)
         assert reason in answer.reason
         assert len(posts(server)) == 1
 
@@ -83,7 +82,7 @@ def test_nobody_there_is_an_answer_too() -> None:
     with server:
         pass
     with beside(server.port) as (way, ears):
-        way.ask(ended())
+        way.send(ended())
         answer = ears.next_answer()
     assert (answer.code, "nothing listens there" in answer.reason) == (UNREACHABLE, True)
 
@@ -96,13 +95,13 @@ def test_the_questions_of_a_lift_keep_their_order_however_slow_the_answers_are()
         wire.send(said(200, {"boot": "a", "event": len(posts(server))}))
 
     lifts = [f"lift{number}" for number in range(6)]
-    asked: list[Wish] = [
+    asked: list[ManagerRequest] = [
         wish for floor in ("L1", "L2") for lift in lifts for wish in (wanted(lift, floor), ended(lift, floor))
     ]
     with met(Manager(scripts={"wanted": script, "ended": script})) as (server, way, ears):
         for each in asked:
-            way.ask(each)
-        answered = [ears.next_answer().asked for _ in asked]
+            way.send(each)
+        answered = [ears.next_answer().request for _ in asked]
         arrived = posts(server)
     for lift in lifts:
         mine = [each for each in asked if each.lift == lift]
@@ -121,11 +120,11 @@ def test_a_lift_that_is_stuck_delays_no_other() -> None:
 
     with met(Manager(scripts={"wanted": script, "ended": script})) as (_, way, ears):
         for each in (wanted("stuck"), ended("stuck"), wanted("east"), ended("east"), wanted("west")):
-            way.ask(each)
-        others = [ears.next_answer().asked for _ in range(3)]
+            way.send(each)
+        others = [ears.next_answer().request for _ in range(3)]
         assert sorted(each.lift for each in others) == ["east", "east", "west"]
         stuck.set()
-        assert [ears.next_answer().asked for _ in range(2)] == [wanted("stuck"), ended("stuck")]
+        assert [ears.next_answer().request for _ in range(2)] == [wanted("stuck"), ended("stuck")]
 
 
 def test_no_number_of_lifts_that_are_stuck_delays_the_end_of_a_session() -> None:
@@ -138,14 +137,14 @@ def test_no_number_of_lifts_that_are_stuck_delays_the_end_of_a_session() -> None
     lifts = [f"stuck{number}" for number in range(2 * CARRIERS)]
     with met(Manager(scripts={"wanted": script})) as (server, way, ears):
         for lift in lifts:
-            way.ask(wanted(lift))
+            way.send(wanted(lift))
         for _ in range(CARRIERS - 1):
             server.next("POST")
-        way.ask(ended("east"))
-        assert ears.next_answer().asked == ended("east")
+        way.send(ended("east"))
+        assert ears.next_answer().request == ended("east")
         assert len(posts(server)) == CARRIERS
         stuck.set()
-        assert sorted(ears.next_answer().asked.lift for _ in lifts) == lifts
+        assert sorted(ears.next_answer().request.lift for _ in lifts) == lifts
 
 
 def test_a_connection_that_the_manager_closed_meanwhile_loses_nothing() -> None:
@@ -158,8 +157,8 @@ def test_a_connection_that_the_manager_closed_meanwhile_loses_nothing() -> None:
 
     with met(Manager(scripts={"ended": script})) as (server, way, ears):
         for _ in range(12):
-            way.ask(ended())
-            assert ears.next_answer().yes
+            way.send(ended())
+            assert ears.next_answer().accepted
 
 
 def test_the_answer_yes_lets_the_site_be_asked_where_no_event_tells_of_it() -> None:
@@ -170,7 +169,7 @@ def test_the_answer_yes_lets_the_site_be_asked_where_no_event_tells_of_it() -> N
     manager = Manager(RARELY, {"wanted": script})
     with met(manager, PATIENT) as (_, way, ears):
         assert ears.next_heard().site.event == 7
-        way.ask(wanted())
+        way.send(wanted())
         assert ears.next_answer().event == 8
         assert ears.next_heard().site.event == 8
 
@@ -179,6 +178,6 @@ def test_what_is_asked_of_a_manager_that_is_lost_is_answered_in_time() -> None:
     with met(lambda _, __: None, BRISK) as (_, way, ears):
         began = time.monotonic()
         for each in (wanted("east"), ended("west")):
-            way.ask(each)
+            way.send(each)
         assert {ears.next_answer().code for _ in range(2)} == {UNREACHABLE}
         assert time.monotonic() - began < WITHIN_S

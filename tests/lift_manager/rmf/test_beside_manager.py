@@ -32,7 +32,7 @@ def ride(way: RemoteManager, ears: Ears) -> None:
     """Want the floor again, as RMF does, until the door is open there: a press that was lost is made anew."""
     is_there = False
     while not is_there:
-        way.ask(WANTED)
+        way.send(WANTED)
         assert holder_once_shown(ears, ears.next_answer()) == HeldBy("rmf", SESSION)
         for _ in range(3):
             lift = ears.next_heard().site.lifts[0]
@@ -41,7 +41,7 @@ def ride(way: RemoteManager, ears: Ears) -> None:
 
 def holder_once_shown(ears: Ears, answer: Answer) -> HeldBy | None:
     """Return who holds the lift by the first answer that shows what was decided."""
-    assert answer.yes, answer
+    assert answer.accepted, answer
     while (site := ears.next_heard().site).event < answer.event:
         assert site.boot == answer.boot
     return site.lifts[0].holder
@@ -65,7 +65,7 @@ class TestALiftThatRuns:
         with beside(port, Pace(), key="") as (way, ears):
             until(ears, lambda lift: lift.live)
             ride(way, ears)
-            way.ask(EndOfSession(LIFT, SESSION, 0.0))
+            way.send(EndOfSession(LIFT, SESSION, 0.0))
             assert holder_once_shown(ears, ears.next_answer()) is None
             until(ears, lambda lift: lift.door == "closed")
 
@@ -79,9 +79,9 @@ class TestALiftThatRuns:
                 (WANTED, ""),
                 (SessionDemand(LIFT, "fleet/amr-8", "L1", hold_door=True), "held"),
             ):
-                way.ask(asked)
+                way.send(asked)
                 answer = ears.next_answer()
-                assert (answer.asked, answer.yes, answer.code) == (asked, not code, code), answer
+                assert (answer.request, answer.accepted, answer.code) == (asked, not code, code), answer
 
 
 class Building:
@@ -115,7 +115,7 @@ def test_a_session_goes_on_over_a_kill_and_a_start_of_the_manager(tmp_path: Path
             ride(way, ears)
             building.kill()
             assert "no manager answers" in ears.next_lost()
-            way.ask(EndOfSession(LIFT, "fleet/amr-8", 3.0))
+            way.send(EndOfSession(LIFT, "fleet/amr-8", 3.0))
             assert ears.next_answer().code == "unreachable"
             building.serve()
             while isinstance(again := ears.next(), Lost):

@@ -692,7 +692,7 @@ def test_an_end_that_was_refused_for_no_reason_of_the_lift_is_said_again_soon(co
     lift.slow = True
     lift.say(ends(A))
     asked = lift.waiting.pop()
-    lift.adapter.answered(Answer(asked, yes=False, code=code, reason="not now"), lift.now)
+    lift.adapter.answered(Answer(asked, accepted=False, code=code, reason="not now"), lift.now)
     lift.elapse(REFUSED_S + 0.2)
     assert lift.ended() == [A, A]
 
@@ -708,7 +708,7 @@ def test_an_end_that_the_key_does_not_allow_is_said_no_longer_than_the_session_l
         for _ in range(100):
             lift.step()
             while lift.waiting:
-                lift.adapter.answered(Answer(lift.waiting.pop(), yes=False, code="not_allowed"), lift.now)
+                lift.adapter.answered(Answer(lift.waiting.pop(), accepted=False, code="not_allowed"), lift.now)
         said.append(len(lift.ended()))
     assert said == [pytest.approx(10 / REFUSED_S, abs=2), pytest.approx(said[0], abs=1)]
 
@@ -719,7 +719,7 @@ def test_an_end_that_has_nothing_to_end_is_answered(code: str) -> None:
     lift.slow = True
     lift.say(ends(A))
     asked = lift.waiting.pop()
-    lift.adapter.answered(Answer(asked, yes=False, code=code, reason="nothing to end"), lift.now)
+    lift.adapter.answered(Answer(asked, accepted=False, code=code, reason="nothing to end"), lift.now)
     lift.slow = False
     lift.over()
     lift.elapse(20)

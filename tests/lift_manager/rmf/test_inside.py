@@ -8,7 +8,7 @@ from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
-from lift_manager.rmf.port import Answer, Asked, EndOfSession, SessionDemand
+from lift_manager.rmf.port import Answer, EndOfSession, ManagerRequest, SessionDemand
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse
@@ -61,14 +61,14 @@ class Both:
     inside: LocalManager
     ears: Ears
 
-    async def said(self, asked: Asked) -> Answer:
+    async def said(self, asked: ManagerRequest) -> Answer:
         """What is answered, by the end of the turn."""
         before = len(self.ears.answers)
-        self.inside.ask(asked)
+        self.inside.send(asked)
         assert len(self.ears.answers) == before, "the adapter is not called while it asks"
         await elapse(0)
         (answer,) = self.ears.answers[before:]
-        assert answer.asked == asked
+        assert answer.request == asked
         return answer
 
 
@@ -101,7 +101,7 @@ def test_the_lifts_are_told_at_once_with_what_the_site_says() -> None:
 def test_a_wish_is_taken_and_a_site_from_its_event_on_shows_it() -> None:
     async def check(both: Both) -> None:
         answer = await both.said(TO_L1)
-        assert answer.yes
+        assert answer.accepted
         await elapse(BETWEEN_S)
         shows = [site for site in both.ears.sites if site.boot == answer.boot and site.event >= answer.event]
         assert shows
@@ -140,7 +140,7 @@ def test_changes_that_follow_each_other_closely_are_told_together_and_the_last_o
 def test_a_no_has_its_code_and_its_reason() -> None:
     async def check(both: Both) -> None:
         answer = await both.said(replace(TO_L1, floor="L9"))
-        assert (answer.yes, answer.code) == (False, "unknown_floor")
+        assert (answer.accepted, answer.code) == (False, "unknown_floor")
         assert "its floors are L1, L2, L3" in answer.reason
         assert (await both.said(replace(TO_L1, lift="nowhere"))).code == "unknown_lift"
         both.bench.accept("L3", holder=OTHER)
@@ -152,9 +152,9 @@ def test_a_no_has_its_code_and_its_reason() -> None:
 
 def test_an_end_has_its_grace_and_without_a_session_it_is_yes() -> None:
     async def check(both: Both) -> None:
-        assert (await both.said(EndOfSession("lift", AMR, 3))).yes
-        assert (await both.said(TO_L1)).yes
-        assert (await both.said(EndOfSession("lift", AMR, 3))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 3))).accepted
+        assert (await both.said(TO_L1)).accepted
+        assert (await both.said(EndOfSession("lift", AMR, 3))).accepted
         await elapse(2.9)
         assert both.ears.lift.holder == HeldBy("rmf", AMR)
         await elapse(0.2)
@@ -165,16 +165,16 @@ def test_an_end_has_its_grace_and_without_a_session_it_is_yes() -> None:
 
 def test_an_adapter_may_ask_the_next_thing_while_it_is_answered() -> None:
     async def check(both: Both) -> None:
-        more: list[Asked] = [replace(TO_L1, session="fleet/amr-8"), EndOfSession("lift", AMR, 0)]
+        more: list[ManagerRequest] = [replace(TO_L1, session="fleet/amr-8"), EndOfSession("lift", AMR, 0)]
 
         def ask_on(_: Answer) -> None:
             if more:
-                both.inside.ask(more.pop())
+                both.inside.send(more.pop())
 
         both.ears.on_answer = ask_on
-        both.inside.ask(TO_L1)
+        both.inside.send(TO_L1)
         await elapse(0.1)
-        assert [answer.yes for answer in both.ears.answers] == [True, True, True]
+        assert [answer.accepted for answer in both.ears.answers] == [True, True, True]
         assert both.ears.lift.holder == HeldBy("rmf", "fleet/amr-8")
 
     inside(check)
@@ -184,7 +184,7 @@ def test_whatever_changes_in_one_turn_is_told_once_and_what_does_not_change_thre
     async def check(both: Both) -> None:
         told = len(both.ears.sites)
         for number in range(30):
-            both.inside.ask(replace(TO_L1, floor=f"L{1 + number % 3}"))
+            both.inside.send(replace(TO_L1, floor=f"L{1 + number % 3}"))
         await elapse(0)
         assert len(both.ears.sites) <= told + 2
         await elapse(0.2)
@@ -224,11 +224,11 @@ def test_a_lift_that_is_lost_is_told_as_not_live() -> None:
 
 def test_after_close_nothing_is_told_any_more_and_it_may_begin_again() -> None:
     async def check(both: Both) -> None:
-        both.inside.ask(TO_L1)
+        both.inside.send(TO_L1)
         both.inside.close()
         told = len(both.ears.sites)
         await elapse(5)
-        both.inside.ask(EndOfSession("lift", AMR, 0))
+        both.inside.send(EndOfSession("lift", AMR, 0))
         await elapse(1)
         assert (both.ears.answers, len(both.ears.sites)) == ([], told)
         both.inside.start(both.ears, soon)
@@ -244,13 +244,13 @@ def test_after_close_nothing_is_told_any_more_and_it_may_begin_again() -> None:
 def test_two_adapters_inside_have_sessions_of_their_own_even_of_one_name() -> None:
     async def check(both: Both) -> None:
         other = replace(TO_L1, adapter="5")
-        assert (await both.said(other)).yes
+        assert (await both.said(other)).accepted
         await elapse(BETWEEN_S)
         assert both.ears.lift.holder == HeldBy("rmf", AMR, "5")
         refused = await both.said(TO_L1)
         assert (refused.code, f"held by rmf:{AMR}@5" in refused.reason) == ("held", True)
         assert (await both.said(EndOfSession("lift", AMR, 0))).code == "held"
-        assert (await both.said(EndOfSession("lift", AMR, 0, adapter="5"))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 0, adapter="5"))).accepted
         await elapse(0.1)
         assert both.ears.lift.holder is None
 

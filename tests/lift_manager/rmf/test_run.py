@@ -11,7 +11,7 @@ from lift_manager.lab.virtual_time import elapse, run_virtual
 from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener, SessionDemand
+from lift_manager.rmf.port import Answer, Deliver, EndOfSession, ManagerListener, ManagerRequest, SessionDemand
 from lift_manager.rmf.run import AGAIN_S, RunningAdapter
 from tests.lift_manager.rmf.bench import AlarmEar
 
@@ -70,7 +70,7 @@ class FakeWay:
     """A manager that says yes at once, and tells how its lift is five times a second."""
 
     def __init__(self) -> None:
-        self.asked: list[Asked] = []
+        self.asked: list[ManagerRequest] = []
         self.view = view()
         self.alarms = Alarms()
         self.closed = False
@@ -80,12 +80,12 @@ class FakeWay:
         self.hears, self._deliver = hears, deliver
         self._tell()
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self.asked.append(asked)
         if isinstance(asked, SessionDemand):
             self.view = view(HeldBy("rmf", asked.session))
         self._number += 1
-        answer = Answer(asked, yes=True, boot="boot", event=self._number)
+        answer = Answer(asked, accepted=True, boot="boot", event=self._number)
         self._deliver(lambda: self.hears.answered(answer, asyncio.get_running_loop().time()))
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from typing import Protocol
 from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, EndOfSession, Manager, SessionDemand
+from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, Manager, ManagerRequest, SessionDemand
 
 Clock = Callable[[], float]
 TOGETHER_S = 0.05
@@ -48,24 +48,28 @@ class _Asks(Adapter):
     """Asks the manager something else than it should, one thing after the other; it takes the last answer for its own."""
 
     def __init__(
-        self, manager: Manager, out: RmfOutput, ros_time: Clock, change: Callable[[Asked], tuple[Asked, ...]]
+        self,
+        manager: Manager,
+        out: RmfOutput,
+        ros_time: Clock,
+        change: Callable[[ManagerRequest], tuple[ManagerRequest, ...]],
     ) -> None:
         self._real = manager
         self._change = change
-        self._asked: Asked | None = None
-        self._still: list[Asked] = []
+        self._asked: ManagerRequest | None = None
+        self._still: list[ManagerRequest] = []
         super().__init__(self, out, ros_time)
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self._asked = asked
         first, *self._still = self._change(asked)
-        self._real.ask(first)
+        self._real.send(first)
 
     def answered(self, answer: Answer, now: float) -> None:
         if self._still and answer.code != UNREACHABLE:
-            self._real.ask(self._still.pop(0))
+            self._real.send(self._still.pop(0))
         elif self._asked is not None:
-            super().answered(replace(answer, asked=self._asked), now)
+            super().answered(replace(answer, request=self._asked), now)
 
 
 class ExecutesStaleFloors(Adapter):
@@ -134,7 +138,7 @@ class EndMovesTheCar(_Asks):
             self._end = request
         super().requested(request, now)
 
-    def _with_floor(self, asked: Asked) -> tuple[Asked, ...]:
+    def _with_floor(self, asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         if isinstance(asked, EndOfSession) and self._end is not None and self._end.session_id == asked.session:
             floor, self._end = self._floors[self._end.destination_floor], None
             return SessionDemand(asked.lift, asked.session, floor, hold_door=False), asked
@@ -332,7 +336,7 @@ def _says(make: Callable[[], _Speaks]) -> Callable[[Manager, RmfOutput, Clock], 
 
 
 def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
-    def change(asked: Asked) -> tuple[Asked, ...]:
+    def change(asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         return (replace(asked, grace_s=0.0) if isinstance(asked, EndOfSession) else asked,)
 
     return _Asks(manager, out, ros_time, change)
@@ -341,7 +345,7 @@ def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter
 def _lets_go_of_the_door(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
     wanted: list[SessionDemand] = []
 
-    def change(asked: Asked) -> tuple[Asked, ...]:
+    def change(asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         if not isinstance(asked, SessionDemand):
             return (asked,)
         wanted[:] = [*(one for one in wanted if one == asked), asked]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from random import Random
 
 from lift_manager.plain.rmf import SiteView
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Manager, ManagerListener
+from lift_manager.rmf.port import UNREACHABLE, Answer, Manager, ManagerListener, ManagerRequest
 from tests.support.rmf.network import Channel
 
 GIVES_UP_S = 0.3
@@ -27,10 +27,10 @@ class Way:
         self.hears: ManagerListener | None = None
         """The adapter; None while there is none."""
         self._manager: Manager | None = None
-        self._up: Channel[Asked] = Channel(dice, most_s, self._pass_on)
+        self._up: Channel[ManagerRequest] = Channel(dice, most_s, self._pass_on)
         self._down: Channel[Callable[[], None]] = Channel(dice, most_s, _call)
         self._cut = ""
-        self._unanswered: list[Asked] = []
+        self._unanswered: list[ManagerRequest] = []
         self.asked = 0
 
     def connect(self, manager: Manager) -> None:
@@ -61,7 +61,7 @@ class Way:
 
     # -- the adapter's side
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self.asked += 1
         if self._cut:
             self._fail(asked)
@@ -78,7 +78,7 @@ class Way:
         self._back(lambda: None if self.hears is None else self.hears.heard(site, asked_at, _now()))
 
     def answered(self, answer: Answer, now: float) -> None:
-        if answer.asked not in self._unanswered:
+        if answer.request not in self._unanswered:
             return  # it was asked by an adapter that is no more, or given up
         self._back(lambda: self._deliver(answer))
 
@@ -86,13 +86,13 @@ class Way:
         self._back(lambda: None if self.hears is None else self.hears.lost(reason, _now()))
 
     def _deliver(self, answer: Answer) -> None:
-        if self.hears is not None and answer.asked in self._unanswered:
-            self._unanswered.remove(answer.asked)
+        if self.hears is not None and answer.request in self._unanswered:
+            self._unanswered.remove(answer.request)
             self.hears.answered(answer, _now())
 
-    def _pass_on(self, asked: Asked) -> None:
+    def _pass_on(self, asked: ManagerRequest) -> None:
         if self._manager is not None:
-            self._manager.ask(asked)
+            self._manager.send(asked)
 
     def _back(self, call: Callable[[], None]) -> None:
         if self._cut:
@@ -102,12 +102,12 @@ class Way:
         else:
             call()
 
-    def _fail(self, asked: Asked) -> None:
+    def _fail(self, asked: ManagerRequest) -> None:
         hears = self.hears
 
         def say() -> None:
             if hears is not None and hears is self.hears:
-                hears.answered(Answer(asked, yes=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now())
+                hears.answered(Answer(asked, accepted=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now())
 
         asyncio.get_running_loop().call_later(self._dice.uniform(0.0, GIVES_UP_S), say)
 
