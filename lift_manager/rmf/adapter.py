@@ -92,8 +92,8 @@ class Adapter:
             self._count("", done)
             self._explain(done, request, None)
             return
-        held = lift.contract.holds
-        done = lift.contract.requested(request, now, replay=now < self._replay_until)
+        held = lift.contract.holds_lift
+        done = lift.contract.handle_request(request, now, replay=now < self._replay_until)
         if held and done is Disposition.ENDED:
             _log.info("%s: %s has ended its session", request.lift_name, quoted(request.session_id))
         lift.next_at = -math.inf
@@ -104,8 +104,8 @@ class Adapter:
         """Take what a fleet sends to its lift supervisor: an END that is not passed on ends the session all the same."""
         lift = self._lifts.get(request.lift_name)
         if lift is not None:
-            lift.contract.fleet_requested(request, now)
-            lift.next_at = min(lift.next_at, lift.contract.due(now))
+            lift.contract.handle_fleet_request(request, now)
+            lift.next_at = min(lift.next_at, lift.contract.due_at(now))
         elif self._site is None:
             self._note_early(request, self._early_ends_of_fleets)
 
@@ -141,10 +141,10 @@ class Adapter:
                 lift = self._lifts[view.name] = _Lift(made, Cadence(place, len(site.lifts), now), sent_at)
             contract = lift.contract
             contract.grace_s, lift.next_at = site.end_grace_s, -math.inf
-            before = contract.session if contract.holds else ""
-            if contract.heard(view, site.boot, site.event, now):
+            before = contract.session if contract.holds_lift else ""
+            if contract.update_view(view, site.boot, site.event, now):
                 lift.sent_at = sent_at
-            self._say_change(view.name, before, contract.session if contract.holds else "")
+            self._say_change(view.name, before, contract.session if contract.holds_lift else "")
         self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
         self._say_early_ends(now)
         self._fire.heard(site, now)
@@ -155,9 +155,9 @@ class Adapter:
         if lift is None:
             return  # of a site file that is no more
         lift.next_at = -math.inf
-        before, name = lift.contract.holds, lift.contract.view.name
-        lift.contract.answered(answer, now)
-        if lift.contract.holds and not before:
+        before, name = lift.contract.holds_lift, lift.contract.view.name
+        lift.contract.handle_answer(answer, now)
+        if lift.contract.holds_lift and not before:
             _log.info("%s: %s has the lift", name, quoted(answer.request.session))
             self._told = {told for told in self._told if told[0] != name or told[1] in _LASTING}
         if not answer.accepted and answer.code not in (UNREACHABLE, NOT_SENT):
@@ -171,7 +171,7 @@ class Adapter:
             _log.warning("the manager cannot be heard: %s; its lifts are offline for RMF", reason)
         self._lost_why = reason
         for lift in self._lifts.values():
-            lift.contract.lost, lift.next_at = True, -math.inf
+            lift.contract.manager_lost, lift.next_at = True, -math.inf
 
     def tick(self, now: float) -> float:
         """Publish what is due, ask what is due; return when to come again, at the latest. Call it after everything above, too."""
@@ -187,7 +187,7 @@ class Adapter:
         if now < lift.next_at:
             return lift.next_at
         contract = lift.contract
-        if session := contract.end_not_passed_on(now):
+        if session := contract.enforce_fleet_end(now):
             self._count(contract.view.name, Disposition.ENDED)
             text = "%s: %s has ended its session, and the lift supervisor has not passed it on; it ends without"
             _log.warning(text, contract.view.name, quoted(session))
@@ -199,7 +199,7 @@ class Adapter:
             self.counts.states[state.lift_name] += 1
             lift.cadence.sent(state, now)
         stale = stale_at(contract.view, lift.sent_at)
-        lift.next_at = min(lift.cadence.next(state), contract.due(now), stale if stale > now else math.inf)
+        lift.next_at = min(lift.cadence.next(state), contract.due_at(now), stale if stale > now else math.inf)
         return lift.next_at
 
     def _for_no_lift(self, request: LiftRequest) -> Disposition:
@@ -218,10 +218,10 @@ class Adapter:
     def _say_early_ends(self, now: float) -> None:
         for name, session in self._early_ends:
             if (lift := self._lifts.get(name)) is not None and lift.contract.session == session:
-                lift.contract.end(session, now)
+                lift.contract.end_session(session, now)
         for name, session in self._early_ends_of_fleets:
             if (lift := self._lifts.get(name)) is not None:
-                lift.contract.fleet_ended(session, now)
+                lift.contract.handle_fleet_end(session, now)
         self._early_ends.clear()
         self._early_ends_of_fleets.clear()
 
@@ -232,7 +232,7 @@ class Adapter:
             lift = self._lifts.pop(name)
             # whoever keeps the last state would see an open door for ever
             self._out.publish(offline(lift.message(now, self._ros_time())))
-            if sessions := lift.contract.undelivered:
+            if sessions := lift.contract.undelivered_sessions:
                 ended = ", ".join(map(quoted, sessions))
                 text = "%s: the manager has not answered that %s has ended its session; with the lift that is forgotten"
                 _log.warning(text, name, ended)

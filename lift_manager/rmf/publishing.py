@@ -58,7 +58,7 @@ def message(contract: LiftContract, sent_at: float, now: float, ros_time: float)
     """
     view = contract.view
     age = age_s(view.age_s, sent_at, now)
-    live = not contract.lost and view.live and not is_too_old(age, view.max_age_s)
+    live = not contract.manager_lost and view.live and not is_too_old(age, view.max_age_s)
     floor = _floor(contract, view) if live else ""
     return LiftState(
         lift_time=Time() if age is None else Time.of(ros_time - age),
@@ -145,7 +145,12 @@ def _floor(contract: LiftContract, view: LiftView) -> str:
     Iron takes its destination in `current_floor` for the arrival, whatever the door says (open-rmf 1.6.3), and the manager hides
     only what it was told already.
     """
-    passes = contract.granted and contract.wish is not None and contract.wish.floor == view.floor and not view.standing
+    passes = (
+        contract.is_granted
+        and contract.demand is not None
+        and contract.demand.floor == view.floor
+        and not view.standing
+    )
     return "" if passes or view.floor is None else view.floors.get(view.floor, "")
 
 
@@ -153,30 +158,30 @@ def _door(contract: LiftContract, view: LiftView, now: float) -> int:
     """OPEN is what a robot drives on: only with the lift held for it and nobody else, or with no session told at all."""
     if view.door == "closed":
         return DOOR_CLOSED
-    nobodys = not contract.granted and contract.foreign is None and not contract.undelivered_end(now)
-    return DOOR_OPEN if view.door == "open" and (nobodys or contract.settled) else DOOR_MOVING
+    nobodys = not contract.is_granted and contract.foreign_holder is None and not contract.undelivered_session(now)
+    return DOOR_OPEN if view.door == "open" and (nobodys or contract.is_settled) else DOOR_MOVING
 
 
 def _session(contract: LiftContract, now: float) -> str:
-    if contract.granted:
+    if contract.is_granted:
         return contract.session
-    if session := contract.undelivered_end(now):
+    if session := contract.undelivered_session(now):
         return session
-    return "" if contract.foreign is None else str(contract.foreign)
+    return "" if contract.foreign_holder is None else str(contract.foreign_holder)
 
 
 def _destination(contract: LiftContract, floor: str) -> str:
     """Return what the session wants: a supervisor repeats for ever where it reads another one (open-rmf 1.6.4)."""
     floors = contract.view.floors
-    if contract.granted and contract.wish is not None:
-        return floors.get(contract.wish.floor, "")
+    if contract.is_granted and contract.demand is not None:
+        return floors.get(contract.demand.floor, "")
     wanted = contract.view.destination
-    held = contract.granted or contract.foreign is not None
+    held = contract.is_granted or contract.foreign_holder is not None
     return floors.get(wanted, floor) if held and wanted is not None else floor
 
 
 def _mode(contract: LiftContract, view: LiftView) -> int:
     """A lift in normal mode is in the mode that was asked for as long as RMF holds it: in AGV mode its door stands open when it has stopped."""
-    if view.mode == "normal" and contract.settled and view.robot_mode_on is not False:
-        return MODE_HUMAN if contract.human else MODE_AGV
+    if view.mode == "normal" and contract.is_settled and view.robot_mode_on is not False:
+        return MODE_HUMAN if contract.human_mode else MODE_AGV
     return _MODES.get(view.mode, MODE_UNKNOWN)

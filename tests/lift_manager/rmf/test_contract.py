@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from lift_manager.plain.rmf import HeldBy
-from lift_manager.rmf.contract import FRESH_S, HEARD_S, PASS_ON_S, REFUSED_S, REPEAT_S, UNDELIVERED_S
+from lift_manager.rmf.contract import DEMAND_MAX_AGE_S, PASS_ON_S, REFUSAL_PAUSE_S, RENEW_S, REPEAT_S, UNDELIVERED_S
 from lift_manager.rmf.messages import (
     DOOR_MOVING,
     DOOR_OPEN,
@@ -62,10 +62,10 @@ def test_a_wish_that_the_lift_does_not_show_is_passed_on_again_but_not_with_ever
 def test_a_holder_that_goes_on_asking_is_not_silent_for_the_manager() -> None:
     lift = riding()
     before, begun = len(lift.asked), lift.now
-    for _ in range(round(5 * HEARD_S)):
+    for _ in range(round(5 * RENEW_S)):
         lift.say(wants(A, "Level 2"))
         lift.step(1.0)
-    assert len(lift.asked) - before == pytest.approx((lift.now - begun) / HEARD_S, abs=2)
+    assert len(lift.asked) - before == pytest.approx((lift.now - begun) / RENEW_S, abs=2)
 
 
 def test_another_floor_of_the_same_session_is_passed_on_at_once() -> None:
@@ -224,7 +224,7 @@ def test_a_request_for_a_lift_of_another_face_keeps_its_place_in_the_line() -> N
     for _ in range(50):
         lift.say(wants(A, "Level 2"))
         lift.step(0.1)
-    assert len(lift.asked) == pytest.approx((lift.now - begun) / REFUSED_S, abs=2), "not with every message"
+    assert len(lift.asked) == pytest.approx((lift.now - begun) / REFUSAL_PAUSE_S, abs=2), "not with every message"
     assert lift.state.session_id == "api:amr-7"
     lift.over()
     lift.say(wants(A, "Level 2"))
@@ -239,7 +239,7 @@ def test_a_refused_session_is_not_shown_and_is_asked_for_again_as_rmf_repeats_it
         lift.step(0.1)
     assert {state.session_id for state in lift.sent} == {""}
     assert len(lift.sent) - sent == pytest.approx((lift.now - begun) / PERIOD_S, abs=1), "no change"
-    assert len(lift.asked) == pytest.approx((lift.now - begun) / REFUSED_S, abs=2)
+    assert len(lift.asked) == pytest.approx((lift.now - begun) / REFUSAL_PAUSE_S, abs=2)
     lift.refuses = ""
     lift.change(mode="robot")
     lift.say(wants(A, "Level 2"))
@@ -350,7 +350,7 @@ def test_a_view_of_another_start_of_the_manager_invites_nobody() -> None:
 
 def test_a_wish_that_never_left_takes_no_open_door_away() -> None:
     lift = riding()
-    lift.elapse(HEARD_S + 1)
+    lift.elapse(RENEW_S + 1)
     lift.refuses = NOT_SENT
     lift.say(wants(A, "Level 2"))
     assert (lift.state.session_id, lift.state.door_state) == (A, DOOR_OPEN)
@@ -420,11 +420,11 @@ def test_a_session_that_waits_for_a_long_grace_is_not_given_up() -> None:
 def test_one_session_that_nobody_answers_does_not_push_another_out_of_memory() -> None:
     lift = bench(refuses=UNREACHABLE)
     lift.say(wants(A, "Level 2"))
-    lift.elapse(FRESH_S + 1)
+    lift.elapse(DEMAND_MAX_AGE_S + 1)
     for _ in range(30):
         lift.say(wants(B, "Level 2"))
         lift.elapse(1.1)
-    lift.elapse(FRESH_S + 1)
+    lift.elapse(DEMAND_MAX_AGE_S + 1)
     lift.refuses = ""
     lift.say(ends(A), ends(B))
     assert lift.ended() == [A, B]
@@ -653,9 +653,9 @@ def test_a_manager_that_lost_the_session_is_asked_anew_as_rmf_repeats() -> None:
 def test_a_wish_that_nobody_answered_is_told_again_only_when_rmf_repeats_it() -> None:
     lift = bench(refuses=UNREACHABLE)
     lift.say(wants(A, "Level 2"))
-    lift.elapse(FRESH_S + 5)
+    lift.elapse(DEMAND_MAX_AGE_S + 5)
     asked = len(lift.asked)
-    assert asked <= FRESH_S + 1
+    assert asked <= DEMAND_MAX_AGE_S + 1
     lift.refuses = ""
     lift.elapse(10)
     assert len(lift.asked) == asked
@@ -693,7 +693,7 @@ def test_an_end_that_was_refused_for_no_reason_of_the_lift_is_said_again_soon(co
     lift.say(ends(A))
     asked = lift.waiting.pop()
     lift.adapter.answered(Answer(asked, accepted=False, code=code, reason="not now"), lift.now)
-    lift.elapse(REFUSED_S + 0.2)
+    lift.elapse(REFUSAL_PAUSE_S + 0.2)
     assert lift.ended() == [A, A]
 
 
@@ -710,7 +710,7 @@ def test_an_end_that_the_key_does_not_allow_is_said_no_longer_than_the_session_l
             while lift.waiting:
                 lift.adapter.answered(Answer(lift.waiting.pop(), accepted=False, code="not_allowed"), lift.now)
         said.append(len(lift.ended()))
-    assert said == [pytest.approx(10 / REFUSED_S, abs=2), pytest.approx(said[0], abs=1)]
+    assert said == [pytest.approx(10 / REFUSAL_PAUSE_S, abs=2), pytest.approx(said[0], abs=1)]
 
 
 @pytest.mark.parametrize("code", ["held", "unknown_lift"])
@@ -738,7 +738,7 @@ def test_a_session_that_was_refused_and_gave_up_does_not_keep_others_off() -> No
     lift = bench()
     lift.adapter.lost("gone", lift.now)
     lift.adapter.requested(wants(A, "Level 2"), lift.now)
-    lift.now += FRESH_S + 0.1
+    lift.now += DEMAND_MAX_AGE_S + 0.1
     lift.adapter.requested(wants(B, "Level 3"), lift.now)
     lift.hear()
     assert lift.wanted() == [(B, "L3")]

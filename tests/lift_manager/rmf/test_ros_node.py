@@ -59,7 +59,7 @@ def test_numbers_are_those_of_the_messages(jazzy: Ros) -> None:
     assert (request.REQUEST_END_SESSION, request.REQUEST_AGV_MODE, request.REQUEST_HUMAN_MODE) == (
         messages.REQUEST_TYPES
     )
-    assert (request.DOOR_CLOSED, request.DOOR_OPEN) == messages.ASKED_DOORS
+    assert (request.DOOR_CLOSED, request.DOOR_OPEN) == messages.REQUEST_DOORS
     for name in ("DOOR_CLOSED", "DOOR_MOVING", "DOOR_OPEN"):
         assert getattr(state, name) == getattr(messages, name)
     for name in ("UNKNOWN", "HUMAN", "AGV", "FIRE", "OFFLINE", "EMERGENCY"):
