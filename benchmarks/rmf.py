@@ -46,7 +46,7 @@ class Rmf:
         self._awaited: dict[str, tuple[int, asyncio.Future[float]]] = {}
         self.heard: set[str] = set()
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         """Wake whoever waits for this."""
         now = time.monotonic()
         self.heard.add(state.lift_name)
@@ -54,10 +54,10 @@ class Rmf:
         if awaited is not None and state.motion_state == awaited[0]:
             self._loop.call_soon_threadsafe(_set, awaited[1], now)
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         """Nobody else is here."""
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         """Stop measuring."""
         raise SystemExit(f"a message that cannot be read: {text}")
 

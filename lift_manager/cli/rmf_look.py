@@ -112,10 +112,10 @@ def request(  # noqa: PLR0913  each is an option of the command line
         adapter_lift_requests=adapter_lift_requests,
         peers=peer,
     )
-    errand = OperatorRequest(
+    requested = OperatorRequest(
         lift, floor, session, open_door=not closed, human=human, direct=direct, instead_of=instead_of
     )
-    if run(_request(settings, errand, within)) is not AttemptEnd.FULFILLED:
+    if run(_request(settings, requested, within)) is not AttemptEnd.FULFILLED:
         raise typer.Exit(1)
 
 
@@ -126,16 +126,16 @@ class _Looking:
         self._watch = watched
         self.heard = False
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         self.heard = True
-        self.show(self._watch.stated(state, _now()))
+        self.show(self._watch.report_state(state, _now()))
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         self.heard = True
-        self.show(self._watch.asked(topic, request, _now()))
+        self.show(self._watch.report_request(topic, request, _now()))
 
-    def broken(self, text: str) -> None:
-        self.show(self._watch.unreadable(text, _now()))
+    def on_unreadable(self, text: str) -> None:
+        self.show(self._watch.report_unreadable(text, _now()))
 
     def show(self, lines: Iterable[str]) -> None:
         clock = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:12]
@@ -154,7 +154,7 @@ async def _watch(settings: RosSettings, lift: str | None) -> None:
     nobody_at = _now() + NOBODY_S
     try:
         while not await _stopped(stop, LOOK_S):
-            looking.show(watched.passed(_now()))
+            looking.show(watched.report_elapsed(_now()))
             if not looking.heard and _now() >= nobody_at:
                 nobody_at = float("inf")
                 say_aside(
@@ -163,7 +163,7 @@ async def _watch(settings: RosSettings, lift: str | None) -> None:
                 )
     finally:
         onlooker.close()
-    looking.show(watched.rest(_now()))
+    looking.show(watched.report_counts(_now()))
 
 
 class _Asking:
@@ -175,22 +175,22 @@ class _Asking:
         self.attempt: Attempt | None = None
         self._unreadable_told = False
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         if self.attempt is not None:
-            say(self.attempt.stated(state, _now()))
+            say(self.attempt.handle_state(state, _now()))
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         if self.attempt is not None and topic == self._to_lift:
-            say(self.attempt.passed_on(request))
+            say(self.attempt.handle_relayed_request(request))
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         """Say it once: it may be anybody's, and may come by the thousand."""
         if not self._unreadable_told:
             self._unreadable_told = True
             say_aside(f"what cannot be read: {short(text)}")
 
 
-async def _request(settings: RosSettings, errand: OperatorRequest, within_s: float) -> AttemptEnd | None:
+async def _request(settings: RosSettings, requested: OperatorRequest, within_s: float) -> AttemptEnd | None:
     stop = asyncio.Event()
     stop_on_signals(stop)
     asking = _Asking(settings.requests_topic)
@@ -198,7 +198,7 @@ async def _request(settings: RosSettings, errand: OperatorRequest, within_s: flo
     onlooker = joined(lambda: Onlooker(settings, asking, deliver))
     say_aside(f"asking in {where_in_rmf(settings)}")
     asking.attempt = attempt = Attempt(
-        errand,
+        requested,
         lambda: onlooker.listeners(direct=True),
         lambda what, direct: onlooker.request(what, direct=direct),
         within_s=within_s,
@@ -206,10 +206,10 @@ async def _request(settings: RosSettings, errand: OperatorRequest, within_s: flo
     )
     try:
         while attempt.end is None and not await _stopped(stop, LOOK_S):
-            say(attempt.look(time.time(), _now()))
+            say(attempt.tick(time.time(), _now()))
     finally:
         onlooker.close()
-        say(attempt.left())
+        say(attempt.report_open_session())
     return attempt.end
 
 

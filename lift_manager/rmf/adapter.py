@@ -84,7 +84,7 @@ class Adapter:
         self._told: set[tuple[str, str]] = set()
         """Lift and cause of which a line was written."""
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         """Take a request, whatever is in it."""
         lift = self._lifts.get(request.lift_name)
         if lift is None:
@@ -100,7 +100,7 @@ class Adapter:
         self._count(request.lift_name, done)
         self._explain(done, request, lift.contract)
 
-    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+    def on_fleet_request(self, request: LiftRequest, now: float) -> None:
         """Take what a fleet sends to its lift supervisor: an END that is not passed on ends the session all the same."""
         lift = self._lifts.get(request.lift_name)
         if lift is not None:
@@ -109,16 +109,16 @@ class Adapter:
         elif self._site is None:
             self._note_early(request, self._early_ends_of_fleets)
 
-    def broken(self, text: str, now: float) -> None:
+    def on_unreadable(self, text: str, now: float) -> None:
         """Count a request that could not be read at all."""
         self._count("", Disposition.BROKEN)
         self._once("", Disposition.BROKEN, f"a lift request cannot be read and is left out: {quoted(text)}")
 
-    def request_writer_matched(self, now: float) -> None:
+    def on_request_writer(self, now: float) -> None:
         """A writer of lift requests appeared: what it sends first may be a replay of old requests."""
         self._replay_until = now + REPLAY_S
 
-    def rival(self, lift_name: str, now: float) -> None:
+    def on_rival(self, lift_name: str, now: float) -> None:
         """Somebody else publishes the state of a lift."""
         if lift_name in self._lifts:
             text = (
@@ -127,7 +127,7 @@ class Adapter:
             )
             self._once(lift_name, _RIVAL, text)
 
-    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
         if self._lost_why is not None or self._site is None:
             _log.info("the manager answers: %s", ", ".join(view.name for view in site.lifts) or "it has no lifts")
@@ -147,9 +147,9 @@ class Adapter:
             self._say_change(view.name, before, contract.session if contract.holds_lift else "")
         self._by_site_name = {lift.contract.view.lift: lift for lift in self._lifts.values()}
         self._say_early_ends(now)
-        self._fire.heard(site, now)
+        self._fire.update(site, now)
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         """Take what became of something asked."""
         lift = self._by_site_name.get(answer.request.lift)
         if lift is None:
@@ -165,7 +165,7 @@ class Adapter:
             text = f"{name}: the manager refuses {what} {quoted(answer.request.session)}: {answer.reason}"
             self._once(name, answer.code, text)
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         """The manager cannot be heard: its lifts are offline, sessions stay."""
         if reason != self._lost_why:
             _log.warning("the manager cannot be heard: %s; its lifts are offline for RMF", reason)

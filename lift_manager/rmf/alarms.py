@@ -44,7 +44,7 @@ class FireAlarm:
         self._again_at = math.inf
         self._forget_at = math.inf
 
-    def heard(self, site: SiteView, now: float) -> None:
+    def update(self, site: SiteView, now: float) -> None:
         """Take the manager's answer."""
         if site.alarms != self._alarms:
             self._change(site.alarms, now)

@@ -53,27 +53,27 @@ class DdsFailed(DdsError):
 class DdsListener(Protocol):
     """What of the adapter is called, always through `deliver`, that is in the adapter's own thread."""
 
-    def requested(self, request: LiftRequest) -> None:
+    def on_request(self, request: LiftRequest) -> None:
         """Take a request, whatever is in it, in the order of arrival."""
         ...
 
-    def fleet_requested(self, request: LiftRequest) -> None:
+    def on_fleet_request(self, request: LiftRequest) -> None:
         """Take what a fleet sent to its lift supervisor, in the order of arrival."""
         ...
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         """A request came that could not be read."""
         ...
 
-    def request_writer_matched(self) -> None:
+    def on_request_writer(self) -> None:
         """A publisher of lift requests appeared; its first request is delivered after this."""
         ...
 
-    def rival(self, lift_name: str) -> None:
+    def on_rival(self, lift_name: str) -> None:
         """Somebody else published the state of a lift that was published here."""
         ...
 
-    def clock(self, seconds: float) -> None:
+    def on_clock(self, seconds: float) -> None:
         """It is that time on /clock; only with `use_sim_time`, and not every message of it."""
         ...
 
@@ -113,9 +113,9 @@ class DdsAlarm:
 class Dds:
     """The lift adapter's place in RMF. Raises DdsMissing and DdsFailed. Call it from one thread."""
 
-    def __init__(self, settings: RosSettings, hears: DdsListener, deliver: Deliver) -> None:
+    def __init__(self, settings: RosSettings, listener: DdsListener, deliver: Deliver) -> None:
         self._settings = settings
-        self._hears = hears
+        self._listener = listener
         self._inbox = Inbox(deliver)
         self._names: set[str] = set()
         self._states = settings.resolved(settings.states_topic)
@@ -150,44 +150,44 @@ class Dds:
 
     def _heard_request(self, request: LiftRequest) -> None:
         ends = request.request_type == END_SESSION and request.session_id != ""  # some supervisors send it only once
-        self._inbox.put(partial(self._hears.requested, request), _text_of(request), kept=ends)
+        self._inbox.put(partial(self._listener.on_request, request), _text_of(request), kept=ends)
 
     def _heard_fleet(self, request: LiftRequest) -> None:
         # a fleet repeats what it wants, so nothing of it has to be kept
-        self._inbox.put(partial(self._hears.fleet_requested, request), _text_of(request))
+        self._inbox.put(partial(self._listener.on_fleet_request, request), _text_of(request))
 
     def _heard_broken(self, text: str) -> None:
-        self._inbox.put(partial(self._hears.broken, text), len(text))
+        self._inbox.put(partial(self._listener.on_unreadable, text), len(text))
 
     def _matched(self) -> None:
-        self._inbox.put_newest("matched", self._hears.request_writer_matched)
+        self._inbox.put_newest("matched", self._listener.on_request_writer)
 
     def _heard_state(self, state: LiftState) -> None:
         if state.lift_name in self._names:
-            self._inbox.put_newest(f"rival {state.lift_name}", partial(self._hears.rival, state.lift_name))
+            self._inbox.put_newest(f"rival {state.lift_name}", partial(self._listener.on_rival, state.lift_name))
 
     def _heard_clock(self, seconds: float) -> None:
-        self._inbox.put_newest("clock", partial(self._hears.clock, seconds))
+        self._inbox.put_newest("clock", partial(self._listener.on_clock, seconds))
 
 
 class OnlookerListener(Protocol):
     """What of somebody who only looks on is called, always through `deliver`."""
 
-    def stated(self, state: LiftState) -> None: ...
+    def on_state(self, state: LiftState) -> None: ...
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         """Take a request to the supervisor (`adapter_requests_topic`) or from it (`requests_topic`)."""
         ...
 
-    def broken(self, text: str) -> None: ...
+    def on_unreadable(self, text: str) -> None: ...
 
 
 class Onlooker:
     """Hears all that is said about lifts, and can ask for one as a robot does. Raises DdsMissing and DdsFailed."""
 
-    def __init__(self, settings: RosSettings, hears: OnlookerListener, deliver: Deliver) -> None:
+    def __init__(self, settings: RosSettings, listener: OnlookerListener, deliver: Deliver) -> None:
         self._settings = settings
-        self._hears = hears
+        self._listener = listener
         self._inbox = Inbox(deliver)
         self._wire = _wire(settings, self._open, deliver)
 
@@ -219,13 +219,13 @@ class Onlooker:
         return settings.resolved(settings.requests_topic if direct else settings.adapter_requests_topic)
 
     def _heard_state(self, state: LiftState) -> None:
-        self._inbox.put(partial(self._hears.stated, state), len(state.session_id))
+        self._inbox.put(partial(self._listener.on_state, state), len(state.session_id))
 
     def _heard_request(self, topic: str, request: LiftRequest) -> None:
-        self._inbox.put(partial(self._hears.asked, topic, request), _text_of(request))
+        self._inbox.put(partial(self._listener.on_request, topic, request), _text_of(request))
 
     def _heard_broken(self, text: str) -> None:
-        self._inbox.put(partial(self._hears.broken, text), len(text))
+        self._inbox.put(partial(self._listener.on_unreadable, text), len(text))
 
 
 def _text_of(request: LiftRequest) -> int:

@@ -33,7 +33,7 @@ class LocalManager:
         self._site = site
         self._views: dict[str, LiftView] = {}
         """Every lift, as of its newest event."""
-        self._hears: ManagerListener | None = None
+        self._listener: ManagerListener | None = None
         self._deliver: Deliver | None = None
         self._taps = ExitStack()
         self._timer: TimerHandle | None = None
@@ -43,15 +43,15 @@ class LocalManager:
         ages = (site.config(name).capabilities.max_age_s for name in site.lift_names())
         self._every_s = min([AT_MOST_S, *(age / ASKED_WITHIN for age in ages)])
 
-    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
-        """Tell `hears` how the lifts are, and of every change from then on."""
-        self._hears, self._deliver = hears, deliver
+    def start(self, listener: ManagerListener, deliver: Deliver) -> None:
+        """Tell `listener` how the lifts are, and of every change from then on."""
+        self._listener, self._deliver = listener, deliver
         self._taps.enter_context(self._site.tap(self._changed))
         self._look()
 
     def close(self) -> None:
         """Tell nothing any more, answers that are due included."""
-        self._hears = self._deliver = None
+        self._listener = self._deliver = None
         self._taps.close()
         for timer in filter(None, (self._timer, self._later)):
             timer.cancel()
@@ -60,7 +60,7 @@ class LocalManager:
     def send(self, request: ManagerRequest) -> None:
         """Decide at once; the answer comes after this has returned."""
         answer = self._answer(request)
-        self._soon(lambda hears: hears.answered(answer, _now()))
+        self._soon(lambda listener: listener.on_answer(answer, _now()))
 
     def _answer(self, request: ManagerRequest) -> Answer:
         site, holder = self._site, rmf_holder(request.session, request.adapter)
@@ -92,14 +92,14 @@ class LocalManager:
         self._timer = asyncio.get_running_loop().call_later(self._every_s, self._look)
         self._soon(self._tell)
 
-    def _tell(self, hears: ManagerListener) -> None:
+    def _tell(self, listener: ManagerListener) -> None:
         now = _now()
         if self._site.stopping:
             return  # nobody holds a lift any more, and sessions are kept: what RMF was told last stays
         views = (replace(view, age_s=self._site.age_s(name)) for name, view in self._views.items())
         site = rmf_site_of(self._site, views)
         self._due, self._told_at = False, now
-        hears.heard(site, now, now)
+        listener.on_site(site, now, now)
 
     def _view(self, state: LiftState) -> LiftView:
         return rmf_lift(state, self._site.config(state.lift))
@@ -109,8 +109,8 @@ class LocalManager:
             return
 
         def told() -> None:
-            if self._hears is not None:
-                tell(self._hears)
+            if self._listener is not None:
+                tell(self._listener)
 
         self._deliver(told)
 

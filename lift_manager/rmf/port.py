@@ -64,7 +64,7 @@ never waiting, and from any thread."""
 
 
 class Manager(Protocol):
-    """Takes what is asked without waiting; the answer comes to `ManagerListener.answered`."""
+    """Takes what is asked without waiting; the answer comes to `ManagerListener.on_answer`."""
 
     def send(self, request: ManagerRequest) -> None:
         """Pass it on. Never called again for a lift whose last answer has not come."""
@@ -74,14 +74,14 @@ class Manager(Protocol):
 class ManagerListener(Protocol):
     """What of the adapter a way to the manager calls, always in the adapter's own thread. Times are monotonic seconds."""
 
-    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
         """Take a whole answer; `sent_at` is when the question for it left, from which its ages count."""
         ...
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         """Take what became of something asked."""
         ...
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         """The manager cannot be heard."""
         ...

@@ -96,9 +96,9 @@ class RemoteManager:
         self._works: list[_Work] = [self._listener]
         self._threads: list[threading.Thread] = []
 
-    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
-        """Begin to ask; the first answer, or that there is none, comes to `hears` by itself."""
-        server, pace, ears = self._server, self._pace, _Ears(hears, deliver, self._end)
+    def start(self, listener: ManagerListener, deliver: Deliver) -> None:
+        """Begin to ask; the first answer, or that there is none, comes to `listener` by itself."""
+        server, pace, ears = self._server, self._pace, _Ears(listener, deliver, self._end)
         self._works.append(_Watcher(server, pace, self._news, ears, self._listener.hurry))
         self._works += (
             _Carrier(server, pace, self._waiting, self._news, ears, only_ended=number == 0)
@@ -140,19 +140,19 @@ class RemoteManager:
 class _Ears:
     """The adapter, from another thread."""
 
-    def __init__(self, hears: ManagerListener, deliver: Deliver, end: threading.Event) -> None:
-        self._hears = hears
+    def __init__(self, listener: ManagerListener, deliver: Deliver, end: threading.Event) -> None:
+        self._listener = listener
         self._deliver = deliver
         self.end = end
 
-    def heard(self, site: SiteView, sent_at: float) -> None:
-        self._hand_over(lambda: self._hears.heard(site, sent_at, time.monotonic()))
+    def on_site(self, site: SiteView, sent_at: float) -> None:
+        self._hand_over(lambda: self._listener.on_site(site, sent_at, time.monotonic()))
 
-    def answered(self, answer: Answer) -> None:
-        self._hand_over(lambda: self._hears.answered(answer, time.monotonic()))
+    def on_answer(self, answer: Answer) -> None:
+        self._hand_over(lambda: self._listener.on_answer(answer, time.monotonic()))
 
-    def lost(self, reason: str) -> None:
-        self._hand_over(lambda: self._hears.lost(reason, time.monotonic()))
+    def on_manager_lost(self, reason: str) -> None:
+        self._hand_over(lambda: self._listener.on_manager_lost(reason, time.monotonic()))
 
     def failed(self, error: Exception) -> None:
         """Let a bug end the program: the adapter's thread is the one that can."""
@@ -243,13 +243,13 @@ class _Watcher:
             self._backoff.reset()
             self._on_back()
         self._news.mark_shown((site.boot, site.event), sent_at)
-        self._ears.heard(site, sent_at)
+        self._ears.on_site(site, sent_at)
 
     def _lost(self, reason: str) -> None:
         self._is_heard = False
         if reason not in self._reasons and len(self._reasons) < REASONS:
             self._reasons.add(reason)
-            self._ears.lost(reason)
+            self._ears.on_manager_lost(reason)
 
 
 class _Listener:
@@ -324,7 +324,7 @@ class _Carrier:
             answer = (
                 Answer(request, accepted=False, code=NOT_SENT, reason=_BUSY) if too_late else self._carried(request)
             )
-            self._ears.answered(answer)
+            self._ears.on_answer(answer)
             # later than its answer, which the next one of the same lift must not overtake
             self._waiting.done(request.lift)
             if answer.accepted:

@@ -202,7 +202,7 @@ class AdapterNode:
         node.create_subscription(
             RosLiftRequest,
             topics["adapter_requests_topic"],
-            lambda message: self._take(self._adapter.fleet_requested, message),
+            lambda message: self._take(self._adapter.on_fleet_request, message),
             REQUESTS_QOS,
         )
         self._guard = node.create_guard_condition(self._drain)
@@ -218,17 +218,17 @@ class AdapterNode:
         """Do this in the executor's thread. From any thread, without waiting."""
         self._inbox.put(call)
 
-    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
         """Take a whole answer of the manager."""
-        self._adapter.heard(site, sent_at, now)
+        self._adapter.on_site(site, sent_at, now)
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         """Take what became of something asked."""
-        self._adapter.answered(answer, now)
+        self._adapter.on_answer(answer, now)
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         """Take that the manager cannot be heard."""
-        self._adapter.lost(reason, now)
+        self._adapter.on_manager_lost(reason, now)
 
     def stop(self) -> None:
         """Publish every lift as offline. In the executor's thread, or when it has ended."""
@@ -248,7 +248,7 @@ class AdapterNode:
             self._writers = _Writers(self._node, requests.topic_name, self._writer_matched)
 
     def _request(self, message: RosLiftRequest) -> None:
-        self._take(self._adapter.requested, message)
+        self._take(self._adapter.on_request, message)
 
     def _take(self, what: Callable[[LiftRequest, float], None], message: RosLiftRequest) -> None:
         self._requests.append((what, message))
@@ -268,10 +268,10 @@ class AdapterNode:
             self._writer_matched()
 
     def _writer_matched(self) -> None:
-        self._adapter.request_writer_matched(self._monotonic())
+        self._adapter.on_request_writer(self._monotonic())
 
     def _rival(self, lift_name: str) -> None:
-        self._adapter.rival(lift_name, self._monotonic())
+        self._adapter.on_rival(lift_name, self._monotonic())
 
     def _drain(self) -> None:
         self._inbox.drain()

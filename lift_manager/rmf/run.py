@@ -46,7 +46,7 @@ class Rmf(Protocol):
 class ManagerLink(Manager, Protocol):
     """A way to the manager, as `beside.Beside`."""
 
-    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
+    def start(self, listener: ManagerListener, deliver: Deliver) -> None:
         """Begin to hear the manager."""
         ...
 
@@ -164,29 +164,29 @@ class _Shell:
         _ended(self._way.close)
         _ended(self._rmf.close)
 
-    def requested(self, request: LiftRequest) -> None:
-        self._adapter.requested(request, self._loop.time())
+    def on_request(self, request: LiftRequest) -> None:
+        self._adapter.on_request(request, self._loop.time())
         self._soon()
 
-    def fleet_requested(self, request: LiftRequest) -> None:
-        self._adapter.fleet_requested(request, self._loop.time())
+    def on_fleet_request(self, request: LiftRequest) -> None:
+        self._adapter.on_fleet_request(request, self._loop.time())
         self._soon()
 
-    def broken(self, text: str) -> None:
-        self._adapter.broken(text, self._loop.time())
+    def on_unreadable(self, text: str) -> None:
+        self._adapter.on_unreadable(text, self._loop.time())
 
-    def request_writer_matched(self) -> None:
-        self._adapter.request_writer_matched(self._loop.time())
+    def on_request_writer(self) -> None:
+        self._adapter.on_request_writer(self._loop.time())
         self._soon()
 
-    def rival(self, lift_name: str) -> None:
-        self._adapter.rival(lift_name, self._loop.time())
+    def on_rival(self, lift_name: str) -> None:
+        self._adapter.on_rival(lift_name, self._loop.time())
 
-    def clock(self, seconds: float) -> None:
+    def on_clock(self, seconds: float) -> None:
         self._clock.simulated = seconds
 
-    def heard(self, site: SiteView, sent_at: float, now: float) -> None:
-        self._adapter.heard(site, sent_at, now)
+    def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
+        self._adapter.on_site(site, sent_at, now)
         self._soon()
         names = tuple(_names(site))
         if names != self._names:
@@ -194,12 +194,12 @@ class _Shell:
             for line in names:
                 _log.info("%s", line)
 
-    def answered(self, answer: Answer, now: float) -> None:
-        self._adapter.answered(answer, now)
+    def on_answer(self, answer: Answer, now: float) -> None:
+        self._adapter.on_answer(answer, now)
         self._soon()
 
-    def lost(self, reason: str, now: float) -> None:
-        self._adapter.lost(reason, now)
+    def on_manager_lost(self, reason: str, now: float) -> None:
+        self._adapter.on_manager_lost(reason, now)
         self._soon()
 
     def hush(self) -> None:

@@ -64,7 +64,7 @@ class Ros:
         """Let the manager answer."""
         now = self.world.monotonic()
         site = SiteView("boot", event, (view,), 3.0, alarms or Alarms())
-        self.shell.deliver(lambda: self.shell.heard(site, now, self.world.monotonic()))
+        self.shell.deliver(lambda: self.shell.on_site(site, now, self.world.monotonic()))
         self.spin(0.01)
 
     def offer(

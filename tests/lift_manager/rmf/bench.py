@@ -106,7 +106,7 @@ class Bench:
 
     def answers(self) -> None:
         for asked in [self.waiting.pop(0) for _ in range(len(self.waiting))]:
-            self.adapter.answered(self._decide(asked), self.now)
+            self.adapter.on_answer(self._decide(asked), self.now)
 
     def _decide(self, asked: ManagerRequest) -> Answer:
         view = self.views.get(asked.lift)
@@ -142,7 +142,7 @@ class Bench:
     def hear(self) -> None:
         """Bring the manager's newest answer."""
         self.event += 1
-        self.adapter.heard(self.site(), self.now, self.now)
+        self.adapter.on_site(self.site(), self.now, self.now)
         self.turn()
 
     def site(self) -> SiteView:
@@ -161,14 +161,14 @@ class Bench:
     def say(self, *requests: LiftRequest) -> None:
         """RMF sends these at one moment."""
         for request in requests:
-            self.adapter.requested(request, self.now)
+            self.adapter.on_request(request, self.now)
         self.turn()
         self.step(0.0)
 
     def fleet(self, *requests: LiftRequest) -> None:
         """A fleet sends these to its lift supervisor at one moment."""
         for request in requests:
-            self.adapter.fleet_requested(request, self.now)
+            self.adapter.on_fleet_request(request, self.now)
         self.turn()
 
     def step(self, seconds: float = 0.1) -> None:

@@ -74,7 +74,7 @@ class Manager:
 
 @dataclass(frozen=True)
 class Heard:
-    """Calls of `heard`."""
+    """Calls of `on_site`."""
 
     site: SiteView
     asked_at: float
@@ -83,7 +83,7 @@ class Heard:
 
 @dataclass(frozen=True)
 class Lost:
-    """Calls of `lost`."""
+    """Calls of `on_manager_lost`."""
 
     reason: str
 
@@ -95,13 +95,13 @@ class Ears:
         self.inbox: queue.Queue[Callable[[], None]] = queue.Queue()
         self._said: list[Heard | Answer | Lost] = []
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
         self._said.append(Heard(site, asked_at, now))
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         self._said.append(answer)
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         self._said.append(Lost(reason))
 
     def next(self) -> Heard | Answer | Lost:

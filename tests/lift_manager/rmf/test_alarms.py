@@ -85,7 +85,7 @@ def test_a_fire_that_is_latched_is_told_again_after_a_restart_of_the_adapter() -
 def test_a_manager_that_is_lost_clears_no_alarm() -> None:
     ride = bench(alarms=CLEARED)
     ride.change(fire_latched=True)
-    ride.adapter.lost("connection refused", ride.now)
+    ride.adapter.on_manager_lost("connection refused", ride.now)
     for _ in range(100):
         ride.now += 0.1
         ride.adapter.tick(ride.now)

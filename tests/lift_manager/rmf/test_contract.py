@@ -126,7 +126,7 @@ def test_an_end_counts_in_any_mode_and_while_the_lift_cannot_be_read() -> None:
 @pytest.mark.parametrize("apart_s", [0.0, 0.001])
 def test_the_end_of_one_session_and_the_request_of_the_next_may_come_within_a_millisecond(apart_s: float) -> None:
     lift = riding()
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.now += apart_s
     lift.say(wants(B, "Level 3"))
     assert lift.ended() == [A]
@@ -179,7 +179,7 @@ def test_a_session_that_comes_back_within_its_grace_goes_on() -> None:
 
 def test_only_the_last_floor_of_a_replay_is_told_and_its_ends_count_in_order() -> None:
     lift = riding()
-    lift.adapter.request_writer_matched(lift.now)
+    lift.adapter.on_request_writer(lift.now)
     lift.say(
         wants(A, "Level 1"), wants(A, "Level 3"), ends(A), wants(B, "Level 1"), wants(B, "Level 3"), ends(B),
         wants(A, "Level 3"), wants(A, "Level 2"),
@@ -191,7 +191,7 @@ def test_only_the_last_floor_of_a_replay_is_told_and_its_ends_count_in_order() -
 
 def test_a_replay_that_ends_with_another_session_gives_the_lift_to_that() -> None:
     lift = riding()
-    lift.adapter.request_writer_matched(lift.now)
+    lift.adapter.on_request_writer(lift.now)
     lift.say(wants(A, "Level 1"), ends(A), wants(B, "Level 1"), wants(B, "Level 3"))
     assert lift.state.session_id == B
     lift.over()
@@ -201,9 +201,9 @@ def test_a_replay_that_ends_with_another_session_gives_the_lift_to_that() -> Non
 
 def test_beyond_the_time_of_replays_every_floor_is_told_at_once() -> None:
     lift = riding()
-    lift.adapter.request_writer_matched(lift.now)
+    lift.adapter.on_request_writer(lift.now)
     lift.elapse(5.1)
-    lift.adapter.requested(wants(A, "Level 1"), lift.now)
+    lift.adapter.on_request(wants(A, "Level 1"), lift.now)
     lift.turn()
     assert lift.wanted()[-1] == (A, "L1")
 
@@ -257,9 +257,9 @@ def test_a_session_that_the_manager_ended_is_over_for_rmf_and_may_ask_anew() -> 
 def test_an_answer_that_left_before_the_managers_last_word_ends_no_session() -> None:
     lift = bench()
     overtaken = lift.site()
-    lift.adapter.requested(wants(A, "Level 2"), lift.now)
+    lift.adapter.on_request(wants(A, "Level 2"), lift.now)
     lift.turn()
-    lift.adapter.heard(overtaken, lift.now, lift.now)
+    lift.adapter.on_site(overtaken, lift.now, lift.now)
     lift.turn()
     assert (lift.state.session_id, len(lift.asked)) == (A, 1)
 
@@ -331,7 +331,7 @@ def test_a_door_of_before_the_managers_last_word_is_not_open() -> None:
     lift = riding()
     lift.event += 2
     for floor in ("Level 3", "Level 2"):
-        lift.adapter.requested(wants(A, floor), lift.now)
+        lift.adapter.on_request(wants(A, floor), lift.now)
         lift.turn()
     assert (lift.state.current_floor, lift.state.door_state) == ("Level 2", DOOR_MOVING)
     lift.hear()
@@ -341,9 +341,9 @@ def test_a_door_of_before_the_managers_last_word_is_not_open() -> None:
 def test_a_view_of_another_start_of_the_manager_invites_nobody() -> None:
     lift = riding()
     lift.boot, lift.event = "earlier", 900
-    lift.adapter.requested(wants(A, "Level 3"), lift.now)
+    lift.adapter.on_request(wants(A, "Level 3"), lift.now)
     lift.turn()
-    lift.adapter.requested(wants(A, "Level 2"), lift.now)
+    lift.adapter.on_request(wants(A, "Level 2"), lift.now)
     lift.turn()
     assert lift.state.door_state == DOOR_MOVING
 
@@ -379,7 +379,7 @@ def test_a_session_that_the_manager_took_and_refuses_is_not_shown_again_and_agai
     lift.refuses = "outside_hours"
     sent = len(lift.sent)
     for _ in range(50):
-        lift.adapter.request_writer_matched(lift.now)
+        lift.adapter.on_request_writer(lift.now)
         lift.say(wants(A, "Level 2"))
         lift.step(0.2)
     sessions = [state.session_id for state in lift.sent[sent:]]
@@ -400,7 +400,7 @@ def test_an_end_that_a_stopping_manager_refuses_is_the_first_thing_that_the_next
 def test_a_lift_that_comes_back_under_another_name_of_the_site_is_asked_anew() -> None:
     lift = riding()
     lift.slow = True
-    lift.adapter.requested(wants(A, "Level 3"), lift.now)
+    lift.adapter.on_request(wants(A, "Level 3"), lift.now)
     lift.adapter.tick(lift.now)
     lift.views = {"main": replace(lift.views["lift"], lift="main", holder=None)}
     lift.boot = "second"
@@ -434,7 +434,7 @@ def test_a_session_that_the_manager_ended_is_shown_before_its_leftover_wish_is_t
     """Its fleet adapter read the end and said none; it says END as soon as it reads that it has the lift again."""
     lift = riding()
     lift.over()
-    lift.adapter.requested(wants(A, "Level 3"), lift.now)
+    lift.adapter.on_request(wants(A, "Level 3"), lift.now)
     lift.turn()
     assert (lift.state.session_id, lift.wanted()) == (A, [(A, "L2")])
     lift.say(ends(A))
@@ -456,7 +456,7 @@ def test_a_session_that_the_manager_ended_and_that_is_meant_is_told_a_moment_lat
 def test_an_end_that_came_before_the_manager_was_heard_counts() -> None:
     lift = riding()
     lift.restart_adapter()
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.hear()
     lift.step()
     assert (lift.state.session_id, lift.ended()) == ("", [A])
@@ -464,20 +464,20 @@ def test_an_end_that_came_before_the_manager_was_heard_counts() -> None:
 
 def test_while_the_manager_is_away_the_lift_is_offline_and_its_session_stays() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
     lift.turn()
     assert (lift.state.session_id, lift.state.current_mode, lift.state.door_state) == (A, 4, DOOR_MOVING)
 
 
 def test_an_end_while_the_manager_is_away_is_the_first_thing_that_it_is_told() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.now += 0.02
     lift.turn()
     assert lift.asked[1:] == []
     lift.now += 60
-    lift.adapter.requested(wants(B, "Level 3"), lift.now)
+    lift.adapter.on_request(wants(B, "Level 3"), lift.now)
     lift.hear()
     assert lift.asked[1:] == [EndOfSession("lift", A, 0.0)], "its grace is over"
     lift.over()
@@ -486,8 +486,8 @@ def test_an_end_while_the_manager_is_away_is_the_first_thing_that_it_is_told() -
 
 def test_a_session_whose_end_the_manager_does_not_know_is_published_so_that_its_robot_goes_on_ending_it() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.now += UNDELIVERED_S - 1
     lift.turn()
     assert (lift.state.session_id, lift.state.door_state, lift.state.current_mode) == (A, DOOR_MOVING, MODE_OFFLINE)
@@ -499,8 +499,8 @@ def test_a_session_whose_end_the_manager_does_not_know_is_published_so_that_its_
 
 def test_a_later_end_of_the_same_session_is_shown_at_once() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.hear()
     lift.over()
     lift.say(wants(A, "Level 2"))
@@ -511,8 +511,8 @@ def test_a_later_end_of_the_same_session_is_shown_at_once() -> None:
 
 def test_a_robot_does_not_wait_for_ever_for_a_manager_that_stays_away() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.now += UNDELIVERED_S + 1
     lift.turn()
     assert lift.state.session_id == ""
@@ -522,8 +522,8 @@ def test_a_robot_does_not_wait_for_ever_for_a_manager_that_stays_away() -> None:
 
 def test_no_door_is_open_while_an_end_is_on_its_way_to_a_manager_that_is_back() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
-    lift.adapter.requested(ends(A), lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
+    lift.adapter.on_request(ends(A), lift.now)
     lift.slow = True
     sent = len(lift.sent)
     lift.hear()
@@ -608,9 +608,9 @@ def test_an_adapter_that_was_restarted_hears_the_fleet_end_the_session_that_it_t
 def test_an_end_of_the_fleet_counts_before_the_manager_was_heard(goes_on: bool, ended: list[str]) -> None:
     lift = riding()
     lift.restart_adapter()
-    lift.adapter.fleet_requested(ends(A), lift.now)
+    lift.adapter.on_fleet_request(ends(A), lift.now)
     if goes_on:
-        lift.adapter.fleet_requested(wants(A, "Level 2"), lift.now)
+        lift.adapter.on_fleet_request(wants(A, "Level 2"), lift.now)
     lift.hear()
     assert lift.ended() == []
     lift.elapse(PASS_ON_S + 0.1)
@@ -619,7 +619,7 @@ def test_an_end_of_the_fleet_counts_before_the_manager_was_heard(goes_on: bool, 
 
 def test_an_end_of_the_fleet_counts_while_the_manager_is_away() -> None:
     lift = riding()
-    lift.adapter.lost("connection refused", lift.now)
+    lift.adapter.on_manager_lost("connection refused", lift.now)
     lift.fleet(ends(A))
     lift.now += PASS_ON_S
     lift.turn()
@@ -692,7 +692,7 @@ def test_an_end_that_was_refused_for_no_reason_of_the_lift_is_said_again_soon(co
     lift.slow = True
     lift.say(ends(A))
     asked = lift.waiting.pop()
-    lift.adapter.answered(Answer(asked, accepted=False, code=code, reason="not now"), lift.now)
+    lift.adapter.on_answer(Answer(asked, accepted=False, code=code, reason="not now"), lift.now)
     lift.elapse(REFUSAL_PAUSE_S + 0.2)
     assert lift.ended() == [A, A]
 
@@ -708,7 +708,7 @@ def test_an_end_that_the_key_does_not_allow_is_said_no_longer_than_the_session_l
         for _ in range(100):
             lift.step()
             while lift.waiting:
-                lift.adapter.answered(Answer(lift.waiting.pop(), accepted=False, code="not_allowed"), lift.now)
+                lift.adapter.on_answer(Answer(lift.waiting.pop(), accepted=False, code="not_allowed"), lift.now)
         said.append(len(lift.ended()))
     assert said == [pytest.approx(10 / REFUSAL_PAUSE_S, abs=2), pytest.approx(said[0], abs=1)]
 
@@ -719,7 +719,7 @@ def test_an_end_that_has_nothing_to_end_is_answered(code: str) -> None:
     lift.slow = True
     lift.say(ends(A))
     asked = lift.waiting.pop()
-    lift.adapter.answered(Answer(asked, accepted=False, code=code, reason="nothing to end"), lift.now)
+    lift.adapter.on_answer(Answer(asked, accepted=False, code=code, reason="nothing to end"), lift.now)
     lift.slow = False
     lift.over()
     lift.elapse(20)
@@ -736,10 +736,10 @@ def test_a_session_that_stays_with_the_manager_after_its_end_is_ended_again() ->
 
 def test_a_session_that_was_refused_and_gave_up_does_not_keep_others_off() -> None:
     lift = bench()
-    lift.adapter.lost("gone", lift.now)
-    lift.adapter.requested(wants(A, "Level 2"), lift.now)
+    lift.adapter.on_manager_lost("gone", lift.now)
+    lift.adapter.on_request(wants(A, "Level 2"), lift.now)
     lift.now += DEMAND_MAX_AGE_S + 0.1
-    lift.adapter.requested(wants(B, "Level 3"), lift.now)
+    lift.adapter.on_request(wants(B, "Level 3"), lift.now)
     lift.hear()
     assert lift.wanted() == [(B, "L3")]
 

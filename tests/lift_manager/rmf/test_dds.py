@@ -122,7 +122,7 @@ class UntilLast(Heard):
         self.requests: list[LiftRequest] = []
         self.last = threading.Event()
 
-    def requested(self, request: LiftRequest) -> None:
+    def on_request(self, request: LiftRequest) -> None:
         self.requests.append(request)
         if request.lift_name == "last":
             self.last.set()
@@ -290,9 +290,9 @@ def test_what_is_heard_comes_in_the_thread_of_the_loop(settings: RosSettings) ->
         loop, done = asyncio.get_running_loop(), asyncio.Event()
 
         class InLoop(Heard):
-            def requested(self, request: LiftRequest) -> None:
+            def on_request(self, request: LiftRequest) -> None:
                 threads.append(threading.current_thread())
-                super().requested(request)
+                super().on_request(request)
                 done.set()
 
         heard = InLoop()
@@ -373,13 +373,13 @@ class Looked:
         self.seen: list[tuple[str, Any]] = []
         self.changed = threading.Condition()
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         self._note("state", state)
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         self._note(topic, request)
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         self._note("broken", text)
 
     def wait_for(self, count: int) -> list[tuple[str, Any]]:

@@ -34,17 +34,17 @@ class Ears:
     """When each was asked for, and when it was heard."""
     answers: list[Answer] = field(default_factory=list)
     lost_for: list[str] = field(default_factory=list)
-    on_answer: Callable[[Answer], None] = _nothing
+    after_answer: Callable[[Answer], None] = _nothing
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
         self.sites.append(site)
         self.times.append((asked_at, now))
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         self.answers.append(answer)
-        self.on_answer(answer)
+        self.after_answer(answer)
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         self.lost_for.append(reason)
 
     @property
@@ -171,7 +171,7 @@ def test_an_adapter_may_ask_the_next_thing_while_it_is_answered() -> None:
             if more:
                 both.inside.send(more.pop())
 
-        both.ears.on_answer = ask_on
+        both.ears.after_answer = ask_on
         both.inside.send(TO_L1)
         await elapse(0.1)
         assert [answer.accepted for answer in both.ears.answers] == [True, True, True]

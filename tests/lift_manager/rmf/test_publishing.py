@@ -212,7 +212,7 @@ def test_each_lift_is_told_twice_a_second_and_no_two_at_one_moment() -> None:
     while ride.now < begun + 10:
         before = len(ride.sent)
         ride.now += 0.005
-        ride.adapter.heard(ride.site(), ride.now, ride.now)
+        ride.adapter.on_site(ride.site(), ride.now, ride.now)
         ride.adapter.tick(ride.now)
         moments[ride.now] = len(ride.sent) - before
     assert max(moments.values()) == 1
@@ -226,7 +226,7 @@ def test_a_change_is_told_at_once_and_a_request_that_changes_nothing_never_is() 
     ride = riding()
     sent, begun = len(ride.sent), ride.now
     for _ in range(1000):
-        ride.adapter.requested(wants(A, "Level 2"), ride.now)
+        ride.adapter.on_request(wants(A, "Level 2"), ride.now)
         ride.now += 0.001
         ride.adapter.tick(ride.now)
     assert len(ride.sent) - sent <= (ride.now - begun) / PERIOD_S + 2
@@ -244,8 +244,8 @@ def test_the_last_word_of_an_adapter_is_that_its_lifts_are_offline() -> None:
 def test_a_lift_of_a_manager_that_was_never_heard_is_not_told_at_all() -> None:
     """A1 died of it."""
     ride = Bench()
-    ride.adapter.requested(wants(A, "Level 2"), ride.now)
-    ride.adapter.lost("connection refused", ride.now)
+    ride.adapter.on_request(wants(A, "Level 2"), ride.now)
+    ride.adapter.on_manager_lost("connection refused", ride.now)
     ride.adapter.tick(ride.now)
     assert ride.sent == []
     assert ride.adapter.counts.requests == {("", "no_manager"): 1}
@@ -273,8 +273,8 @@ def test_the_last_word_about_a_lift_that_left_the_site_file_is_that_it_is_offlin
 
 def test_an_end_of_a_lift_that_left_the_site_file_is_let_go_of_with_a_word(caplog: pytest.LogCaptureFixture) -> None:
     ride = riding(views={"lift": lift(), "other": lift("other")})
-    ride.adapter.lost("connection refused", ride.now)
-    ride.adapter.requested(ends(A), ride.now)
+    ride.adapter.on_manager_lost("connection refused", ride.now)
+    ride.adapter.on_request(ends(A), ride.now)
     del ride.views["lift"]
     caplog.clear()
     ride.elapse(10)
@@ -287,8 +287,8 @@ def test_an_end_of_a_lift_that_left_the_site_file_is_let_go_of_with_a_word(caplo
 def test_another_writer_of_a_lift_is_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:
     ride = bench()
     for _ in range(10):
-        ride.adapter.rival("lift_rmf", ride.now)
-        ride.adapter.rival("some_other_lift", ride.now)
+        ride.adapter.on_rival("lift_rmf", ride.now)
+        ride.adapter.on_rival("some_other_lift", ride.now)
     assert [record.getMessage().split(";")[0] for record in caplog.records if record.levelname == "WARNING"] == [
         "another program publishes the state of lift_rmf too"
     ]

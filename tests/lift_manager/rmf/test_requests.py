@@ -37,8 +37,8 @@ def test_sessions_that_come_and_go_at_once_fill_no_log(caplog: pytest.LogCapture
     caplog.set_level(logging.INFO)
     lift = bench()
     for number in range(500):
-        lift.adapter.requested(wants(f"f/{number}", "Level 2"), lift.now)
-        lift.adapter.requested(ends(f"f/{number}"), lift.now)
+        lift.adapter.on_request(wants(f"f/{number}", "Level 2"), lift.now)
+        lift.adapter.on_request(ends(f"f/{number}"), lift.now)
     assert len(caplog.messages) < 10
 
 

@@ -96,7 +96,7 @@ def test_a_request_of_rmf_reaches_the_manager_and_its_answer_rmf(ros: Ros) -> No
     assert ros.manager.asked == [SessionDemand("east", "fleet/robot1", "first", hold_door=True)]
     asked = ros.manager.asked[0]
     ros.shell.deliver(
-        lambda: ros.shell.answered(Answer(asked, accepted=True, boot="boot", event=2), ros.world.monotonic())
+        lambda: ros.shell.on_answer(Answer(asked, accepted=True, boot="boot", event=2), ros.world.monotonic())
     )
     ros.hear(lift(holder=held("fleet/robot1"), destination="first"), event=2)
     ros.spin(0.05)

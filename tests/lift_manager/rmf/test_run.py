@@ -46,8 +46,8 @@ def view(holder: HeldBy | None = None, **other: object) -> LiftView:
 class FakeRmf:
     """RMF's side: what was published when."""
 
-    def __init__(self, hears: DdsListener, deliver: Deliver) -> None:
-        self.hears, self.deliver = hears, deliver
+    def __init__(self, listener: DdsListener, deliver: Deliver) -> None:
+        self.listener, self.deliver = listener, deliver
         self.states: list[tuple[float, LiftState]] = []
         self.alarm = AlarmEar()
         self.closed = False
@@ -60,10 +60,10 @@ class FakeRmf:
         self.closed = True
 
     def send(self, request: LiftRequest) -> None:
-        self.deliver(lambda: self.hears.requested(request))
+        self.deliver(lambda: self.listener.on_request(request))
 
     def send_of_fleet(self, request: LiftRequest) -> None:
-        self.deliver(lambda: self.hears.fleet_requested(request))
+        self.deliver(lambda: self.listener.on_fleet_request(request))
 
 
 class FakeWay:
@@ -76,8 +76,8 @@ class FakeWay:
         self.closed = False
         self._number = 0
 
-    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
-        self.hears, self._deliver = hears, deliver
+    def start(self, listener: ManagerListener, deliver: Deliver) -> None:
+        self.listener, self._deliver = listener, deliver
         self._tell()
 
     def send(self, asked: ManagerRequest) -> None:
@@ -86,17 +86,17 @@ class FakeWay:
             self.view = view(HeldBy("rmf", asked.session))
         self._number += 1
         answer = Answer(asked, accepted=True, boot="boot", event=self._number)
-        self._deliver(lambda: self.hears.answered(answer, asyncio.get_running_loop().time()))
+        self._deliver(lambda: self.listener.on_answer(answer, asyncio.get_running_loop().time()))
 
     def close(self) -> None:
         self.closed = True
 
     def lose(self) -> None:
-        self._deliver(lambda: self.hears.lost("it is switched off", asyncio.get_running_loop().time()))
+        self._deliver(lambda: self.listener.on_manager_lost("it is switched off", asyncio.get_running_loop().time()))
 
     def tell(self, site: SiteView) -> None:
         now = asyncio.get_running_loop().time()
-        self._deliver(lambda: self.hears.heard(site, now, now))
+        self._deliver(lambda: self.listener.on_site(site, now, now))
 
     def _tell(self) -> None:
         if not self.closed:
@@ -112,8 +112,8 @@ class Stage:
         self.ways: list[FakeWay] = []
         self.running = RunningAdapter(self._rmf, self._way, use_sim_time=use_sim_time)
 
-    def _rmf(self, hears: DdsListener, deliver: Deliver) -> FakeRmf:
-        self.rmfs.append(FakeRmf(hears, deliver))
+    def _rmf(self, listener: DdsListener, deliver: Deliver) -> FakeRmf:
+        self.rmfs.append(FakeRmf(listener, deliver))
         return self.rmfs[-1]
 
     def _way(self) -> FakeWay:
@@ -249,7 +249,7 @@ def test_one_that_was_opened_and_never_run_leaves_rmf_too() -> None:
 
 
 def test_what_prevents_joining_rmf_is_raised_by_open() -> None:
-    def refuse(hears: DdsListener, deliver: Deliver) -> FakeRmf:
+    def refuse(listener: DdsListener, deliver: Deliver) -> FakeRmf:
         raise OSError("no network")
 
     async def main() -> None:
@@ -343,7 +343,7 @@ def test_time_is_what_clock_says_in_a_simulation_and_its_age_is_taken_off() -> N
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         assert stage.last().lift_time == Time()
-        stage.rmfs[0].deliver(lambda: stage.rmfs[0].hears.clock(100.0))
+        stage.rmfs[0].deliver(lambda: stage.rmfs[0].listener.on_clock(100.0))
         await elapse(1.0)
         assert stage.last().lift_time.sec == 99
 
@@ -357,7 +357,7 @@ def test_a_simulation_without_clock_is_told_of_once_and_lifts_are_published_all_
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         if heard:
-            stage.rmfs[0].deliver(lambda: stage.rmfs[0].hears.clock(1.0))
+            stage.rmfs[0].deliver(lambda: stage.rmfs[0].listener.on_clock(1.0))
         await elapse(60.0)
 
     stage = play(scene, use_sim_time=True)

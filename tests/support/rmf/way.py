@@ -24,7 +24,7 @@ class Way:
         """`most_s` 0: the manager is in the same process."""
         self._dice = dice
         self._most_s = most_s
-        self.hears: ManagerListener | None = None
+        self.listener: ManagerListener | None = None
         """The adapter; None while there is none."""
         self._manager: Manager | None = None
         self._up: Channel[ManagerRequest] = Channel(dice, most_s, self._pass_on)
@@ -43,8 +43,8 @@ class Way:
         self._down.cut()
         if self._dice.random() < 0.5:
             self._up.cut()
-        if self.hears is not None:
-            self.hears.lost(reason, _now())
+        if self.listener is not None:
+            self.listener.on_manager_lost(reason, _now())
             for asked in self._unanswered:
                 self._fail(asked)
         self._unanswered.clear()
@@ -55,7 +55,7 @@ class Way:
 
     def forget(self) -> None:
         """Lose the adapter with all that was under way to it."""
-        self.hears = None
+        self.listener = None
         self._down.cut()
         self._unanswered.clear()
 
@@ -74,21 +74,21 @@ class Way:
 
     # -- the manager's side
 
-    def heard(self, site: SiteView, asked_at: float, now: float) -> None:
-        self._back(lambda: None if self.hears is None else self.hears.heard(site, asked_at, _now()))
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
+        self._back(lambda: None if self.listener is None else self.listener.on_site(site, asked_at, _now()))
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         if answer.request not in self._unanswered:
             return  # it was asked by an adapter that is no more, or given up
         self._back(lambda: self._deliver(answer))
 
-    def lost(self, reason: str, now: float) -> None:
-        self._back(lambda: None if self.hears is None else self.hears.lost(reason, _now()))
+    def on_manager_lost(self, reason: str, now: float) -> None:
+        self._back(lambda: None if self.listener is None else self.listener.on_manager_lost(reason, _now()))
 
     def _deliver(self, answer: Answer) -> None:
-        if self.hears is not None and answer.request in self._unanswered:
+        if self.listener is not None and answer.request in self._unanswered:
             self._unanswered.remove(answer.request)
-            self.hears.answered(answer, _now())
+            self.listener.on_answer(answer, _now())
 
     def _pass_on(self, asked: ManagerRequest) -> None:
         if self._manager is not None:
@@ -103,11 +103,13 @@ class Way:
             call()
 
     def _fail(self, asked: ManagerRequest) -> None:
-        hears = self.hears
+        listener = self.listener
 
         def say() -> None:
-            if hears is not None and hears is self.hears:
-                hears.answered(Answer(asked, accepted=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now())
+            if listener is not None and listener is self.listener:
+                listener.on_answer(
+                    Answer(asked, accepted=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now()
+                )
 
         asyncio.get_running_loop().call_later(self._dice.uniform(0.0, GIVES_UP_S), say)
 
