@@ -79,7 +79,7 @@ class DdsListener(Protocol):
 
 
 class DdsAlarm:
-    """Where a fire is told. Implements `alarms.AlarmOut`; nothing is offered before the site wants it."""
+    """Where a fire is told. Implements `alarms.AlarmPublisher`; nothing is offered before the site wants it."""
 
     def __init__(self, settings: RosSettings, wire: Wire) -> None:
         self._fire = settings.resolved(settings.fire_topic)
@@ -95,7 +95,7 @@ class DdsAlarm:
         if alarms.emergency_signal:
             self._wire.offer_emergency(self._emergency)
 
-    def say(self, alarms: Alarms, *, on: bool) -> None:
+    def publish_alarms(self, alarms: Alarms, *, on: bool) -> None:
         """Publish what the site wants; whoever joins later sees the last of it, until it is forgotten."""
         self.offer(alarms)
         if alarms.fire_alarm:

@@ -33,7 +33,7 @@ class Publishers:
 
 
 class RosAlarms:
-    """Both topics. Implements `alarms.AlarmOut`; nothing is offered before the site wants it."""
+    """Both topics. Implements `alarms.AlarmPublisher`; nothing is offered before the site wants it."""
 
     def __init__(self, publishers: Publishers, fire_topic: str, emergency_topic: str) -> None:
         self._publishers = publishers
@@ -53,7 +53,7 @@ class RosAlarms:
         if alarms.emergency_signal and self._emergency is None:
             self._emergency = self._offer_emergency()
 
-    def say(self, alarms: Alarms, *, on: bool) -> None:
+    def publish_alarms(self, alarms: Alarms, *, on: bool) -> None:
         """Publish that there is a fire, or that it is over, on the topics that the site wants."""
         self.offer(alarms)
         if alarms.fire_alarm and self._fire is not None:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
-from lift_manager.rmf.alarms import AlarmOut
+from lift_manager.rmf.alarms import AlarmPublisher
 from lift_manager.rmf.counts import Counts
 from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import LiftRequest, LiftState
@@ -30,7 +30,7 @@ class Rmf(Protocol):
     """RMF's side, as `dds.Dds`."""
 
     @property
-    def alarm(self) -> AlarmOut:
+    def alarm(self) -> AlarmPublisher:
         """Where a fire is told."""
         ...
 

@@ -8,7 +8,7 @@ from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
-from lift_manager.rmf.publishing import AT_LEAST_S
+from lift_manager.rmf.publishing import MIN_GAP_S
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
 EPOCH = 1_700_000_000.0
@@ -61,7 +61,7 @@ class AlarmEar:
     def offer(self, alarms: Alarms) -> None:
         self.offered.append(alarms)
 
-    def say(self, alarms: Alarms, *, on: bool) -> None:
+    def publish_alarms(self, alarms: Alarms, *, on: bool) -> None:
         assert alarms in self.offered
         self.said.append(on)
 
@@ -133,7 +133,7 @@ class Bench:
             self.adapter.tick(self.now)
             if not self.slow:
                 self.answers()
-            self.now += AT_LEAST_S
+            self.now += MIN_GAP_S
             self.adapter.tick(self.now)
             if (len(self.asked), len(self.sent)) == before:
                 return

@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from lift_manager.plain.rmf import Alarms, LiftView
-from lift_manager.rmf.alarms import AGAIN_S, FORGET_S
+from lift_manager.rmf.alarms import FORGET_S, REPEAT_S
 from lift_manager.rmf.messages import MODE_FIRE
 from tests.lift_manager.rmf.bench import Bench, bench, lift
 
@@ -46,7 +46,7 @@ def test_a_fire_is_told_while_it_lasts_and_cleared_once_by_a_person_and_only_whe
     ride.change(mode="normal")
     ride.elapse(5)
     assert set(ride.alarm.said) == {True}, "it is over when a person says so"
-    assert len(ride.alarm.said) == pytest.approx((ride.now - begun) / AGAIN_S, abs=1)
+    assert len(ride.alarm.said) == pytest.approx((ride.now - begun) / REPEAT_S, abs=1)
     told = len(ride.alarm.said)
     ride.change(fire_latched=False)
     ride.elapse(60)
@@ -109,7 +109,7 @@ def test_a_fire_that_the_site_tells_no_more_is_forgotten_and_not_cleared(caplog:
     ride.boot, ride.alarms = "second", Alarms()
     ride.hear()
     assert ride.alarm.forgotten_after == [told]
-    assert caplog.messages[-1].startswith("the site tells RMF of fires in another way")
+    assert caplog.messages[-1].startswith("the site file now announces fires to RMF on other topics")
     ride.elapse(10)
     ride.change(fire_latched=False)
     ride.elapse(60)
@@ -147,8 +147,8 @@ def test_who_reads_the_log_finds_why_robots_left(caplog: pytest.LogCaptureFixtur
     ride.change(fire_latched=False)
     ride.elapse(10)
     assert [text for text in caplog.messages if "fire" in text] == [
-        "there was a fire, in lift_rmf: RMF is told",
-        "the fire was acknowledged: RMF is told that it is over",
+        "fire in lift_rmf: announced to RMF",
+        "the fire was acknowledged: the alarm in RMF is cleared",
     ]
 
 

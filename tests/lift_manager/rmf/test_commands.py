@@ -230,7 +230,7 @@ def test_an_adapter_beside_a_manager_that_is_not_there_says_so_goes_on_and_ends_
     metrics = free_port()
     with running("rmf", "--manager-port", str(free_port()), "--metrics-port", str(metrics)) as adapter:
         adapter.says("Open-RMF lift adapter: ROS domain")
-        adapter.logs("the manager cannot be heard: no manager answers")
+        adapter.logs("the manager does not answer: no manager answers")
         with urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=HANGS_S) as answer:
             assert b"lift_manager_rmf_requests" in answer.read()
         code, took = adapter.stop()
@@ -239,5 +239,5 @@ def test_an_adapter_beside_a_manager_that_is_not_there_says_so_goes_on_and_ends_
 
 def test_the_log_of_the_adapter_can_be_read_by_programs(domain: None) -> None:
     with running("rmf", "--manager-port", str(free_port()), "--log-format", "json") as adapter:
-        line = adapter.logs(r"(\{.*cannot be heard.*\})")[1]
+        line = adapter.logs(r"(\{.*does not answer.*\})")[1]
         assert json.loads(line)["level"] == "warning"

@@ -8,7 +8,7 @@ import pytest
 
 from lift_manager.plain.rmf import HeldBy
 from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, HUMAN_MODE, LiftState, Time
-from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
+from lift_manager.rmf.publishing import PERIOD_S, equal_except_time, stale_at
 from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
 from tests.support.rows import each_row
 
@@ -161,7 +161,7 @@ def test_a_change_of_any_field_but_the_time_is_a_change(field: str) -> None:
         "motion_state": 2, "current_mode": 5,
     }  # fmt: skip
     changed = replace(told, **{field: other.get(field, "another")})  # type: ignore[arg-type]
-    assert same_but_for_time(told, changed) is (field == "lift_time")
+    assert equal_except_time(told, changed) is (field == "lift_time")
 
 
 def test_a_floor_that_nobody_reports_is_an_empty_text() -> None:
@@ -280,7 +280,7 @@ def test_an_end_of_a_lift_that_left_the_site_file_is_let_go_of_with_a_word(caplo
     ride.elapse(10)
     assert ride.ended() == []
     assert [text for text in caplog.messages if A in text] == [
-        f"lift_rmf: the manager has not answered that '{A}' has ended its session; with the lift that is forgotten"
+        f"lift_rmf: the manager has not confirmed the end of the session of '{A}', which is forgotten with the lift"
     ]
 
 

@@ -30,7 +30,7 @@ def test_a_robot_that_waits_is_told_of_once(caplog: pytest.LogCaptureFixture) ->
     for _ in range(300):
         lift.say(wants(A, "Level 2"), wants(B, "Level 3"))
         lift.step(0.5)
-    assert len([text for text in caplog.messages if "wants it" in text]) == 1
+    assert len([text for text in caplog.messages if "requests the lift" in text]) == 1
 
 
 def test_sessions_that_come_and_go_at_once_fill_no_log(caplog: pytest.LogCaptureFixture) -> None:
