@@ -225,7 +225,7 @@ async def run(
             systemd.send("STOPPING=1", "STATUS=letting go of everything")
             if adapter is not None:
                 # before a door is let go: no robot may begin to drive in
-                adapter.hush()
+                adapter.go_offline()
             released = await _let_go(building)
             building.recorder.note(manager_ended(released=released, commands=bool(_commanded(site))))
             serving.cancel()

@@ -15,9 +15,9 @@ from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, problem, said
 
 KEY = "lm_rmf_abcdefgh"
-CALM = Pace(question_s=WITHIN_S, answer_s=WITHIN_S, first_s=0.01, longest_s=0.02)
+CALM = Pace(poll_timeout_s=WITHIN_S, request_timeout_s=WITHIN_S, first_retry_s=0.01, longest_retry_s=0.02)
 """Nothing is too late, however busy the computer is."""
-BRISK = Pace(question_s=0.3, answer_s=0.3, silent_s=0.3, first_s=0.01, longest_s=0.02)
+BRISK = Pace(poll_timeout_s=0.3, request_timeout_s=0.3, stream_timeout_s=0.3, first_retry_s=0.01, longest_retry_s=0.02)
 """For tests in which something is."""
 
 LIFT = LiftView(
@@ -44,7 +44,7 @@ LIFT = LiftView(
 SITE = SiteView("boot", 7, (LIFT,), 3.0)
 RARELY = replace(SITE, lifts=(replace(LIFT, max_age_s=1e6),))
 """Its lift may be read so rarely that nothing is asked but for news; see `PATIENT`."""
-PATIENT = replace(CALM, at_most_s=1e6, silent_s=WITHIN_S)
+PATIENT = replace(CALM, max_poll_gap_s=1e6, stream_timeout_s=WITHIN_S)
 
 STREAM = b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream; charset=utf-8\r\n\r\n"
 

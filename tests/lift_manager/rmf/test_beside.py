@@ -15,7 +15,7 @@ import pytest
 from lift_manager.plain.answers import describe_refusal
 from lift_manager.plain.http import Address, Reply, Server
 from lift_manager.rmf.port import EndOfSession, SessionDemand
-from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Pace, RemoteManager
+from lift_manager.rmf.remote_manager import MAX_REASONS, SENDERS, Pace, RemoteManager
 from tests.lift_manager.rmf.beside_rig import (
     BRISK,
     CALM,
@@ -58,7 +58,9 @@ def nothing(_: Asked, __: Wire) -> None:
 
 
 def own_threads() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread.name in {"rmf_watcher", "rmf_listener", "rmf_carrier"}]
+    return [
+        thread for thread in threading.enumerate() if thread.name in {"rmf_poller", "rmf_eventreader", "rmf_sender"}
+    ]
 
 
 def questions(server: Scripted) -> int:
@@ -169,7 +171,7 @@ def test_a_manager_that_is_killed_is_missed_at_once_and_found_on_the_same_port()
 
 def test_each_reason_is_told_once_in_one_loss_and_again_in_the_next() -> None:
     manager = Manager()
-    told = [f"reason {number}" for number in range(REASONS + 2)]
+    told = [f"reason {number}" for number in range(MAX_REASONS + 2)]
 
     def script(_: Asked, wire: Wire) -> None:
         wire.send(problem(503, "stopping", told[questions(server) % len(told)]))
@@ -178,8 +180,8 @@ def test_each_reason_is_told_once_in_one_loss_and_again_in_the_next() -> None:
         ears.next_heard()
         for _ in range(2):
             manager.scripts[RMF] = script
-            reasons = {ears.next_lost() for _ in range(REASONS)}
-            assert len(reasons) == REASONS
+            reasons = {ears.next_lost() for _ in range(MAX_REASONS)}
+            assert len(reasons) == MAX_REASONS
             tries = questions(server) + len(told)
             while questions(server) < tries:
                 server.next()
@@ -203,7 +205,7 @@ def test_an_answer_may_take_as_long_as_it_is_good_for() -> None:
 
     site = replace(SITE, lifts=(replace(LIFT, max_age_s=0.4), LIFT))
     manager = Manager(site)
-    with met(manager, replace(BRISK, question_s=0.1, silent_s=1.0)) as (_, _, ears):
+    with met(manager, replace(BRISK, poll_timeout_s=0.1, stream_timeout_s=1.0)) as (_, _, ears):
         ears.next_heard()
         manager.scripts[RMF] = script
         for _ in range(2):
@@ -307,7 +309,7 @@ def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
 
     with met(Manager(RARELY, {"events": events}), PATIENT) as (_, _, ears):
         heard = [ears.next_heard() for _ in range(7)]
-    assert all(after.asked_at - before.asked_at > Pace.between_s - 0.001 for before, after in pairwise(heard))
+    assert all(after.asked_at - before.asked_at > Pace.min_poll_gap_s - 0.001 for before, after in pairwise(heard))
 
 
 # the end, and what stays inside
@@ -320,7 +322,7 @@ def test_the_end_ends_every_thread_whatever_it_waits_for(manager: Script) -> Non
         way.send(EndOfSession("west", "s", 3.0))
         server.next()
         mine = own_threads()
-        assert len(mine) == 2 + CARRIERS
+        assert len(mine) == 2 + SENDERS
         began = time.monotonic()
         way.close()
         assert time.monotonic() - began < WITHIN_S

@@ -5,7 +5,7 @@ import time
 from dataclasses import replace
 
 from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
-from lift_manager.rmf.remote_manager import CARRIERS
+from lift_manager.rmf.remote_manager import SENDERS
 from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
 from tests.support.rows import each_row
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, answers, problem, said
@@ -134,15 +134,15 @@ def test_no_number_of_lifts_that_are_stuck_delays_the_end_of_a_session() -> None
         assert stuck.wait(WITHIN_S)
         wire.send(said(200, {"boot": "a", "event": 1}))
 
-    lifts = [f"stuck{number}" for number in range(2 * CARRIERS)]
+    lifts = [f"stuck{number}" for number in range(2 * SENDERS)]
     with met(Manager(scripts={"wanted": script})) as (server, way, ears):
         for lift in lifts:
             way.send(wanted(lift))
-        for _ in range(CARRIERS - 1):
+        for _ in range(SENDERS - 1):
             server.next("POST")
         way.send(ended("east"))
         assert ears.next_answer().request == ended("east")
-        assert len(posts(server)) == CARRIERS
+        assert len(posts(server)) == SENDERS
         stuck.set()
         assert sorted(ears.next_answer().request.lift for _ in lifts) == lifts
 

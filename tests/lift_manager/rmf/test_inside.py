@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
 from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
-from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
+from lift_manager.rmf.local_manager import MIN_GAP_S, LocalManager
 from lift_manager.rmf.port import Answer, EndOfSession, ManagerRequest, SessionDemand
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
@@ -102,7 +102,7 @@ def test_a_wish_is_taken_and_a_site_from_its_event_on_shows_it() -> None:
     async def check(both: Both) -> None:
         answer = await both.said(TO_L1)
         assert answer.accepted
-        await elapse(BETWEEN_S)
+        await elapse(MIN_GAP_S)
         shows = [site for site in both.ears.sites if site.boot == answer.boot and site.event >= answer.event]
         assert shows
         assert {site.lifts[0].holder for site in shows} == {HeldBy("rmf", AMR)}
@@ -130,8 +130,8 @@ def test_changes_that_follow_each_other_closely_are_told_together_and_the_last_o
         for floor in ("L1", "L3") * 12:
             both.bench.accept(floor)
             await elapse(0.004)
-        await elapse(BETWEEN_S)
-        assert 3 <= len(both.ears.sites) - told <= 0.12 / BETWEEN_S + 3
+        await elapse(MIN_GAP_S)
+        assert 3 <= len(both.ears.sites) - told <= 0.12 / MIN_GAP_S + 3
         assert both.ears.lift.destination == "L3"
 
     inside(check)
@@ -245,7 +245,7 @@ def test_two_adapters_inside_have_sessions_of_their_own_even_of_one_name() -> No
     async def check(both: Both) -> None:
         other = replace(TO_L1, adapter="5")
         assert (await both.said(other)).accepted
-        await elapse(BETWEEN_S)
+        await elapse(MIN_GAP_S)
         assert both.ears.lift.holder == HeldBy("rmf", AMR, "5")
         refused = await both.said(TO_L1)
         assert (refused.code, f"held by rmf:{AMR}@5" in refused.reason) == ("held", True)

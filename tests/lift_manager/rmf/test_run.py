@@ -12,7 +12,7 @@ from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Deliver, EndOfSession, ManagerListener, ManagerRequest, SessionDemand
-from lift_manager.rmf.run import AGAIN_S, RunningAdapter
+from lift_manager.rmf.run import RESTART_PAUSE_S, RunningAdapter
 from tests.lift_manager.rmf.bench import AlarmEar
 
 REQUEST = LiftRequest("Lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN)
@@ -213,10 +213,10 @@ def test_at_its_end_it_says_that_the_lift_is_offline_and_leaves_both() -> None:
     assert stage.ways[0].closed
 
 
-def test_one_that_is_hushed_says_at_once_that_the_lift_is_offline_and_nothing_more() -> None:
+def test_going_offline_publishes_the_lift_as_offline_at_once_and_nothing_more() -> None:
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
-        stage.running.hush()
+        stage.running.go_offline()
         assert stage.last().current_mode == MODE_OFFLINE
         told = len(stage.rmfs[0].states)
         stage.rmfs[0].send(REQUEST)
@@ -228,14 +228,14 @@ def test_one_that_is_hushed_says_at_once_that_the_lift_is_offline_and_nothing_mo
     assert len(play(scene).rmfs) == 1
 
 
-def test_a_hush_that_fails_is_logged_and_raises_nothing(caplog: pytest.LogCaptureFixture) -> None:
+def test_going_offline_with_an_error_is_logged_and_raises_nothing(caplog: pytest.LogCaptureFixture) -> None:
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         stage.rmfs[0].closed = True  # publishing fails from here on
-        stage.running.hush()
+        stage.running.go_offline()
 
     play(scene)
-    assert "did not end as it should" in caplog.text
+    assert "did not close properly" in caplog.text
 
 
 def test_one_that_was_opened_and_never_run_leaves_rmf_too() -> None:
@@ -270,7 +270,7 @@ def test_a_bug_is_logged_and_everything_begins_anew(caplog: pytest.LogCaptureFix
         assert stage.last().current_mode == MODE_OFFLINE
         told = len(first.states)
         first.send(REQUEST)
-        await elapse(AGAIN_S)
+        await elapse(RESTART_PAUSE_S)
         assert len(first.states) == told
         assert stage.ways[0].asked == []
         assert stage.rmfs[1].states
@@ -302,7 +302,7 @@ def test_a_part_that_does_not_end_as_it_should_keeps_nobody_from_ending(caplog: 
 
     stage = play(scene)
     assert stage.ways[0].closed
-    assert "did not end as it should" in caplog.text
+    assert "did not close properly" in caplog.text
 
 
 def test_it_says_which_lift_is_which_once_and_again_when_that_changes(caplog: pytest.LogCaptureFixture) -> None:
