@@ -42,7 +42,7 @@ from lift_manager.rmf.ros_settings import BadSettings, RosSettings, check_adapte
 _log = logging.getLogger(__name__)
 
 
-def _module(name: str) -> Any:
+def _import_optional(name: str) -> Any:
     """Return a module that not every distribution has, or None."""
     try:
         return importlib.import_module(name)
@@ -50,7 +50,7 @@ def _module(name: str) -> Any:
         return None
 
 
-_EVENTS = _module("rclpy.event_handler")
+_EVENTS = _import_optional("rclpy.event_handler")
 """None on humble, which has no event that tells of a matched writer."""
 _UNSUPPORTED = () if _EVENTS is None else _EVENTS.UnsupportedEventTypeError
 
@@ -58,15 +58,15 @@ NODE = "lift_adapter"
 KEY_VARIABLE = "LIFT_MANAGER_KEY"
 """Holds the manager's key, as for the command line: a parameter could be read by everybody in the domain."""
 
-LATE_S = 0.25
+MAX_PAUSE_S = 0.25
 """Chosen: the longest pause of the timer, and so how soon a signal is noticed, which wakes no executor."""
-SOON_S = 0.001
+MIN_PAUSE_S = 0.001
 """The shortest one."""
-LOOK_S = 1.0
+CHECK_S = 1.0
 """Between two looks at who else is there."""
-QUEUE = 10_000
+MAX_QUEUED = 10_000
 """Chosen: the manager is heard fifty times a second at most, so this is three minutes in which nobody took anything out."""
-KEPT = 64
+MAX_SENT_STATES = 64
 """Chosen: of so many states of each lift is known that they are our own; 3 s of them at the fastest."""
 
 STATES_QOS = QoSProfile(
@@ -108,7 +108,7 @@ class _Inbox:
 
     def put(self, call: Callable[[], None]) -> None:
         """Take it without waiting. From any thread."""
-        if len(self._calls) < QUEUE:
+        if len(self._calls) < MAX_QUEUED:
             self._calls.append(call)
         else:
             self._overrun = True
@@ -117,57 +117,57 @@ class _Inbox:
     def drain(self) -> None:
         """Do everything, in the order in which it came. Raises Overrun."""
         if self._overrun:
-            raise Overrun(f"more than {QUEUE} answers of the manager waited; the node begins anew")
+            raise Overrun(f"more than {MAX_QUEUED} answers of the manager waited; the node begins anew")
         while self._calls:
             self._calls.popleft()()
 
 
-class _Rivals:
+class _RivalDetector:
     """Whether another program publishes states of our lifts.
 
     Which writer sent a message rclpy does not say before 2025's rolling, and its own writer's identity never. So while there is
     more than one writer of the topic, every state on it is read, and one of our lifts that is not among those just sent is foreign.
     """
 
-    def __init__(self, node: Node, topic: str, found: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, topic: str, on_found: Callable[[str], None]) -> None:
         """`topic` is the whole name, namespace and remapping done."""
         self._node = node
         self._topic = topic
-        self._found = found
-        self._sent: dict[str, deque[LiftState]] = {}
+        self._on_found = on_found
+        self._sent_states: dict[str, deque[LiftState]] = {}
         self._subscription: Any = None
 
-    def sent(self, state: LiftState) -> None:
-        self._sent.setdefault(state.lift_name, deque(maxlen=KEPT)).append(state)
+    def add_sent(self, state: LiftState) -> None:
+        self._sent_states.setdefault(state.lift_name, deque(maxlen=MAX_SENT_STATES)).append(state)
 
-    def look(self) -> None:
+    def check(self) -> None:
         several = len(self._node.get_publishers_info_by_topic(self._topic)) > 1
         if several and self._subscription is None:
-            self._subscription = self._node.create_subscription(RosLiftState, self._topic, self._heard, REQUESTS_QOS)
+            self._subscription = self._node.create_subscription(RosLiftState, self._topic, self._on_state, REQUESTS_QOS)
         elif not several and self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def _heard(self, message: RosLiftState) -> None:
-        ours = self._sent.get(message.lift_name)
+    def _on_state(self, message: RosLiftState) -> None:
+        ours = self._sent_states.get(message.lift_name)
         if ours is not None and state_of(message) not in ours:
-            self._found(message.lift_name)
+            self._on_found(message.lift_name)
 
 
-class _Writers:
+class _WriterDetector:
     """Notices writers of requests that were not there before, where no event tells of them."""
 
-    def __init__(self, node: Node, topic: str, found: Callable[[], None]) -> None:
+    def __init__(self, node: Node, topic: str, on_found: Callable[[], None]) -> None:
         self._node = node
         self._topic = topic
-        self._found = found
+        self._on_found = on_found
         self._known: set[tuple[int, ...]] = set()
 
-    def look(self) -> None:
-        there = {tuple(info.endpoint_gid) for info in self._node.get_publishers_info_by_topic(self._topic)}
-        if there - self._known:
-            self._found()
-        self._known = there
+    def check(self) -> None:
+        gids = {tuple(info.endpoint_gid) for info in self._node.get_publishers_info_by_topic(self._topic)}
+        if gids - self._known:
+            self._on_found()
+        self._known = gids
 
 
 class AdapterNode:
@@ -177,13 +177,13 @@ class AdapterNode:
         self._node = node
         # not the steady clock of ROS, which is another one (CLOCK_MONOTONIC_RAW): the manager's answers are dated with this one
         self._monotonic = monotonic
-        names = RosSettings()
+        defaults = RosSettings()
         topics = {
-            name: str(node.declare_parameter(name, getattr(names, name)).value)
+            name: str(node.declare_parameter(name, getattr(defaults, name)).value)
             for name in ("states_topic", "requests_topic", "adapter_requests_topic", "fire_topic", "emergency_topic")
         }
         self._states = node.create_publisher(RosLiftState, topics["states_topic"], STATES_QOS)
-        self._rivals = _Rivals(node, self._states.topic_name, self._rival)
+        self._rival_detector = _RivalDetector(node, self._states.topic_name, self._on_rival)
         alarms = RosAlarms(
             Publishers(lambda kind, topic: node.create_publisher(kind, topic, ALARMS_QOS), node.destroy_publisher),
             topics["fire_topic"],
@@ -195,24 +195,24 @@ class AdapterNode:
             self._ros_time,
             adapter_id=_adapter_id(node, topics["requests_topic"]),
         )
-        self._writers: _Writers | None = None
+        self._writer_detector: _WriterDetector | None = None
         self._requests: deque[tuple[Callable[[LiftRequest, float], None], RosLiftRequest]] = deque()
         """Taken, and not looked at before the timer's turn, which comes within SOON_S: a burst is one look at the lifts."""
         self._subscribe(topics["requests_topic"])
         node.create_subscription(
             RosLiftRequest,
             topics["adapter_requests_topic"],
-            lambda message: self._take(self._adapter.on_fleet_request, message),
+            lambda message: self._queue_request(self._adapter.on_fleet_request, message),
             REQUESTS_QOS,
         )
         self._guard = node.create_guard_condition(self._drain)
         self._inbox = _Inbox(self._guard.trigger)
-        self._began = self._monotonic()
-        self._look_at = self._began
-        self._told_no_clock = False
-        self._comes_at = self._began + SOON_S
+        self._started_at = self._monotonic()
+        self._check_at = self._started_at
+        self._has_warned_no_clock = False
+        self._timer_due_at = self._started_at + MIN_PAUSE_S
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(SOON_S, self._on_time, clock=steady)
+        self._timer = node.create_timer(MIN_PAUSE_S, self._on_time, clock=steady)
 
     def deliver(self, call: Callable[[], None]) -> None:
         """Do this in the executor's thread. From any thread, without waiting."""
@@ -235,42 +235,42 @@ class AdapterNode:
         self._adapter.stop(self._monotonic())
 
     def _subscribe(self, topic: str) -> None:
-        events = None if _EVENTS is None else _EVENTS.SubscriptionEventCallbacks(matched=self._matched)
+        events = None if _EVENTS is None else _EVENTS.SubscriptionEventCallbacks(matched=self._on_matched)
         try:
             requests = self._node.create_subscription(
-                RosLiftRequest, topic, self._request, REQUESTS_QOS, event_callbacks=events
+                RosLiftRequest, topic, self._on_request, REQUESTS_QOS, event_callbacks=events
             )
         except _UNSUPPORTED:
             # this middleware has no such event
             events = None
-            requests = self._node.create_subscription(RosLiftRequest, topic, self._request, REQUESTS_QOS)
+            requests = self._node.create_subscription(RosLiftRequest, topic, self._on_request, REQUESTS_QOS)
         if events is None:
-            self._writers = _Writers(self._node, requests.topic_name, self._writer_matched)
+            self._writer_detector = _WriterDetector(self._node, requests.topic_name, self._on_writer_matched)
 
-    def _request(self, message: RosLiftRequest) -> None:
-        self._take(self._adapter.on_request, message)
+    def _on_request(self, message: RosLiftRequest) -> None:
+        self._queue_request(self._adapter.on_request, message)
 
-    def _take(self, what: Callable[[LiftRequest, float], None], message: RosLiftRequest) -> None:
-        self._requests.append((what, message))
-        if self._comes_at > self._monotonic() + SOON_S:
-            self._come_in(SOON_S)
+    def _queue_request(self, process: Callable[[LiftRequest, float], None], message: RosLiftRequest) -> None:
+        self._requests.append((process, message))
+        if self._timer_due_at > self._monotonic() + MIN_PAUSE_S:
+            self._set_timer(MIN_PAUSE_S)
 
-    def _take_requests(self) -> None:
-        if self._writers is not None and self._requests:
+    def _process_queue(self) -> None:
+        if self._writer_detector is not None and self._requests:
             # what a new writer sends first is a replay, and the next look would come too late to know it
-            self._writers.look()
+            self._writer_detector.check()
         while self._requests:
             take, message = self._requests.popleft()
             take(request_of(message), self._monotonic())
 
-    def _matched(self, event: Any) -> None:
+    def _on_matched(self, event: Any) -> None:
         if event.total_count_change > 0:
-            self._writer_matched()
+            self._on_writer_matched()
 
-    def _writer_matched(self) -> None:
+    def _on_writer_matched(self) -> None:
         self._adapter.on_request_writer(self._monotonic())
 
-    def _rival(self, lift_name: str) -> None:
+    def _on_rival(self, lift_name: str) -> None:
         self._adapter.on_rival(lift_name, self._monotonic())
 
     def _drain(self) -> None:
@@ -279,32 +279,32 @@ class AdapterNode:
 
     def _on_time(self) -> None:
         now = self._monotonic()
-        if now >= self._look_at:
-            self._look_at = now + LOOK_S
-            self._look(now)
+        if now >= self._check_at:
+            self._check_at = now + CHECK_S
+            self._check_others(now)
         self._tick()
 
     def _tick(self) -> None:
-        self._take_requests()
+        self._process_queue()
         now = self._monotonic()
-        self._come_in(min(max(self._adapter.tick(now) - now, SOON_S), LATE_S))
+        self._set_timer(min(max(self._adapter.tick(now) - now, MIN_PAUSE_S), MAX_PAUSE_S))
 
-    def _come_in(self, pause_s: float) -> None:
-        self._comes_at = self._monotonic() + pause_s
+    def _set_timer(self, pause_s: float) -> None:
+        self._timer_due_at = self._monotonic() + pause_s
         self._timer.timer_period_ns = int(pause_s * 1e9)
         self._timer.reset()
 
-    def _look(self, now: float) -> None:
-        if self._writers is not None:
-            self._writers.look()
-        self._rivals.look()
-        self._look_at_clock(now)
+    def _check_others(self, now: float) -> None:
+        if self._writer_detector is not None:
+            self._writer_detector.check()
+        self._rival_detector.check()
+        self._check_clock(now)
 
-    def _look_at_clock(self, now: float) -> None:
-        if self._told_no_clock or now < self._began + NO_CLOCK_S:
+    def _check_clock(self, now: float) -> None:
+        if self._has_warned_no_clock or now < self._started_at + NO_CLOCK_S:
             return
         if self._ros_time() == 0.0:
-            self._told_no_clock = True
+            self._has_warned_no_clock = True
             _log.warning(
                 "use_sim_time is set, and nothing has come on /clock for %.0f s: the lifts are published all the same, with"
                 " lift_time 0 until it does; start the simulation, or set use_sim_time to false",
@@ -316,7 +316,7 @@ class AdapterNode:
         return float(self._node.get_clock().now().nanoseconds) * 1e-9
 
     def _publish(self, state: LiftState) -> None:
-        self._rivals.sent(state)
+        self._rival_detector.add_sent(state)
         self._states.publish(message_of(state))
 
 
@@ -355,10 +355,10 @@ def server_of(node: Node) -> Server:
     port = node.declare_parameter("manager_port", 5003).value
     key_file = str(node.declare_parameter("manager_key_file", "").value)
     ca_file = str(node.declare_parameter("manager_ca_file", "").value)
-    return Server(Address.of(address, port), _key(key_file), Path(ca_file) if ca_file else None)
+    return Server(Address.of(address, port), _read_key(key_file), Path(ca_file) if ca_file else None)
 
 
-def _key(file: str) -> str:
+def _read_key(file: str) -> str:
     if not file:
         return os.environ.get(KEY_VARIABLE, "").strip()
     try:
@@ -369,20 +369,20 @@ def _key(file: str) -> str:
 
 def run(node: Node, stopping: threading.Event) -> None:
     """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress, BadSettings."""
-    way = RemoteManager(server_of(node))
-    shell = AdapterNode(node, way)
+    manager = RemoteManager(server_of(node))
+    adapter_node = AdapterNode(node, manager)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    way.start(shell, shell.deliver)
+    manager.start(adapter_node, adapter_node.deliver)
     try:
         while not stopping.is_set():
             executor.spin_once()  # the timer ends it after LATE_S
     except ExternalShutdownException:
         pass  # ROS has ended, and nothing can be published any more
     finally:
-        way.close()
+        manager.close()
         if rclpy.ok():
-            shell.stop()
+            adapter_node.stop()
         executor.shutdown()
 
 
