@@ -24,7 +24,7 @@ from lift_manager.cli.rmf_options import (
     where_in_rmf,
 )
 from lift_manager.plain.signals import stop_on_signals
-from lift_manager.rmf.dds import Onlooker
+from lift_manager.rmf.dds import Monitor
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.request import Attempt, AttemptEnd, OperatorRequest
 from lift_manager.rmf.ros_settings import RosSettings
@@ -149,7 +149,7 @@ async def _watch(settings: RosSettings, lift: str | None) -> None:
     watched = Watch(topics, lift)
     looking = _Looking(watched)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
-    onlooker = joined(lambda: Onlooker(settings, looking, deliver))
+    monitor = joined(lambda: Monitor(settings, looking, deliver))
     say_aside(f"watching {where_in_rmf(settings)}; Ctrl-C ends it")
     nobody_at = _now() + NOBODY_S
     try:
@@ -162,7 +162,7 @@ async def _watch(settings: RosSettings, lift: str | None) -> None:
                     " computer reach it (multicast, or --peer ADDRESS)?"
                 )
     finally:
-        onlooker.close()
+        monitor.close()
     looking.show(watched.report_counts(_now()))
 
 
@@ -195,12 +195,12 @@ async def _request(settings: RosSettings, requested: OperatorRequest, within_s: 
     stop_on_signals(stop)
     asking = _Asking(settings.requests_topic)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
-    onlooker = joined(lambda: Onlooker(settings, asking, deliver))
+    monitor = joined(lambda: Monitor(settings, asking, deliver))
     say_aside(f"asking in {where_in_rmf(settings)}")
     asking.attempt = attempt = Attempt(
         requested,
-        lambda: onlooker.listeners(direct=True),
-        lambda what, direct: onlooker.request(what, direct=direct),
+        lambda: monitor.count_readers(direct=True),
+        lambda what, direct: monitor.send_request(what, direct=direct),
         within_s=within_s,
         now=_now(),
     )
@@ -208,7 +208,7 @@ async def _request(settings: RosSettings, requested: OperatorRequest, within_s: 
         while attempt.end is None and not await _stopped(stop, LOOK_S):
             say(attempt.tick(time.time(), _now()))
     finally:
-        onlooker.close()
+        monitor.close()
         say(attempt.report_open_session())
     return attempt.end
 

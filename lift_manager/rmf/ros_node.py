@@ -1,7 +1,7 @@
-"""The lift adapter as a node of ROS 2, for those who have it; the only module that imports rclpy.
+"""The lift adapter as a node of ROS 2; the only module that imports rclpy.
 
-Everything of the adapter runs in the executor's one thread: what other threads find out waits in a queue until a guard condition
-has woken it. `deploy/ros/README.md` says what differs between the distributions.
+The adapter runs in the executor's one thread only: calls from other threads wait in a queue until a guard condition wakes it.
+`deploy/ros/README.md` describes the differences between the distributions.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 
 
 def _import_optional(name: str) -> Any:
-    """Return a module that not every distribution has, or None."""
+    """Return a module, or None on distributions without it."""
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError:
@@ -51,23 +51,23 @@ def _import_optional(name: str) -> Any:
 
 
 _EVENTS = _import_optional("rclpy.event_handler")
-"""None on humble, which has no event that tells of a matched writer."""
+"""None on humble, which has no event for a matched writer."""
 _UNSUPPORTED = () if _EVENTS is None else _EVENTS.UnsupportedEventTypeError
 
 NODE = "lift_adapter"
 KEY_VARIABLE = "LIFT_MANAGER_KEY"
-"""Holds the manager's key, as for the command line: a parameter could be read by everybody in the domain."""
+"""The variable with the manager's key, as for the command line: everybody in the domain could read a parameter."""
 
 MAX_PAUSE_S = 0.25
-"""Chosen: the longest pause of the timer, and so how soon a signal is noticed, which wakes no executor."""
+"""The longest pause of the timer. Chosen: a signal does not wake the executor, so it is noticed within this time."""
 MIN_PAUSE_S = 0.001
-"""The shortest one."""
+"""The shortest pause of the timer."""
 CHECK_S = 1.0
-"""Between two looks at who else is there."""
+"""Between two checks for other publishers and for the clock."""
 MAX_QUEUED = 10_000
-"""Chosen: the manager is heard fifty times a second at most, so this is three minutes in which nobody took anything out."""
+"""Chosen: the manager answers fifty times a second at most, so the executor has not run for three minutes."""
 MAX_SENT_STATES = 64
-"""Chosen: of so many states of each lift is known that they are our own; 3 s of them at the fastest."""
+"""How many published states of each lift are remembered as our own. Chosen: 3 s of them at the fastest."""
 
 STATES_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -76,16 +76,16 @@ STATES_QOS = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
     lifespan=Duration(seconds=1),
 )
-"""The one offer that every reader takes (open-rmf 1.3). The lifespan is two publications: after a break of the network a reader gets
-all that could not be delivered, and OPEN would be believed (`dds_wire` has what was measured)."""
+"""The only offer that every reader accepts (open-rmf 1.3). The lifespan is two publications: after a network outage a reader gets all
+undelivered states, and would believe an old OPEN (`dds_topics` has the measurements)."""
 REQUESTS_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10_000,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""The one wish that every writer meets without a replay. Deep: iron and jazzy send a request of each waiting robot for each state of
-any lift, and humble says an END once."""
+"""The only request that every writer meets without a replay. Deep: iron and jazzy send a request for each waiting robot after each state
+of any lift, and humble sends an END only once."""
 ALARMS_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -95,11 +95,11 @@ ALARMS_QOS = QoSProfile(
 
 
 class Overrun(RuntimeError):
-    """The executor's thread stood still for so long that what it was told could not be kept."""
+    """The executor's thread stood still for so long that its queue is full."""
 
 
 class _Inbox:
-    """What other threads hand over. Nothing of it may be lost, so more than fits is an error of the thread that takes it out."""
+    """Calls from other threads. None may be lost, so an overflow is an error in the thread that runs them."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
@@ -107,7 +107,7 @@ class _Inbox:
         self._overrun = False
 
     def put(self, call: Callable[[], None]) -> None:
-        """Take it without waiting. From any thread."""
+        """Queue a call without waiting. From any thread."""
         if len(self._calls) < MAX_QUEUED:
             self._calls.append(call)
         else:
@@ -115,22 +115,22 @@ class _Inbox:
         self._wake()
 
     def drain(self) -> None:
-        """Do everything, in the order in which it came. Raises Overrun."""
+        """Run all calls in order. Raises Overrun."""
         if self._overrun:
-            raise Overrun(f"more than {MAX_QUEUED} answers of the manager waited; the node begins anew")
+            raise Overrun(f"more than {MAX_QUEUED} answers of the manager were waiting; the node has to restart")
         while self._calls:
             self._calls.popleft()()
 
 
 class _RivalDetector:
-    """Whether another program publishes states of our lifts.
+    """Detects another program that publishes states of our lifts.
 
-    Which writer sent a message rclpy does not say before 2025's rolling, and its own writer's identity never. So while there is
-    more than one writer of the topic, every state on it is read, and one of our lifts that is not among those just sent is foreign.
+    rclpy does not report the writer of a message before 2025's rolling, and never the identity of its own writer. So while the topic
+    has more than one writer, every state on it is read; a state of one of our lifts that was not just sent from here is foreign.
     """
 
     def __init__(self, node: Node, topic: str, on_found: Callable[[str], None]) -> None:
-        """`topic` is the whole name, namespace and remapping done."""
+        """`topic` is the full name, after namespace and remapping."""
         self._node = node
         self._topic = topic
         self._on_found = on_found
@@ -155,7 +155,7 @@ class _RivalDetector:
 
 
 class _WriterDetector:
-    """Notices writers of requests that were not there before, where no event tells of them."""
+    """Detects new writers of requests, on distributions without an event for them."""
 
     def __init__(self, node: Node, topic: str, on_found: Callable[[], None]) -> None:
         self._node = node
@@ -171,11 +171,11 @@ class _WriterDetector:
 
 
 class AdapterNode:
-    """The adapter on a node. Implements `port.Hears`; a way to the manager calls it through `deliver`."""
+    """The adapter on a node. Implements `port.ManagerListener`; the connection to the manager calls it through `deliver`."""
 
     def __init__(self, node: Node, manager: Manager, monotonic: Callable[[], float] = time.monotonic) -> None:
         self._node = node
-        # not the steady clock of ROS, which is another one (CLOCK_MONOTONIC_RAW): the manager's answers are dated with this one
+        # not the steady clock of ROS, which is a different one (CLOCK_MONOTONIC_RAW): the manager's answers are dated with this one
         self._monotonic = monotonic
         defaults = RosSettings()
         topics = {
@@ -197,7 +197,7 @@ class AdapterNode:
         )
         self._writer_detector: _WriterDetector | None = None
         self._requests: deque[tuple[Callable[[LiftRequest, float], None], RosLiftRequest]] = deque()
-        """Taken, and not looked at before the timer's turn, which comes within SOON_S: a burst is one look at the lifts."""
+        """Received, and processed at the next timer call within `MIN_PAUSE_S`: a burst needs one tick."""
         self._subscribe(topics["requests_topic"])
         node.create_subscription(
             RosLiftRequest,
@@ -215,23 +215,23 @@ class AdapterNode:
         self._timer = node.create_timer(MIN_PAUSE_S, self._on_time, clock=steady)
 
     def deliver(self, call: Callable[[], None]) -> None:
-        """Do this in the executor's thread. From any thread, without waiting."""
+        """Run a call in the executor's thread. From any thread, without waiting."""
         self._inbox.put(call)
 
     def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
-        """Take a whole answer of the manager."""
+        """Take over a complete answer of the manager."""
         self._adapter.on_site(site, sent_at, now)
 
     def on_answer(self, answer: Answer, now: float) -> None:
-        """Take what became of something asked."""
+        """Process the answer to a request."""
         self._adapter.on_answer(answer, now)
 
     def on_manager_lost(self, reason: str, now: float) -> None:
-        """Take that the manager cannot be heard."""
+        """Show the lifts as offline while the manager does not answer."""
         self._adapter.on_manager_lost(reason, now)
 
     def stop(self) -> None:
-        """Publish every lift as offline. In the executor's thread, or when it has ended."""
+        """Publish every lift as offline. From the executor's thread, or after it has ended."""
         self._adapter.stop(self._monotonic())
 
     def _subscribe(self, topic: str) -> None:
@@ -257,7 +257,7 @@ class AdapterNode:
 
     def _process_queue(self) -> None:
         if self._writer_detector is not None and self._requests:
-            # what a new writer sends first is a replay, and the next look would come too late to know it
+            # the first requests of a new writer are a replay, and the next regular check would be too late to know
             self._writer_detector.check()
         while self._requests:
             take, message = self._requests.popleft()
@@ -306,13 +306,13 @@ class AdapterNode:
         if self._ros_time() == 0.0:
             self._has_warned_no_clock = True
             _log.warning(
-                "use_sim_time is set, and nothing has come on /clock for %.0f s: the lifts are published all the same, with"
+                "use_sim_time is set, and nothing has arrived on /clock for %.0f s: the lifts are published all the same, with"
                 " lift_time 0 until it does; start the simulation, or set use_sim_time to false",
                 NO_CLOCK_S,
             )
 
     def _ros_time(self) -> float:
-        """Return 0 while use_sim_time is set and nothing has come on /clock."""
+        """Return the node's time; 0 while use_sim_time is set and nothing has arrived on /clock."""
         return float(self._node.get_clock().now().nanoseconds) * 1e-9
 
     def _publish(self, state: LiftState) -> None:
@@ -321,7 +321,7 @@ class AdapterNode:
 
 
 class RosLog(logging.Handler):
-    """Hands log records to the node's logger, and so to /rosout."""
+    """Forwards log records to the node's logger, and so to /rosout."""
 
     def __init__(self, node: Node) -> None:
         super().__init__()
@@ -329,7 +329,7 @@ class RosLog(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        # each level on a line of its own: rclpy refuses another level from the same line
+        # each level on a separate line: rclpy refuses a different level from the same line
         if record.levelno >= logging.CRITICAL:
             self._logger.fatal(text)
         elif record.levelno >= logging.ERROR:
@@ -343,14 +343,14 @@ class RosLog(logging.Handler):
 
 
 def _adapter_id(node: Node, requests_topic: str) -> str:
-    """Return the id of the adapter at the manager, the same as without ROS. Raises BadSettings."""
+    """Return the adapter's id at the manager, the same as without ROS. Raises BadSettings."""
     given = str(node.declare_parameter("adapter_id", "").value)
     check_adapter_id(given)
     return given or id_of_adapter(node.context.get_domain_id(), node.resolve_topic_name(requests_topic))
 
 
 def server_of(node: Node) -> Server:
-    """Declare and read the parameters that say where the manager is. Raises BadAddress."""
+    """Declare and read the parameters for the connection to the manager. Raises BadAddress."""
     address = str(node.declare_parameter("manager_address", "localhost").value)
     port = node.declare_parameter("manager_port", 5003).value
     key_file = str(node.declare_parameter("manager_key_file", "").value)
@@ -368,7 +368,7 @@ def _read_key(file: str) -> str:
 
 
 def run(node: Node, stopping: threading.Event) -> None:
-    """Serve until it is set or ROS ends. Raises what a bug raises, after the lifts have been published as offline; BadAddress, BadSettings."""
+    """Run until `stopping` is set or ROS ends. Raises BadAddress, BadSettings, and any bug after publishing the lifts as offline."""
     manager = RemoteManager(server_of(node))
     adapter_node = AdapterNode(node, manager)
     executor = SingleThreadedExecutor()
@@ -376,9 +376,9 @@ def run(node: Node, stopping: threading.Event) -> None:
     manager.start(adapter_node, adapter_node.deliver)
     try:
         while not stopping.is_set():
-            executor.spin_once()  # the timer ends it after LATE_S
+            executor.spin_once()  # the timer ends it after MAX_PAUSE_S
     except ExternalShutdownException:
-        pass  # ROS has ended, and nothing can be published any more
+        pass  # ROS has ended; nothing can be published any more
     finally:
         manager.close()
         if rclpy.ok():
@@ -393,7 +393,7 @@ def main(args: Sequence[str] | None = None) -> int:
     def stop(_number: int, _frame: FrameType | None) -> None:
         stopping.set()
 
-    # rclpy's own handlers end the context first, and then nothing can be published: the last word must be "offline"
+    # rclpy's own handlers end the context first, after which nothing can be published: the last state must be "offline"
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)

@@ -119,5 +119,5 @@ def test_a_subscriber_that_stands_still_holds_up_nobody(
     link.close()
     assert failures == []
     assert [record.getMessage() for record in caplog.records] == [
-        "lift_states: the network does not take it as fast as it comes: some of it is left out"
+        "lift_states: the network is too slow for it: some messages are skipped"
     ]

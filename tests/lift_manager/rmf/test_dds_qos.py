@@ -74,7 +74,10 @@ def test_a_publisher_that_only_does_its_best_is_not_heard_and_the_log_says_why(
     partner.offer(REQUESTS, "request", Offer())
     partner.write(REQUESTS, ORACLE.request(request("reliable")))
     assert [one.lift_name for one in heard.wait_for("requested")] == ["reliable"]
-    assert "lift_requests: somebody publishes it in a way that cannot be heard: its reliability" in caplog.text
+    assert (
+        "lift_requests: another program publishes it with an incompatible reliability, so it cannot be received"
+        in caplog.text
+    )
 
 
 def test_a_burst_for_fifty_lifts_arrives_whole_and_in_order(joined: tuple[Dds, Heard, Partner]) -> None:
