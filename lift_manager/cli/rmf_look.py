@@ -187,7 +187,7 @@ class _Asking:
         """Say it once: it may be anybody's, and may come by the thousand."""
         if not self._unreadable_told:
             self._unreadable_told = True
-            say_aside(f"what cannot be read: {short(text)}")
+            say_aside(f"unreadable message: {short(text)}")
 
 
 async def _request(settings: RosSettings, requested: OperatorRequest, within_s: float) -> AttemptEnd | None:

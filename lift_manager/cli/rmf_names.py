@@ -27,7 +27,7 @@ def check_names(site: Path, building_map: Path, nav_graphs: Sequence[Path]) -> N
     found = compare(tuple(_lifts(loaded)), read_building(building_map), [read_graph(graph) for graph in nav_graphs])
     say(f"caution: {caution}" for caution in _cautions(loaded))
     say(f"note: {note}" for note in found.notes)
-    block = list(found.block())
+    block = list(found.site_file_lines())
     if block:
         say(["", f"# to be written in {site}, lift by lift; look at each name first", *block, ""])
     if found.mistakes:

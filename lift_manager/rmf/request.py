@@ -1,4 +1,4 @@
-"""Ask for a lift as a robot's fleet adapter does, and see what becomes of it. Pure: seconds of any clock go in."""
+"""Requests a lift as a robot's fleet adapter does, and follows the outcome. Pure: times are seconds of any clock."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from lift_manager.rmf.messages import (
     LiftState,
     Time,
 )
-from lift_manager.rmf.watch import describe_state, name_lifts, short
+from lift_manager.rmf.watch import describe_state, join_names, short
 
 REPEAT_S = 1.0
-"""From one request to its repetition, until it is fulfilled; fleet adapters repeat theirs with every LiftState."""
+"""Until a request is repeated, while it is not fulfilled; fleet adapters repeat theirs with every LiftState."""
 FOUND_WITHIN_S = 5.0
-"""For the first word of the lift. With Fast DDS on the other side it can take 3 s until everybody has found each other."""
+"""Until the first state of the lift. With Fast DDS on the other side, discovery can take 3 s."""
 PASSED_ON_WITHIN_S = 3.0
 """A supervisor passes a request on at once or with the next LiftState (open-rmf 1.4), which comes once a second at least."""
 
@@ -33,13 +33,13 @@ class AttemptEnd(Enum):
 
     FULFILLED = "fulfilled"
     REFUSED = "refused"
-    """Nothing was asked: there is no such lift or floor."""
+    """Nothing was requested, for example because there is no such lift or floor."""
     TOO_LATE = "too late"
 
 
 @dataclass(frozen=True)
 class OperatorRequest:
-    """What somebody wants."""
+    """A request from the command line."""
 
     lift: str
     floor: str | None
@@ -48,16 +48,16 @@ class OperatorRequest:
     open_door: bool = True
     human: bool = False
     direct: bool = False
-    """Ask the lift adapter itself, whether there is a supervisor or not."""
+    """Send it to the lift adapter itself, whether there is a supervisor or not."""
     instead_of: str | None = None
-    """A session that the supervisor serves and the lift does not hold: it is ended there right before each request. A supervisor that was
-    restarted may serve a robot outside for ever, and drop what the one in the car asks for."""
+    """A session that the supervisor serves but that does not hold the lift: it is ended there right before each request. A restarted
+    supervisor may serve a robot outside without end, and drop the requests of the robot in the car."""
 
 
 class Attempt:
-    """One errand from its first request to its end.
+    """One request from its first message to its outcome.
 
-    `listeners` says how many lift adapters may be there; `send` publishes a request, to the supervisor or directly.
+    `listeners` returns how many lift adapters may be there; `send` publishes a request, to the supervisor or directly.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Attempt:
         self.end: AttemptEnd | None = None
 
     def handle_state(self, state: LiftState, now: float) -> Iterator[str]:
-        """Take what a lift says of itself; yield lines for people."""
+        """Process the state of a lift; yield lines for people."""
         if self._is_over():
             return
         if state.lift_name != self._requested.lift:
@@ -98,7 +98,7 @@ class Attempt:
             self._found_at = now
             floor = self._requested.floor
             if floor is not None and floor not in state.available_floors:
-                yield f"{short(state.lift_name)} has no floor {short(floor)!r}; it has {name_lifts(state.available_floors)}"
+                yield f"{short(state.lift_name)} has no floor {short(floor)!r}; it has {join_names(state.available_floors)}"
                 self.end = AttemptEnd.REFUSED
                 return
         if (line := describe_state(state)) != self._last_line:
@@ -109,14 +109,14 @@ class Attempt:
             yield from self._fulfilled()
 
     def handle_relayed_request(self, request: LiftRequest) -> Iterator[str]:
-        """Take a request that is sent to lift adapters; yield lines for people."""
+        """Process a request to lift adapters; yield lines for people."""
         ours = request.lift_name == self._requested.lift and request.session_id == self._requested.session
         if ours and not self._direct and not self._is_relayed and self._is_sent:
             self._is_relayed = True
-            yield "a lift supervisor passes it on"
+            yield "a lift supervisor passes the request on"
 
     def tick(self, wall_s: float, now: float) -> Iterator[str]:
-        """Send what is due; yield lines for people. `wall_s` stands in the request."""
+        """Send what is due; yield lines for people. `wall_s` is the time in the request."""
         if self._is_over():
             return
         if self._found_at is None:
@@ -138,7 +138,7 @@ class Attempt:
         other, state = self._requested.instead_of, self._state
         if other is not None and not self._is_relayed:
             if state is not None and state.session_id == other:
-                yield f"{short(other)} holds the lift itself: it is not ended for another"
+                yield f"{short(other)} holds the lift itself, so its session is not ended for another"
                 self.end = AttemptEnd.REFUSED
                 return
             self._send(self._end_request(other, wall_s), False)
@@ -147,7 +147,7 @@ class Attempt:
         self._send(self._lift_request(wall_s), self._direct)
 
     def _choose_recipient(self, now: float, found_at: float) -> Iterator[str]:
-        """A supervisor decides whose turn it is; where there is none, nobody passes anything on (open-rmf 1.2)."""
+        """Send to the supervisor, which decides whose turn it is, or directly if nothing passes requests on (open-rmf 1.2)."""
         if self._requested.instead_of is not None:
             if now >= self._first_sent_at + PASSED_ON_WITHIN_S:
                 yield f"not passed on within {PASSED_ON_WITHIN_S:g} s: {self._explain()}"
@@ -156,17 +156,17 @@ class Attempt:
         if now < found_at + PASSED_ON_WITHIN_S or self._is_held_by_another():
             return
         if not self._listeners():
-            yield "nobody hears it: neither a lift supervisor nor a lift adapter reads requests here; are domain, namespace and topics right?"
+            yield "nobody receives it: neither a lift supervisor nor a lift adapter reads requests here; are domain, namespace and topics right?"
             self.end = AttemptEnd.REFUSED
             return
         self._direct, self._sent_at = True, -math.inf
-        yield "no lift supervisor passes it on: the lift adapter is asked directly"
+        yield "no lift supervisor passes it on: sending it to the lift adapter directly"
 
     def _is_over(self) -> bool:
         return self.end is not None
 
     def _is_held_by_another(self) -> bool:
-        """A supervisor passes nothing on for a second session while it has a first one."""
+        """Whether another session holds the lift, for which a supervisor passes on nothing else."""
         return self._state is not None and self._state.session_id not in ("", self._requested.session)
 
     def _lift_request(self, wall_s: float) -> LiftRequest:
@@ -207,7 +207,7 @@ class Attempt:
         )
 
     def report_open_session(self) -> Iterator[str]:
-        """Say what stays behind where this ended before the lift came: RMF's sessions stay until they are ended."""
+        """Yield how to end the session if this ended before the lift came: RMF's sessions stay until they are ended."""
         requested, state = self._requested, self._state
         if self.end in (AttemptEnd.FULFILLED, AttemptEnd.REFUSED) or requested.floor is None or not self._is_sent:
             return
@@ -219,18 +219,18 @@ class Attempt:
         )
 
     def _not_found(self) -> str:
-        heard = name_lifts(tuple(self._others))
-        return f"nobody publishes the state of a lift {short(self._requested.lift)!r}; lifts that are heard: {heard}"
+        published = join_names(tuple(self._others))
+        return f"nobody publishes the state of a lift {short(self._requested.lift)!r}; published lifts: {published}"
 
     def _explain(self) -> str:
-        """Say what stands in the way, as far as the lift's state shows it."""
+        """Explain the delay, as far as the lift's state shows it."""
         state, requested = self._state, self._requested
         if state is None:
-            return "the lift is not heard"
+            return "the lift publishes no state"
         if requested.instead_of is not None and not self._is_relayed:
-            return f"either there is no lift supervisor, or {short(requested.instead_of)} is not what it serves; `lift-manager rmf watch` shows that"
+            return f"either there is no lift supervisor, or {short(requested.instead_of)} is not the session it serves; `lift-manager rmf watch` shows that"
         if requested.floor is not None and self._is_held_by_another():
             return f"{short(state.session_id)} holds the lift; it is another's turn once that session has ended"
         if requested.floor is not None and not state.session_id:
-            return "the lift did not take the session; the log of its adapter says why"
+            return "the lift did not accept the session; the log of its adapter has the reason"
         return describe_state(state)

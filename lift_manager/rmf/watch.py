@@ -1,4 +1,4 @@
-"""What is said about lifts in RMF, in words, for the person who asks why the robot waits. Pure: seconds of any clock go in."""
+"""Describes RMF's messages about lifts in words, to show why a robot waits. Pure: times are seconds of any clock."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from lift_manager.rmf.messages import (
 )
 
 REPEAT_COUNT_S = 10.0
-"""Chosen: what repeats is counted, and the count is said so often while it goes on."""
+"""How often the count of a repeated message is reported while it goes on. Chosen."""
 SILENT_S = 3.0
-"""A lift that publishes twice a second, as this adapter does, or once, as others do, and is not heard for so long is told of."""
+"""A lift without a state for this long is reported. This adapter publishes twice a second, others once."""
 MAX_KEPT = 1000
-"""Lifts, and things said, of which is known what came last; of more than any site has the oldest are forgotten."""
+"""How many lifts, and how many messages, are remembered: more than any site has. The oldest are forgotten first."""
 TEXT_LIMIT = 80
-"""Characters of what somebody sent."""
+"""Characters of a received text that are shown."""
 
 _DOORS = {DOOR_CLOSED: "door closed", DOOR_MOVING: "door not open", DOOR_OPEN: "door open"}
 _MOTIONS = {
@@ -57,7 +57,7 @@ _TYPES = {AGV_MODE: "AGV", HUMAN_MODE: "HUMAN"}
 
 @dataclass(frozen=True)
 class Topics:
-    """What the topics of requests are called here."""
+    """The names of the request topics."""
 
     to_supervisor: str
     to_lift: str
@@ -65,7 +65,7 @@ class Topics:
 
 @dataclass
 class _ReportedLine:
-    """What came last of one kind, and how often it came again."""
+    """The latest line of one kind, and how often it was repeated since it was reported."""
 
     text: str
     reported_at: float
@@ -73,25 +73,25 @@ class _ReportedLine:
 
 
 class Watch:
-    """Turns what comes into lines; what only repeats is counted."""
+    """Turns messages into lines; repetitions are only counted."""
 
     def __init__(self, topics: Topics, lift: str | None = None) -> None:
-        """Without `lift` every lift is watched."""
+        """Without `lift`, all lifts are watched."""
         self._topics = topics
         self._lift = lift
         self._lines: OrderedDict[tuple[str, str, str], _ReportedLine] = OrderedDict()
-        """By topic, lift and session, cut short: what looks the same is counted as the same. Last heard is last."""
+        """By topic, lift and session as `short` shows them: what looks the same counts as the same. The latest is last."""
         self._states: OrderedDict[str, tuple[int, float]] = OrderedDict()
-        """By lift, cut short: what stands for its state, and when it was heard. Last heard is last."""
+        """By lift as `short` shows it: a hash of its state, and when it was received. The latest is last."""
         self._silent: set[str] = set()
 
     @property
     def lifts(self) -> tuple[str, ...]:
-        """The lifts whose state was heard, as `short` shows them."""
+        """The lifts whose state was received, as `short` shows them."""
         return tuple(self._states)
 
     def report_state(self, state: LiftState, now: float) -> Iterator[str]:
-        """Yield a line where a lift is not as it was."""
+        """Yield a line if the state of a lift has changed."""
         if not self._is_watched(state.lift_name):
             return
         name, mark = short(state.lift_name), hash(replace(state, lift_time=Time()))
@@ -103,33 +103,33 @@ class Watch:
             yield f"{name}: has the floors {', '.join(map(short, state.available_floors)) or 'none'}"
         if name in self._silent:
             self._silent.discard(name)
-            yield f"{name}: is heard again"
+            yield f"{name}: its state is published again"
         if before is None or before[0] != mark:
             yield describe_state(state)
 
     def report_request(self, topic: str, request: LiftRequest, now: float) -> Iterator[str]:
-        """Yield a line for a request, unless it is the one before once more."""
+        """Yield a line for a request, unless it repeats the previous one."""
         if not self._is_watched(request.lift_name):
             return
         key = (topic, short(request.lift_name), short(request.session_id))
         yield from self._report(key, f"{describe_request(request)}, {self._recipient(topic)}", now)
 
     def report_unreadable(self, text: str, now: float) -> Iterator[str]:
-        """Yield a line for a message that cannot be read; `text` says why."""
-        line = f"what cannot be read: {short(text)}"
+        """Yield a line for a message that cannot be decoded; `text` is the reason."""
+        line = f"unreadable message: {short(text)}"
         yield from self._report(("", "", line), line, now)
 
     def report_elapsed(self, now: float) -> Iterator[str]:
-        """Yield what only the passing of time shows: lifts that fell silent, and requests that are over."""
+        """Yield what only the passing of time shows: lifts that fell silent, and counts that are due."""
         for line in self._lines.values():
             yield from _report_repetitions(line, now, REPEAT_COUNT_S)
         for name, (_, at) in self._states.items():
             if now - at >= SILENT_S and name not in self._silent:
                 self._silent.add(name)
-                yield f"{name}: nobody publishes its state any more, for {SILENT_S:g} s"
+                yield f"{name}: nobody has published its state for {SILENT_S:g} s"
 
     def report_counts(self, now: float) -> Iterator[str]:
-        """Yield the counts that were not told yet."""
+        """Yield the counts that were not reported yet."""
         for line in self._lines.values():
             yield from _report_repetitions(line, now, 0.0)
 
@@ -174,26 +174,26 @@ def describe_state(state: LiftState) -> str:
 
 
 def describe_request(request: LiftRequest) -> str:
-    """Return what a request says: `lift1: fleet/robot1 wants L2, door open (AGV)`."""
-    who = short(request.session_id) if request.session_id else "somebody without a session id"
+    """Return one line about a request: `lift1: fleet/robot1 requests L2, door open (AGV)`."""
+    session = short(request.session_id) if request.session_id else "somebody without a session id"
     lift = short(request.lift_name)
     if request.request_type == END_SESSION:
-        asks = request.door_state == DOOR_OPEN and request.session_id
+        is_mistake = request.door_state == DOOR_OPEN and request.session_id
         # what request_lift.py of rmf_demos sends by mistake (open-rmf 1.6.13)
-        hint = f" (END_SESSION, although it names {short(request.destination_floor)}, door open)" if asks else ""
-        return f"{lift}: {who} ends its session{hint}"
+        hint = f" (END_SESSION, although it names {short(request.destination_floor)}, door open)" if is_mistake else ""
+        return f"{lift}: {session} ends its session{hint}"
     door = {DOOR_CLOSED: "door closed", DOOR_OPEN: "door open"}.get(request.door_state)
     kind = _TYPES.get(request.request_type, f"request_type {request.request_type}")
-    wants = f"{short(request.destination_floor) or 'no floor'}, {door or f'door_state {request.door_state}'}"
-    return f"{lift}: {who} wants {wants} ({kind})"
+    demand = f"{short(request.destination_floor) or 'no floor'}, {door or f'door_state {request.door_state}'}"
+    return f"{lift}: {session} requests {demand} ({kind})"
 
 
 def short(text: str) -> str:
-    """Return what somebody sent as it may stand in a line."""
+    """Return a received text as it may appear in a line."""
     cut = text if len(text) <= TEXT_LIMIT else f"{text[:TEXT_LIMIT]}..."
     return cut if cut.isprintable() else repr(cut)[1:-1]
 
 
-def name_lifts(lifts: Sequence[str]) -> str:
-    """Return which lifts are heard."""
+def join_names(lifts: Sequence[str]) -> str:
+    """Return lifts or floors as a list in words."""
     return ", ".join(map(short, lifts)) if lifts else "none"

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lift_manager.plain.rmf import Alarms, BadAnswer, HeldBy, LiftView, SiteView, parse_decision, parse_site
-from tests.lift_manager.rmf.beside_rig import LIFT, SITE
+from tests.lift_manager.rmf.remote_rig import LIFT, SITE
 from tests.support.rows import each_row
 
 TEXT = st.text(max_size=8)

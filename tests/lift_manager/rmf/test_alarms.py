@@ -78,7 +78,7 @@ def test_a_fire_that_is_latched_is_told_again_after_a_restart_of_the_adapter() -
     ride = bench(alarms=WANTED)
     ride.change(fire_latched=True)
     ride.restart_adapter()
-    ride.hear()
+    ride.report_site()
     assert ride.alarm.said == [True, True]
 
 
@@ -107,7 +107,7 @@ def test_a_fire_that_the_site_tells_no_more_is_forgotten_and_not_cleared(caplog:
     ride.change(fire_latched=True)
     told = len(ride.alarm.said)
     ride.boot, ride.alarms = "second", Alarms()
-    ride.hear()
+    ride.report_site()
     assert ride.alarm.forgotten_after == [told]
     assert caplog.messages[-1].startswith("the site file now announces fires to RMF on other topics")
     ride.elapse(10)
@@ -121,7 +121,7 @@ def test_a_fire_that_the_site_tells_in_one_way_less_is_forgotten_there_and_goes_
     ride.change(fire_latched=True)
     told = len(ride.alarm.said)
     ride.alarms = WANTED
-    ride.hear()
+    ride.report_site()
     assert (ride.alarm.offered[-1], ride.alarm.forgotten_after) == (WANTED, [told])
     assert ride.alarm.said[told:] == [True], "forgetting takes both back"
     ride.elapse(10)
@@ -135,7 +135,7 @@ def test_a_site_that_begins_to_tell_of_fires_while_there_is_one_tells_of_it() ->
     ride.elapse(5)
     told = len(ride.alarm.said)
     ride.alarms = WANTED
-    ride.hear()
+    ride.report_site()
     assert ride.alarm.said[told:] == [True]
 
 
@@ -155,7 +155,7 @@ def test_who_reads_the_log_finds_why_robots_left(caplog: pytest.LogCaptureFixtur
 def test_the_adapter_wakes_to_tell_again() -> None:
     ride = Bench(views={}, alarms=WANTED)
     ride.views["lift"] = lift(fire_latched=True)
-    ride.hear()
+    ride.report_site()
     now = ride.now
     for _ in range(20):
         now = ride.adapter.tick(now)

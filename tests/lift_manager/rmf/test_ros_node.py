@@ -45,10 +45,10 @@ def test_topics_types_and_quality_of_service_are_those_of_the_contract(ros: Ros)
         ros.world.topics[name] for name in ("/lift_states", "/lift_requests", "/adapter_lift_requests")
     )
     # one that could not be delivered in a second says what is over, and OPEN would be believed
-    offer, wish = ros.offer(depth=100, lifespan_s=1.0), ros.offer(depth=10_000)
+    offer, demand = ros.offer(depth=100, lifespan_s=1.0), ros.offer(depth=10_000)
     assert [(one.kind, one.offer) for one in states.writers] == [(ros.lift_msgs.LiftState, offer)]
-    assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, wish)]
-    assert [(one.kind, one.offer) for one in fleets.readers] == [(ros.lift_msgs.LiftRequest, wish)]
+    assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, demand)]
+    assert [(one.kind, one.offer) for one in fleets.readers] == [(ros.lift_msgs.LiftRequest, demand)]
     assert not states.readers
     assert not requests.writers
     assert not fleets.writers

@@ -13,7 +13,7 @@ from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
 from lift_manager.rmf.port import Answer, Deliver, EndOfSession, ManagerListener, ManagerRequest, SessionDemand
 from lift_manager.rmf.run import RESTART_PAUSE_S, RunningAdapter
-from tests.lift_manager.rmf.bench import AlarmEar
+from tests.lift_manager.rmf.bench import RecordedAlarms
 
 REQUEST = LiftRequest("Lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN)
 
@@ -49,7 +49,7 @@ class FakeRmf:
     def __init__(self, listener: DdsListener, deliver: Deliver) -> None:
         self.listener, self.deliver = listener, deliver
         self.states: list[tuple[float, LiftState]] = []
-        self.alarm = AlarmEar()
+        self.alarm = RecordedAlarms()
         self.closed = False
 
     def publish(self, state: LiftState) -> None:

@@ -73,17 +73,17 @@ def test_a_state_in_words(state: LiftState, words: str) -> None:
 @each_row(
     ("request_", "words"),
     [
-        (REQUEST, "lift1: fleet/robot1 wants L2, door open (AGV)"),
-        (replace(REQUEST, request_type=HUMAN_MODE, door_state=DOOR_CLOSED), "lift1: fleet/robot1 wants L2, door closed (HUMAN)"),
-        (replace(REQUEST, request_type=9, door_state=1), "lift1: fleet/robot1 wants L2, door_state 1 (request_type 9)"),
+        (REQUEST, "lift1: fleet/robot1 requests L2, door open (AGV)"),
+        (replace(REQUEST, request_type=HUMAN_MODE, door_state=DOOR_CLOSED), "lift1: fleet/robot1 requests L2, door closed (HUMAN)"),
+        (replace(REQUEST, request_type=9, door_state=1), "lift1: fleet/robot1 requests L2, door_state 1 (request_type 9)"),
         (END, "lift1: fleet/robot1 ends its session"),
         (replace(END, session_id=""), "lift1: somebody without a session id ends its session"),
         (
             replace(REQUEST, request_type=END_SESSION),
             "lift1: fleet/robot1 ends its session (END_SESSION, although it names L2, door open)",
         ),
-        (replace(REQUEST, session_id="a\n\x1b[31m"), "lift1: a\\n\\x1b[31m wants L2, door open (AGV)"),
-        (replace(REQUEST, session_id="x" * 1000), f"lift1: {'x' * 80}... wants L2, door open (AGV)"),
+        (replace(REQUEST, session_id="a\n\x1b[31m"), "lift1: a\\n\\x1b[31m requests L2, door open (AGV)"),
+        (replace(REQUEST, session_id="x" * 1000), f"lift1: {'x' * 80}... requests L2, door open (AGV)"),
     ],
 )  # fmt: skip
 def test_a_request_in_words(request_: LiftRequest, words: str) -> None:
@@ -104,15 +104,15 @@ def test_a_state_is_told_when_it_changes_and_not_when_only_its_time_does() -> No
 
 def test_requests_that_repeat_are_counted_for_each_session_and_topic_and_the_count_is_told_now_and_then() -> None:
     watch = Watch(TOPICS)
-    line = "lift1: fleet/robot1 wants L2, door open (AGV), to the supervisor"
+    line = "lift1: fleet/robot1 requests L2, door open (AGV), to the supervisor"
     assert told(watch.report_request(ADAPTER, REQUEST, 0.0)) == [line]
     assert told(watch.report_request(LIFT, REQUEST, 0.1)) == [
-        "lift1: fleet/robot1 wants L2, door open (AGV), to the lift"
+        "lift1: fleet/robot1 requests L2, door open (AGV), to the lift"
     ]
     lines = [said for turn in range(1, 40) for said in watch.report_request(ADAPTER, REQUEST, turn / 2)]
     assert lines == [f"{line}: 20 times more"]
     other = replace(REQUEST, session_id="fleet/robot2")
-    assert told(watch.report_request(ADAPTER, other, 19.6))[0].startswith("lift1: fleet/robot2 wants L2")
+    assert told(watch.report_request(ADAPTER, other, 19.6))[0].startswith("lift1: fleet/robot2 requests L2")
     assert told(watch.report_request(ADAPTER, END, 19.7)) == [
         f"{line}: 19 times more",
         "lift1: fleet/robot1 ends its session, to the supervisor",
@@ -132,14 +132,14 @@ def test_counts_are_told_when_requests_cease_and_at_the_end() -> None:
 
 def test_what_cannot_be_read_is_told_once_and_then_counted() -> None:
     watch = Watch(TOPICS)
-    line = "what cannot be read: its text is not UTF-8 (lift_requests)"
+    line = "unreadable message: its text is not UTF-8 (lift_requests)"
     said = [
         line
         for turn in range(100)
         for line in watch.report_unreadable("its text is not UTF-8 (lift_requests)", turn / 5)
     ]
     assert said == [line, f"{line}: 50 times more"]
-    assert told(watch.report_unreadable("x" * 1000, 20.0)) == [f"what cannot be read: {'x' * 80}..."]
+    assert told(watch.report_unreadable("x" * 1000, 20.0)) == [f"unreadable message: {'x' * 80}..."]
     assert told(watch.report_elapsed(21.0)) == [f"{line}: 49 times more"]
 
 
@@ -187,9 +187,9 @@ def test_a_lift_that_falls_silent_is_told_of_once_and_again_when_it_is_heard() -
     watch = Watch(TOPICS)
     told(watch.report_state(STATE, 0.0))
     assert told(watch.report_elapsed(SILENT_S - 0.1)) == []
-    assert told(watch.report_elapsed(SILENT_S)) == ["lift1: nobody publishes its state any more, for 3 s"]
+    assert told(watch.report_elapsed(SILENT_S)) == ["lift1: nobody has published its state for 3 s"]
     assert told(watch.report_elapsed(SILENT_S + 1)) == []
-    assert told(watch.report_state(STATE, 9.0)) == ["lift1: is heard again"]
+    assert told(watch.report_state(STATE, 9.0)) == ["lift1: its state is published again"]
     assert told(watch.report_state(STATE, 9.5)) == []
 
 
@@ -247,15 +247,15 @@ def test_a_request_goes_to_the_supervisor_once_a_second_until_the_lift_is_there_
         LiftRequest("lift1", Time(1000, 500_000_000), "trial", AGV_MODE, "L2", DOOR_OPEN),
         False,
     )
-    assert street.lines[:2] == [describe_state(IDLE), "a lift supervisor passes it on"]
+    assert street.lines[:2] == [describe_state(IDLE), "a lift supervisor passes the request on"]
     assert "--end --session trial" in street.lines[-1]
 
 
 def test_without_a_supervisor_the_lift_adapter_is_asked_directly_and_that_is_said() -> None:
     street = Street(replace(ERRAND, human=True, open_door=False), supervised=False)
     street.until(6.0, IDLE)
-    assert "no lift supervisor passes it on: the lift adapter is asked directly" in street.lines
-    assert "a lift supervisor passes it on" not in street.lines
+    assert "no lift supervisor passes it on: sending it to the lift adapter directly" in street.lines
+    assert "a lift supervisor passes the request on" not in street.lines
     assert [(at, direct) for at, _, direct in street.sent][:5] == [
         (0.5, False),
         (1.5, False),
@@ -304,7 +304,7 @@ def test_a_session_that_holds_the_lift_itself_is_not_ended_for_another() -> None
     street.until(5.0, replace(STATE, session_id="fleet/robot2"))
     assert street.ended() is AttemptEnd.REFUSED
     assert street.sent == []
-    assert street.lines[-1] == "fleet/robot2 holds the lift itself: it is not ended for another"
+    assert street.lines[-1] == "fleet/robot2 holds the lift itself, so its session is not ended for another"
 
 
 def test_without_a_supervisor_nothing_is_asked_instead_of_another_session_and_the_reason_comes_soon() -> None:
@@ -314,7 +314,7 @@ def test_without_a_supervisor_nothing_is_asked_instead_of_another_session_and_th
     assert street.now == 3.5
     assert not any(direct for *_, direct in street.sent)
     assert street.lines[-1].startswith(
-        "not passed on within 3 s: either there is no lift supervisor, or fleet/robot2 is not what it serves"
+        "not passed on within 3 s: either there is no lift supervisor, or fleet/robot2 is not the session it serves"
     )
 
 
@@ -322,7 +322,7 @@ def test_nobody_who_listens_is_said_and_nothing_is_waited_for() -> None:
     street = Street(ERRAND, supervised=False, adapters=0)
     street.until(60.0, IDLE)
     assert street.ended() is AttemptEnd.REFUSED
-    assert "nobody hears it" in street.lines[-1]
+    assert "nobody receives it" in street.lines[-1]
     assert street.now < 5.0
 
 
@@ -350,9 +350,9 @@ def test_an_end_is_sent_even_where_the_lift_tells_no_session_because_the_supervi
         (
             replace(ERRAND, lift="lift9"),
             IDLE,
-            "nobody publishes the state of a lift 'lift9'; lifts that are heard: lift1",
+            "nobody publishes the state of a lift 'lift9'; published lifts: lift1",
         ),
-        (ERRAND, None, "nobody publishes the state of a lift 'lift1'; lifts that are heard: none"),
+        (ERRAND, None, "nobody publishes the state of a lift 'lift1'; published lifts: none"),
     ],
 )
 def test_a_lift_or_floor_that_is_not_there_is_not_asked_for(
@@ -388,7 +388,7 @@ def test_a_request_that_ends_before_the_lift_comes_says_how_its_session_is_ended
     ("state", "words"),
     [
         (STATE, "not within 60 s: fleet/robot1 holds the lift; it is another's turn once that session has ended"),
-        (IDLE, "not within 60 s: the lift did not take the session; the log of its adapter says why"),
+        (IDLE, "not within 60 s: the lift did not accept the session; the log of its adapter has the reason"),
         (
             replace(STATE, session_id="trial", door_state=DOOR_MOVING),
             "not within 60 s: lift1: at L2, door not open, stopped, AGV, held by trial",

@@ -73,7 +73,7 @@ class Manager:
 
 
 @dataclass(frozen=True)
-class Heard:
+class Received:
     """Calls of `on_site`."""
 
     site: SiteView
@@ -88,15 +88,15 @@ class Lost:
     reason: str
 
 
-class Ears:
+class RecordingListener:
     """Implements `port.Hears`, in the thread of the test: what was handed over is run when the test wants to hear more."""
 
     def __init__(self) -> None:
         self.inbox: queue.Queue[Callable[[], None]] = queue.Queue()
-        self._said: list[Heard | Answer | Lost] = []
+        self._said: list[Received | Answer | Lost] = []
 
     def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
-        self._said.append(Heard(site, asked_at, now))
+        self._said.append(Received(site, asked_at, now))
 
     def on_answer(self, answer: Answer, now: float) -> None:
         self._said.append(answer)
@@ -104,19 +104,19 @@ class Ears:
     def on_manager_lost(self, reason: str, now: float) -> None:
         self._said.append(Lost(reason))
 
-    def next(self) -> Heard | Answer | Lost:
+    def next(self) -> Received | Answer | Lost:
         while not self._said:
             self.inbox.get(timeout=WITHIN_S)()
         return self._said.pop(0)
 
-    def next_heard(self) -> Heard:
+    def next_site(self) -> Received:
         """Pass over answers, and fail where the manager is lost."""
         while isinstance(found := self.next(), Answer):
             pass
-        assert isinstance(found, Heard), found
+        assert isinstance(found, Received), found
         return found
 
-    def next_lost(self) -> str:
+    def next_loss(self) -> str:
         """Pass over what was heard before."""
         while not isinstance(found := self.next(), Lost):
             pass
@@ -128,7 +128,7 @@ class Ears:
             pass
         return found
 
-    def all_until(self, at: float) -> list[Heard | Answer | Lost]:
+    def all_until(self, at: float) -> list[Received | Answer | Lost]:
         """Return what comes until this monotonic time."""
         while (left := at - time.monotonic()) > 0:
             try:
@@ -140,21 +140,21 @@ class Ears:
 
 
 @contextmanager
-def beside(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[RemoteManager, Ears]]:
+def connected(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[RemoteManager, RecordingListener]]:
     """An adapter's way to whoever answers at this port, and what is heard over it."""
-    way, ears = RemoteManager(Server(Address("127.0.0.1", port), key), pace), Ears()
-    way.start(ears, ears.inbox.put)
+    remote, listener = RemoteManager(Server(Address("127.0.0.1", port), key), pace), RecordingListener()
+    remote.start(listener, listener.inbox.put)
     try:
-        yield way, ears
+        yield remote, listener
     finally:
-        way.close()
+        remote.close()
 
 
 @contextmanager
-def met(manager: Script, pace: Pace = CALM) -> Iterator[tuple[Scripted, RemoteManager, Ears]]:
+def scripted_manager(manager: Script, pace: Pace = CALM) -> Iterator[tuple[Scripted, RemoteManager, RecordingListener]]:
     """A manager, and an adapter's way to it."""
-    with Scripted(manager) as server, beside(server.port, pace) as (way, ears):
-        yield server, way, ears
+    with Scripted(manager) as server, connected(server.port, pace) as (remote, listener):
+        yield server, remote, listener
 
 
 def spoiled(**changes: Any) -> bytes:
