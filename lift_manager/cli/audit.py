@@ -15,8 +15,8 @@ from zoneinfo import ZoneInfo
 
 import typer
 
-from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
-from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, store_path_of
+from lift_manager.cli.audit_text import RowTable, escape_unprintable, write_csv, write_jsonl
+from lift_manager.cli.common import err, fail, load_site_or_exit, out, print_lines, print_stderr, store_path_of
 from lift_manager.config.site import Site
 from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
@@ -47,7 +47,7 @@ _UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks
 SiteOption = Annotated[
     Path | None, typer.Argument(metavar="SITE", help="The site file. The journal is where `serve` keeps it.")
 ]
-Journal = Annotated[
+JournalOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="This file instead: a copy, or a journal that was moved away.")
 ]
 OfLift = Annotated[str | None, typer.Option(metavar="LIFT", help="Rows of this lift.")]
@@ -93,7 +93,7 @@ SinceSeal = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class JournalSource:
     """A journal, and the building it is of."""
 
     path: Path
@@ -110,7 +110,7 @@ class Source:
 def audit(  # noqa: PLR0913  a parameter per option
     site: SiteOption = None,
     *,
-    journal: Journal = None,
+    journal: JournalOption = None,
     lift: OfLift = None,
     kinds: Kinds = None,
     caller: Caller = None,
@@ -129,48 +129,50 @@ def audit(  # noqa: PLR0913  a parameter per option
     """Show who asked for what, what was written because of it, and what became of it; export and verify it."""
     seal = _seal(since_seal)
     walk = verified or seal is not None
-    _one_of({"--follow": follow, "--csv": as_csv is not None, "--jsonl": as_jsonl is not None, "--verify": walk})
+    _require_one_of(
+        {"--follow": follow, "--csv": as_csv is not None, "--jsonl": as_jsonl is not None, "--verify": walk}
+    )
     if walk and (lift, kinds, caller, since, until, last, find, event) != (None,) * 8:
         raise typer.BadParameter("the whole chain is verified; leave out what chooses rows", param_hint="--verify")
-    source = _source(site, journal)
+    source = _journal_source(site, journal)
     now = datetime.now(UTC).astimezone(source.zone)
-    wanted = RowFilter(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
+    row_filter = RowFilter(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
     try:
         if walk:
             _verify(source, seal)
         elif as_csv is not None:
-            _export(source, wanted, last, as_csv, write_csv, force=force)
+            _export(source, row_filter, last, as_csv, write_csv, force=force)
         elif as_jsonl is not None:
-            _export(source, wanted, last, as_jsonl, write_jsonl, force=force)
+            _export(source, row_filter, last, as_jsonl, write_jsonl, force=force)
         elif follow:
-            _follow(source, wanted, LAST_FOLLOWED if last is None else last)
+            _follow(source, row_filter, LAST_FOLLOWED if last is None else last)
         else:
-            _show(source, wanted, last)
+            _show(source, row_filter, last)
     except JournalUnreadable as error:
-        raise fail(shown(str(error))) from error
+        raise fail(escape_unprintable(str(error))) from error
 
 
-def _show(source: Source, wanted: RowFilter, last: int | None) -> None:
+def _show(source: JournalSource, row_filter: RowFilter, last: int | None) -> None:
     count = LAST if last is None else last
     with open_journal(source.path, copy=source.copy) as reader:
-        found = reader.newest(wanted, count + 1)
+        found = reader.newest(row_filter, count + 1)
     rows = found[-count:] if count else []
     if not rows:
-        say_aside(_nothing(source, wanted, any_rows=bool(found)))
+        print_stderr(_no_rows_message(source, row_filter, any_rows=bool(found)))
         return
     if len(found) > count and last is None:
         err.print(f"the newest {count} rows; --last N shows more", style="dim", highlight=False)
-    Sheet(out, source.zone, rows, _lifts(source)).show(rows)
+    RowTable(out, source.zone, rows, _lifts(source)).show(rows)
 
 
-def _follow(source: Source, wanted: RowFilter, count: int) -> None:
+def _follow(source: JournalSource, row_filter: RowFilter, count: int) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
         newest = next(iter(reader.newest(ALL, 1)), None)
-        rows = reader.newest(wanted, count, newest.seq if newest is not None else None)
-    sheet = Sheet(out, source.zone, rows, _lifts(source))
-    follower = Follower(source.path, wanted, newest, copy=source.copy)
+        rows = reader.newest(row_filter, count, newest.seq if newest is not None else None)
+    table = RowTable(out, source.zone, rows, _lifts(source))
+    follower = Follower(source.path, row_filter, newest, copy=source.copy)
     try:
-        sheet.show(rows)
+        table.show(rows)
         while True:
             news = follower.news()
             if news.replaced:
@@ -179,7 +181,7 @@ def _follow(source: Source, wanted: RowFilter, count: int) -> None:
                 )
             if news.cut is not None:
                 err.print("rows {} to {} were cut before they could be shown".format(*news.cut), highlight=False)
-            sheet.show(news.rows)
+            table.show(news.rows)
             time.sleep(LOOK_S)
     except KeyboardInterrupt:
         return  # that is how it ends
@@ -187,19 +189,19 @@ def _follow(source: Source, wanted: RowFilter, count: int) -> None:
         follower.close()
 
 
-def _verify(source: Source, seal: Seal | None) -> None:
+def _verify(source: JournalSource, seal: Seal | None) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
         try:
             chain = verify(reader, reader.site if source.site is None else source.site.name, seal)
         except ChainBroken as broken:
             with suppress(JournalUnreadable):
                 if (row := reader.row(broken.seq)) is not None:
-                    Sheet(out, source.zone, [row], ()).show([row])
-            raise fail(shown(f"{source.path}: {broken}")) from broken
-        say(_verdict(source, shown(reader.site), chain, seal))
+                    RowTable(out, source.zone, [row], ()).show([row])
+            raise fail(escape_unprintable(f"{source.path}: {broken}")) from broken
+        print_lines(_verdict(source, escape_unprintable(reader.site), chain, seal))
 
 
-def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iterator[str]:
+def _verdict(source: JournalSource, site: str, chain: Chain, seal: Seal | None) -> Iterator[str]:
     yield f"{source.path}: the chain of the site {site} holds"
     if chain.newest is None:
         yield "rows    none"
@@ -209,7 +211,7 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
     yield f"rows    {chain.rows}, from {chain.first} to {newest.seq}"
     if chain.cut is not None:
         yield f"cut     rows up to {chain.cut.through} were cut, says row {chain.cut.anchor}"
-        yield from _odd(source, chain)
+        yield from _unexpected_cut(source, chain)
     if seal is not None:
         yield f"noted   row {seal.seq} is the one that was noted"
         if seal.first is not None:
@@ -220,7 +222,7 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
     yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was written anew, and which rows were cut."
 
 
-def _odd(source: Source, chain: Chain) -> Iterator[str]:
+def _unexpected_cut(source: JournalSource, chain: Chain) -> Iterator[str]:
     """Say that rows were cut which the site file keeps: that may have a good reason, and somebody should know it."""
     cut, oldest = chain.cut, chain.oldest
     if source.site is None or cut is None or oldest is None:
@@ -229,14 +231,14 @@ def _odd(source: Source, chain: Chain) -> Iterator[str]:
     days = (cut.at - oldest.at) / _DAY_US
     if days >= keeps.keep_days - 1 or megabytes >= _NEARLY_FULL * keeps.max_mb:
         return
-    left = f"that cut left rows of the last {max(days, 0):.0f} days"
-    yield f"odd     {left}; the site file keeps {keeps.keep_days}, and the journal has {megabytes:.0f} of {keeps.max_mb} MB:"
+    remaining = f"that cut left rows of the last {max(days, 0):.0f} days"
+    yield f"odd     {remaining}; the site file keeps {keeps.keep_days}, and the journal has {megabytes:.0f} of {keeps.max_mb} MB:"
     yield "        were `keep_days` or `max_mb` smaller then, was the clock wrong, was no manager running, or has somebody cut it?"
 
 
 def _export(
-    source: Source,
-    wanted: RowFilter,
+    source: JournalSource,
+    row_filter: RowFilter,
     last: int | None,
     path: Path,
     write: Callable[[Iterable[StoredRow], BinaryIO], int],
@@ -244,53 +246,53 @@ def _export(
     force: bool,
 ) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
-        rows = reader.rows(wanted) if last is None else reader.newest(wanted, last)
+        rows = reader.rows(row_filter) if last is None else reader.newest(row_filter, last)
         if str(path) == "-":
             write(rows, sys.stdout.buffer)
             return
         if path.exists() and not (force and path.is_file()):
             raise fail(f"{path}: there already; give another name, or --force to replace a file")
-        beside = path.with_name(f"{path.name}.part")
+        part_file = path.with_name(f"{path.name}.part")
         try:
-            with beside.open("wb") as file:
+            with part_file.open("wb") as file:
                 if write is write_csv:
                     file.write(b"\xef\xbb\xbf")  # without it a spreadsheet does not read letters beyond ASCII
                 count = write(rows, file)
-            beside.replace(path)
+            part_file.replace(path)
         except OSError as error:
             raise fail(f"{path} cannot be written: {error.strerror or error}") from error
         finally:
-            beside.unlink(missing_ok=True)
-    say([f"{count} row{'' if count == 1 else 's'} in {path}"])
+            part_file.unlink(missing_ok=True)
+    print_lines([f"{count} row{'' if count == 1 else 's'} in {path}"])
 
 
-def _source(site: Path | None, journal: Path | None) -> Source:
+def _journal_source(site: Path | None, journal: Path | None) -> JournalSource:
     if site is None:
         if journal is None:
             raise typer.BadParameter("name the site file, or a journal with --journal FILE", param_hint="SITE")
-        return Source(journal, None, copy=True)
-    loaded = loaded_site(site)
+        return JournalSource(journal, None, copy=True)
+    loaded = load_site_or_exit(site)
     if journal is not None:
-        return Source(journal, loaded.site, copy=True)
-    return Source(store_path_of(loaded), loaded.site, copy=False)
+        return JournalSource(journal, loaded.site, copy=True)
+    return JournalSource(store_path_of(loaded), loaded.site, copy=False)
 
 
-def _lifts(source: Source) -> Iterable[str]:
+def _lifts(source: JournalSource) -> Iterable[str]:
     return () if source.site is None else source.site.lifts
 
 
-def _nothing(source: Source, wanted: RowFilter, *, any_rows: bool) -> str:
-    if wanted.lift is not None and source.site is not None and wanted.lift not in source.site.lifts:
-        return f"no row is of a lift {wanted.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
-    if any_rows or wanted == ALL:
+def _no_rows_message(source: JournalSource, row_filter: RowFilter, *, any_rows: bool) -> str:
+    if row_filter.lift is not None and source.site is not None and row_filter.lift not in source.site.lifts:
+        return f"no row is of a lift {row_filter.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
+    if any_rows or row_filter == ALL:
         return "no rows"
     return "no row is like that"
 
 
-def _one_of(ways: dict[str, bool]) -> None:
-    said = [way for way, is_said in ways.items() if is_said]
-    if len(said) > 1:
-        raise typer.BadParameter(f"{' and '.join(said)} do not go together; give one of them", param_hint=said[1])
+def _require_one_of(options: dict[str, bool]) -> None:
+    given = [option for option, is_given in options.items() if is_given]
+    if len(given) > 1:
+        raise typer.BadParameter(f"{' and '.join(given)} do not go together; give one of them", param_hint=given[1])
 
 
 def _seal(text: str | None) -> Seal | None:

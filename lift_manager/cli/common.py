@@ -33,52 +33,52 @@ Floors = Annotated[str, typer.Option(help="Floors with their codes, lowest first
 _NUMBER = re.compile(r"-?[0-9]+")
 
 
-def say(lines: Iterable[str]) -> None:
+def print_lines(lines: Iterable[str]) -> None:
     """Print lines as they are: not coloured, not wrapped."""
     for line in lines:
         out.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def say_json(found: DataclassInstance | Sequence[DataclassInstance]) -> None:
+def print_json(found: DataclassInstance | Sequence[DataclassInstance]) -> None:
     """Print data for other programs."""
     data = [asdict(item) for item in found] if isinstance(found, Sequence) else asdict(found)
-    say([json.dumps(data, indent=2)])
+    print_lines([json.dumps(data, indent=2)])
 
 
-def say_aside(text: str) -> None:
+def print_stderr(text: str) -> None:
     """Print to stderr as it is: what is no part of the answer."""
     err.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def fail(text: str) -> typer.Exit:
     """Print one sentence to stderr; raise what this returns."""
-    say_aside(text)
+    print_stderr(text)
     return typer.Exit(1)
 
 
-def refused(error: MapFileError) -> typer.Exit:
+def report_mistakes(error: MapFileError) -> typer.Exit:
     """Print every mistake of a file to stderr, and their number; raise what this returns."""
     for finding in error.findings:
-        say_aside(str(finding))
+        print_stderr(str(finding))
     count = len(error.findings)
     err.print(f"{count} mistake{'' if count == 1 else 's'}", highlight=False)
     return typer.Exit(2)
 
 
-def loaded_map(name: str) -> LoadedMap:
+def load_map_or_exit(name: str) -> LoadedMap:
     """Load a map, or say what is wrong with it and exit with 2."""
     try:
         return load(name, near=Path.cwd())
     except MapFileError as error:
-        raise refused(error) from error
+        raise report_mistakes(error) from error
 
 
-def loaded_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
+def load_site_or_exit(path: Path, *, for_rmf: bool = False) -> LoadedSite:
     """Load a site, one that is used with RMF where `for_rmf` says so, or say what is wrong with it and exit with 2."""
     try:
         return load_site(path, for_rmf=for_rmf)
     except MapFileError as error:
-        raise refused(error) from error
+        raise report_mistakes(error) from error
 
 
 def store_path_of(loaded: LoadedSite) -> Path:

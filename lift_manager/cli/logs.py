@@ -64,7 +64,7 @@ class JsonFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
         at = datetime.fromtimestamp(record.created, UTC).replace(tzinfo=None)
-        said = {
+        fields = {
             "time": f"{at.isoformat(timespec='milliseconds')}Z",
             "level": record.levelname.lower(),
             "logger": record.name,
@@ -73,12 +73,12 @@ class JsonFormatter(logging.Formatter):
         for name in ("event", "lift"):
             value = getattr(record, name, None)
             if isinstance(value, str) and value:
-                said[name] = value
+                fields[name] = value
         if record.exc_info:
-            said["exception"] = self.formatException(record.exc_info)
+            fields["exception"] = self.formatException(record.exc_info)
         if record.stack_info:
-            said["stack"] = self.formatStack(record.stack_info)
-        return redacted(json.dumps(said, ensure_ascii=False))
+            fields["stack"] = self.formatStack(record.stack_info)
+        return redacted(json.dumps(fields, ensure_ascii=False))
 
 
 _FORMATTERS: dict[LogFormat, type[logging.Formatter]] = {

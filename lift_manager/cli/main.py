@@ -13,10 +13,10 @@ from lift_manager.plain.version import running_version
 from register_maps.plain import closest
 
 COMMANDS = {
-    "demo": "trying:demo",
-    "serve": "serving:serve",
-    "check": "trying:check",
-    "simulate": "trying:simulate",
+    "demo": "lab:demo",
+    "serve": "serve:serve",
+    "check": "check:check",
+    "simulate": "lab:simulate",
     "keys": "keys:app",
     "lifts": "lifts:lifts",
     "ride": "ride:ride",
@@ -59,8 +59,8 @@ class Commands(TyperGroup):
 app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
 
-def _version(*, asked: bool) -> None:
-    if asked:
+def _version(*, is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"lift-manager {running_version()}")
         raise typer.Exit
 
@@ -71,7 +71,7 @@ def lift_manager(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=lambda value: _version(asked=value), is_eager=True, help="Show the version."
+            "--version", callback=lambda value: _version(is_requested=value), is_eager=True, help="Show the version."
         ),
     ] = False,
 ) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import SiteFile, fail, loaded_site, say
+from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, print_lines
 from lift_manager.commissioning.network import nftables, systemd
 from lift_manager.commissioning.network.build import look_up, network
 from lift_manager.commissioning.network.errors import NetworkRefused
@@ -60,17 +60,17 @@ def show(  # noqa: PLR0913 - one parameter for each option that is typed
         raise typer.BadParameter(
             "the address of the manager's computer, as the controllers see it", param_hint="--manager"
         )
-    loaded = loaded_site(site)
+    loaded = load_site_or_exit(site)
     try:
         found = network(loaded, look_up if suricata or nft or nft_gateway or unit else None)
     except NetworkRefused as error:
         raise fail(str(error)) from error
     if suricata:
-        say(rules(found, managers, action=action.value, reads=reads))
+        print_lines(rules(found, managers, action=action.value, reads=reads))
     elif nft:
-        say(nftables.host(found, networks, _user(user)))
+        print_lines(nftables.host(found, networks, _user(user)))
     else:
-        say(_rest(found, managers, networks, gateway=nft_gateway, unit=unit))
+        print_lines(_rest(found, managers, networks, gateway=nft_gateway, unit=unit))
 
 
 def _rest(

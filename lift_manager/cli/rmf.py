@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 from prometheus_client import CollectorRegistry, PlatformCollector, ProcessCollector, start_http_server
 
-from lift_manager.cli import rmf_look
-from lift_manager.cli.common import fail, say
+from lift_manager.cli import rmf_tools
+from lift_manager.cli.common import fail, print_lines
 from lift_manager.cli.key_file import KeyFile, key_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
@@ -25,11 +25,11 @@ from lift_manager.cli.rmf_options import (
     RequestsTopic,
     SimTime,
     StatesTopic,
-    joined,
+    describe_rmf,
+    join_rmf,
     ros_settings,
-    where_in_rmf,
 )
-from lift_manager.cli.secured import Ca
+from lift_manager.cli.tls_options import Ca
 from lift_manager.metrics.rmf import RmfCollector
 from lift_manager.plain.http import DEFAULT_PORT, Address, BadAddress, Server
 from lift_manager.plain.signals import stop_on_signals
@@ -42,8 +42,8 @@ from lift_manager.rmf.run import RunningAdapter
 app = typer.Typer(
     help="Run the Open-RMF lift adapter beside a manager, without ROS; or see what RMF and the lifts say to each other."
 )
-app.command("watch")(rmf_look.watch)
-app.command("request")(rmf_look.request)
+app.command("watch")(rmf_tools.watch)
+app.command("request")(rmf_tools.request)
 
 MetricsPort = Annotated[
     int | None,
@@ -114,8 +114,8 @@ async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
         counts=counts,
         adapter_id=settings.adapter,
     )
-    joined(running.open)
-    say([f"Open-RMF lift adapter: {where_in_rmf(settings)}; manager {server.address}; Ctrl-C ends it"])
+    join_rmf(running.open)
+    print_lines([f"Open-RMF lift adapter: {describe_rmf(settings)}; manager {server.address}; Ctrl-C ends it"])
     async with asyncio.TaskGroup() as tasks:
         task = tasks.create_task(running.run())
         await stop.wait()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from lift_manager.cli.common import fail, say_aside
+from lift_manager.cli.common import fail, print_stderr
 from lift_manager.rmf.dds import DdsError, DdsMissing
 from lift_manager.rmf.ros_settings import HIGHEST_DOMAIN, BadSettings, RosSettings
 
@@ -102,23 +102,23 @@ def settings_of_site(rmf: Rmf) -> RosSettings:
     )
 
 
-def joined(make: Callable[[], Made]) -> Made:
+def join_rmf(make: Callable[[], Made]) -> Made:
     """Join RMF, or say why that cannot be and exit."""
     try:
         return make()
     except DdsError as error:
-        raise not_joined(error) from error
+        raise report_join_failure(error) from error
 
 
-def not_joined(error: Exception) -> typer.Exit:
+def report_join_failure(error: Exception) -> typer.Exit:
     """Say why RMF cannot be joined; raise what this returns. Exit code 2 where something has to be installed first, else 1."""
     if not isinstance(error, DdsMissing):
         return fail(str(error))
-    say_aside(str(error))
+    print_stderr(str(error))
     return typer.Exit(2)
 
 
-def where_in_rmf(settings: RosSettings) -> str:
+def describe_rmf(settings: RosSettings) -> str:
     """Say where in RMF that is."""
     topics = f"/{settings.resolved(settings.states_topic)} and /{settings.resolved(settings.requests_topic)}"
     reach = "" if settings.discovery_range == "SUBNET" else f", discovery {settings.discovery_range}"

@@ -217,7 +217,7 @@ def test_a_lift_moves_when_rmf_asks_for_it_and_is_offline_for_rmf_when_its_adapt
         done = call("rmf", "request", "Lift1", "L2", "--direct", "--session", "fleet/r1", *NAMESPACE)
         assert done.returncode == 0, done.stdout + done.stderr
         assert done.stdout.splitlines()[-2] == "Lift1: at L2, door open, stopped, AGV, held by fleet/r1"
-        looking.says(r"\d\d:\d\d:\d\d\.\d{3} Lift1: fleet/r1 wants L2, door open \(AGV\), to the lift")
+        looking.says(r"\d\d:\d\d:\d\d\.\d{3} Lift1: fleet/r1 requests L2, door open \(AGV\), to the lift")
         looking.says("Lift1: at L2, door open, stopped, AGV, held by fleet/r1")
         with urllib.request.urlopen(f"{url}/metrics", timeout=HANGS_S) as answer:
             assert 'lift_manager_rmf_requests_total{lift="Lift1",result="begun"} 1' in answer.read().decode()

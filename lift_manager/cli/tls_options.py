@@ -36,7 +36,7 @@ CertificateKey = Annotated[
 ]
 
 
-def verified(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
+def tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
     """Return a context that believes `ca`, or without it whom the system believes; one sentence and exit 1 for files that do not fit."""
     if key is not None and certificate is None:
         raise typer.BadParameter("a key needs its certificate; give --certificate too", param_hint="--certificate-key")
@@ -55,7 +55,7 @@ def verified(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl
     return context
 
 
-def advice(manager: str) -> str:
+def connection_advice(manager: str) -> str:
     """What may stand behind a manager that does not answer."""
     text = "start it with `lift-manager serve SITE`, or say where it runs with --manager ADDRESS"
     if manager.startswith("https:"):

@@ -12,7 +12,7 @@ import typer
 
 from lift_manager.cli.common import fail
 from lift_manager.cli.key_file import KEY_VARIABLE, KeyFile, key_of
-from lift_manager.cli.secured import advice, verified
+from lift_manager.cli.tls_options import connection_advice, tls_context
 from lift_manager.client.client import MANAGER, LiftManagerClient
 from lift_manager.client.errors import ClientError, NotAManager, Refused, Unreachable
 from lift_manager.plain.http import Address, BadAddress
@@ -37,11 +37,11 @@ Manager = Annotated[
         help="Where the manager runs: a URL, host:port or a host; without a key, its own computer only.",
     ),
 ]
-__all__ = ["MANAGER", "KeyFile", "Manager", "Speaker", "failure"]
+__all__ = ["MANAGER", "KeyFile", "Manager", "ManagerConnection", "report_failure"]
 
 
 @dataclass(frozen=True, slots=True)
-class Speaker:
+class ManagerConnection:
     """Where a manager is, and as whom it is spoken to; from the options of a command."""
 
     manager: str
@@ -50,24 +50,24 @@ class Speaker:
     certificate: Path | None = None
     certificate_key: Path | None = None
 
-    def ask(self, work: Callable[[LiftManagerClient], Awaitable[Answer]]) -> Answer:
+    def run(self, work: Callable[[LiftManagerClient], Awaitable[Answer]]) -> Answer:
         """Do something with a manager; one sentence and exit 1 where that fails."""
-        key, tls = key_of(self.key_file), verified(self.ca, self.certificate, self.certificate_key)
+        key, tls = key_of(self.key_file), tls_context(self.ca, self.certificate, self.certificate_key)
 
-        async def once() -> Answer:
+        async def work_once() -> Answer:
             async with LiftManagerClient(self.manager, key, tls=tls) as client:
                 return await work(client)
 
         try:
-            return asyncio.run(once())
+            return asyncio.run(work_once())
         except ClientError as error:
-            raise failure(error, self.manager) from error
+            raise report_failure(error, self.manager) from error
 
 
-def failure(error: ClientError, manager: str) -> typer.Exit:
+def report_failure(error: ClientError, manager: str) -> typer.Exit:
     """Print what went wrong and what helps; raise what this returns."""
     if isinstance(error, Unreachable):
-        return fail(f"no manager answers at {manager} ({error.text}); {advice(manager)}")
+        return fail(f"no manager answers at {manager} ({error.text}); {connection_advice(manager)}")
     if isinstance(error, NotAManager):
         return fail(
             f"the server at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager ADDRESS"

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import say, say_aside
+from lift_manager.cli.common import print_lines, print_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import (
     AdapterRequestsTopic,
@@ -19,9 +19,9 @@ from lift_manager.cli.rmf_options import (
     Peers,
     RequestsTopic,
     StatesTopic,
-    joined,
+    describe_rmf,
+    join_rmf,
     ros_settings,
-    where_in_rmf,
 )
 from lift_manager.plain.signals import stop_on_signals
 from lift_manager.rmf.dds import Monitor
@@ -119,19 +119,19 @@ def request(  # noqa: PLR0913  each is an option of the command line
         raise typer.Exit(1)
 
 
-class _Looking:
+class _WatchPrinter:
     """Prints what is heard. Implements `dds.OnlookerHears`."""
 
-    def __init__(self, watched: Watch) -> None:
-        self._watch = watched
-        self.heard = False
+    def __init__(self, watch_state: Watch) -> None:
+        self._watch = watch_state
+        self.has_received = False
 
     def on_state(self, state: LiftState) -> None:
-        self.heard = True
+        self.has_received = True
         self.show(self._watch.report_state(state, _now()))
 
     def on_request(self, topic: str, request: LiftRequest) -> None:
-        self.heard = True
+        self.has_received = True
         self.show(self._watch.report_request(topic, request, _now()))
 
     def on_unreadable(self, text: str) -> None:
@@ -139,65 +139,65 @@ class _Looking:
 
     def show(self, lines: Iterable[str]) -> None:
         clock = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:12]
-        say(f"{clock} {line}" for line in lines)
+        print_lines(f"{clock} {line}" for line in lines)
 
 
 async def _watch(settings: RosSettings, lift: str | None) -> None:
     stop = asyncio.Event()
     stop_on_signals(stop)
     topics = Topics(settings.adapter_requests_topic, settings.requests_topic)
-    watched = Watch(topics, lift)
-    looking = _Looking(watched)
+    watch_state = Watch(topics, lift)
+    printer = _WatchPrinter(watch_state)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
-    monitor = joined(lambda: Monitor(settings, looking, deliver))
-    say_aside(f"watching {where_in_rmf(settings)}; Ctrl-C ends it")
+    monitor = join_rmf(lambda: Monitor(settings, printer, deliver))
+    print_stderr(f"watching {describe_rmf(settings)}; Ctrl-C ends it")
     nobody_at = _now() + NOBODY_S
     try:
         while not await _stopped(stop, LOOK_S):
-            looking.show(watched.report_elapsed(_now()))
-            if not looking.heard and _now() >= nobody_at:
+            printer.show(watch_state.report_elapsed(_now()))
+            if not printer.has_received and _now() >= nobody_at:
                 nobody_at = float("inf")
-                say_aside(
+                print_stderr(
                     "nothing is heard: does the adapter run, in the same domain, under the same namespace and topics, and may this"
                     " computer reach it (multicast, or --peer ADDRESS)?"
                 )
     finally:
         monitor.close()
-    looking.show(watched.report_counts(_now()))
+    printer.show(watch_state.report_counts(_now()))
 
 
-class _Asking:
+class _AttemptPrinter:
     """Tells an attempt what is heard. Implements `dds.OnlookerHears`."""
 
     def __init__(self, to_lift: str) -> None:
         """`to_lift` is the topic on which lift adapters are asked."""
         self._to_lift = to_lift
         self.attempt: Attempt | None = None
-        self._unreadable_told = False
+        self._has_reported_unreadable = False
 
     def on_state(self, state: LiftState) -> None:
         if self.attempt is not None:
-            say(self.attempt.handle_state(state, _now()))
+            print_lines(self.attempt.handle_state(state, _now()))
 
     def on_request(self, topic: str, request: LiftRequest) -> None:
         if self.attempt is not None and topic == self._to_lift:
-            say(self.attempt.handle_relayed_request(request))
+            print_lines(self.attempt.handle_relayed_request(request))
 
     def on_unreadable(self, text: str) -> None:
         """Say it once: it may be anybody's, and may come by the thousand."""
-        if not self._unreadable_told:
-            self._unreadable_told = True
-            say_aside(f"unreadable message: {short(text)}")
+        if not self._has_reported_unreadable:
+            self._has_reported_unreadable = True
+            print_stderr(f"unreadable message: {short(text)}")
 
 
 async def _request(settings: RosSettings, requested: OperatorRequest, within_s: float) -> AttemptEnd | None:
     stop = asyncio.Event()
     stop_on_signals(stop)
-    asking = _Asking(settings.requests_topic)
+    printer = _AttemptPrinter(settings.requests_topic)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
-    monitor = joined(lambda: Monitor(settings, asking, deliver))
-    say_aside(f"asking in {where_in_rmf(settings)}")
-    asking.attempt = attempt = Attempt(
+    monitor = join_rmf(lambda: Monitor(settings, printer, deliver))
+    print_stderr(f"asking in {describe_rmf(settings)}")
+    printer.attempt = attempt = Attempt(
         requested,
         lambda: monitor.count_readers(direct=True),
         lambda what, direct: monitor.send_request(what, direct=direct),
@@ -206,10 +206,10 @@ async def _request(settings: RosSettings, requested: OperatorRequest, within_s: 
     )
     try:
         while attempt.end is None and not await _stopped(stop, LOOK_S):
-            say(attempt.tick(time.time(), _now()))
+            print_lines(attempt.tick(time.time(), _now()))
     finally:
         monitor.close()
-        say(attempt.report_open_session())
+        print_lines(attempt.report_open_session())
     return attempt.end
 
 

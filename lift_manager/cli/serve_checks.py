@@ -40,16 +40,16 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
         yield Finding(file, None, "api.host", str(error))
         return
     host = str(address[0])
-    if not keys and not lets_in_without_keys(site.api, host):
-        yield Finding(file, None, "api.host", _no_key(host, loaded.path))
+    if not keys and not allows_requests_without_keys(site.api, host):
+        yield Finding(file, None, "api.host", _key_advice(host, loaded.path))
 
 
-def lets_in_without_keys(api: Api, host: str) -> bool:
+def allows_requests_without_keys(api: Api, host: str) -> bool:
     """Whether requests are let in at this address while the site has no key."""
     return is_loopback(host) or api.without_keys is not None
 
 
-def _no_key(host: str, site_file: Path) -> str:
+def _key_advice(host: str, site_file: Path) -> str:
     return (
         f"others can reach {host}, and there is no key to tell them by: make one with `lift-manager keys make {site_file}"
         " --name NAME --role ROLE`, or listen on 127.0.0.1, or say in the site file why it is acceptable without,"
