@@ -32,11 +32,11 @@ from lift_manager.store.read import (
 from lift_manager.store.verify import Chain, Seal, read_seal, verify
 
 LAST = 50
-"""Rows of a table, where nobody says how many."""
+"""Rows of a table by default."""
 LAST_FOLLOWED = 10
-"""Rows that are shown before those that come."""
+"""Rows that `--follow` shows before new ones."""
 LOOK_S = 0.25
-"""From one look for new rows to the next. Chosen: at once for a person, nothing for a computer."""
+"""From one check for new rows to the next. Chosen: immediate for a person, negligible for a computer."""
 
 _DAY_US = 86_400_000_000
 _NEARLY_FULL = 0.9
@@ -53,18 +53,16 @@ JournalOption = Annotated[
 OfLift = Annotated[str | None, typer.Option(metavar="LIFT", help="Rows of this lift.")]
 Kinds = Annotated[list[RowKind] | None, typer.Option("--kind", help="Rows of this kind; may be given more than once.")]
 Caller = Annotated[
-    str | None, typer.Option(metavar="CALLER", help="Rows of this caller, as the table has it, or of a face.")
+    str | None, typer.Option(metavar="CALLER", help="Rows of this caller, as in the table, or of a face.")
 ]
 Since = Annotated[
     str | None,
     typer.Option(metavar="TIME", help="A date, a time by the building's clock, both, or how long ago: 2h, 3d."),
 ]
-Until = Annotated[str | None, typer.Option(metavar="TIME", help="Before this time; a date is meant to its end.")]
+Until = Annotated[str | None, typer.Option(metavar="TIME", help="Before this time; of a date, its end.")]
 Last = Annotated[
     int | None,
-    typer.Option(
-        min=0, max=1_000_000, metavar="N", help=f"The newest N of them. A table has {LAST} if this is not said."
-    ),
+    typer.Option(min=0, max=1_000_000, metavar="N", help=f"The newest N of them; {LAST} in a table by default."),
 ]
 Find = Annotated[str | None, typer.Option(metavar="TEXT", help="Rows with this in their text, in capitals or not.")]
 OfEvent = Annotated[
@@ -82,28 +80,30 @@ Jsonl = Annotated[
     typer.Option("--jsonl", metavar="FILE", help="Write every column, a JSON object per line; - prints it."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")]
-Verify = Annotated[bool, typer.Option("--verify", help="Walk the whole chain: no row is changed and none is gone.")]
+Verify = Annotated[
+    bool, typer.Option("--verify", help="Verify the whole chain: no row was changed and none is missing.")
+]
 SinceSeal = Annotated[
     str | None,
     typer.Option(
         metavar="SEAL",
-        help="Verify, and see what became of the seal that --verify printed earlier: NUMBER:HASH, or 'NUMBER:HASH from FIRST'.",
+        help="Verify, and compare with the seal that --verify printed earlier: NUMBER:HASH, or 'NUMBER:HASH from FIRST'.",
     ),
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class JournalSource:
-    """A journal, and the building it is of."""
+    """A journal, and its site."""
 
     path: Path
     site: Site | None
-    """None where there is only a file."""
+    """None if only a journal file was given."""
     copy: bool
 
     @property
     def zone(self) -> tzinfo | None:
-        """The building's; None is this computer's."""
+        """The time zone of the building; None for that of this computer."""
         return ZoneInfo(self.site.timezone) if self.site is not None and self.site.timezone is not None else None
 
 
@@ -126,7 +126,7 @@ def audit(  # noqa: PLR0913  a parameter per option
     verified: Verify = False,
     since_seal: SinceSeal = None,
 ) -> None:
-    """Show who asked for what, what was written because of it, and what became of it; export and verify it."""
+    """Show who requested what, what was written to the lift because of it, and the outcome; export and verify the journal."""
     seal = _seal(since_seal)
     walk = verified or seal is not None
     _require_one_of(
@@ -184,7 +184,7 @@ def _follow(source: JournalSource, row_filter: RowFilter, count: int) -> None:
             table.show(news.rows)
             time.sleep(LOOK_S)
     except KeyboardInterrupt:
-        return  # that is how it ends
+        return  # Ctrl-C is the normal end
     finally:
         follower.close()
 
@@ -219,11 +219,11 @@ def _verdict(source: JournalSource, site: str, chain: Chain, seal: Seal | None) 
             yield f"        {gone if chain.first > seal.first else 'no row was cut since'}"
     yield f"newest  {at:%Y-%m-%d %H:%M:%S.%f %z}"
     yield f"seal    {newest.seq}:{newest.hash.hex()} from {chain.first}"
-    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was written anew, and which rows were cut."
+    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was rewritten, and which rows were cut."
 
 
 def _unexpected_cut(source: JournalSource, chain: Chain) -> Iterator[str]:
-    """Say that rows were cut which the site file keeps: that may have a good reason, and somebody should know it."""
+    """Yield a warning if rows were cut that the site file keeps: there may be a good reason, but somebody should know it."""
     cut, oldest = chain.cut, chain.oldest
     if source.site is None or cut is None or oldest is None:
         return
@@ -286,7 +286,7 @@ def _no_rows_message(source: JournalSource, row_filter: RowFilter, *, any_rows: 
         return f"no row is of a lift {row_filter.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
     if any_rows or row_filter == ALL:
         return "no rows"
-    return "no row is like that"
+    return "no row matches"
 
 
 def _require_one_of(options: dict[str, bool]) -> None:
@@ -311,7 +311,7 @@ def _until(text: str | None, now: datetime) -> int | None:
 
 
 def _moment(text: str, now: datetime, option: str) -> tuple[datetime, datetime]:
-    """Return when that begins and when it ends: a date is a day, everything else a moment."""
+    """Return the begin and end of a time: a date is a whole day, everything else a moment."""
     zone = now.tzinfo if isinstance(now.tzinfo, ZoneInfo) else None
     try:
         if ago := _AGO.fullmatch(text):
@@ -328,7 +328,7 @@ def _moment(text: str, now: datetime, option: str) -> tuple[datetime, datetime]:
 
 
 def _at(moment: datetime, zone: tzinfo | None) -> datetime:
-    """A time without a zone is by the building's clock, or by this computer's."""
+    """Convert to UTC; a time without a zone is by the building's clock, or else by this computer's."""
     if moment.tzinfo is None and zone is not None:
         moment = moment.replace(tzinfo=zone)
     return moment.astimezone(UTC)

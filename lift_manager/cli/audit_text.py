@@ -1,4 +1,4 @@
-"""Rows of the journal as text: for people, for a spreadsheet, for other programs."""
+"""Formats rows of the journal: for people, for spreadsheets, for other programs."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from lift_manager.store.chain import StoredRow, canonical
 from lift_manager.store.read import event_of, time_of
 
 _JOINERS = "\u200c\u200d"
-"""Unseen, but Persian and Indian scripts cannot be written without them."""
-# also behind what is a separator in some countries, in quotes, and in the wide form of Japanese keyboards
+"""Invisible, but Persian and Indian scripts cannot be written without them."""
+# also after a separator of some countries, in quotes, and in the wide form of Japanese keyboards
 _FORMULA = re.compile('(^|;)(?="*[=+\\-@\uff1d\uff0b\uff0d\uff20])')
 _STYLES: Mapping[str, str] = {
     RowKind.ALARM: "red",
@@ -35,10 +35,10 @@ _STYLES: Mapping[str, str] = {
 
 
 class RowTable:
-    """Rows for people: a table for a terminal, a line each for everything else."""
+    """Prints rows for people: a table on a terminal, otherwise a line for each row."""
 
     def __init__(self, console: Console, zone: tzinfo | None, rows: Sequence[StoredRow], lifts: Iterable[str]) -> None:
-        """Take the widths of the columns from the rows that are there, and from the names of lifts."""
+        """Derive the column widths from these rows and the names of lifts."""
         self._console, self._zone = console, zone
         wide = console.width >= 100 or not console.is_terminal
         names = [*lifts, *(row.lift for row in rows)]
@@ -49,7 +49,7 @@ class RowTable:
         self._day: date | None = None
 
     def show(self, rows: Sequence[StoredRow]) -> None:
-        """Print some rows, below those that were printed before."""
+        """Print rows below those printed earlier."""
         if not self._console.is_terminal:
             for row in rows:
                 self._console.print(self._line(row), markup=False, highlight=False, soft_wrap=True)
@@ -147,7 +147,7 @@ def _utc(row: StoredRow) -> str:
 
 
 def _read_data(text: str) -> Json:
-    """Return what the JSON says; the text itself if it is not what the manager writes, so that its hash can be found again."""
+    """Parse JSON; return the text itself if the manager would write it differently, so that its hash stays reproducible."""
     try:
         data: Json = json.loads(text)
         return data if canonical(data) == text else text
@@ -160,7 +160,7 @@ def _as_json(value: Json) -> str:
 
 
 def _cell(text: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula: an apostrophe in front says that it is text."""
+    """Prefix an apostrophe, so that a spreadsheet does not take a text for a formula."""
     return _FORMULA.sub(r"\1'", escape_unprintable(text))
 
 

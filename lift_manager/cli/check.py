@@ -27,7 +27,7 @@ def check(
         typer.Option(
             "--building-map",
             metavar="FILE",
-            help="Open-RMF's .building.yaml: are its lifts and levels called as the site says?",
+            help="Open-RMF's .building.yaml, to compare its lifts and levels with the names of the site.",
             show_default=False,
         ),
     ] = None,
@@ -36,7 +36,7 @@ def check(
         typer.Option(
             "--nav-graph",
             metavar="FILE",
-            help="With --building-map: a navigation graph made of it; can be repeated.",
+            help="With --building-map: a navigation graph made from it; can be repeated.",
             show_default=False,
         ),
     ] = [],  # noqa: B006 - typer makes a new list of it
@@ -44,7 +44,7 @@ def check(
     """Find every mistake in a site file or a register map; exits 2 if there is one."""
     if nav_graph and building_map is None:
         raise typer.BadParameter(
-            "give the building map that it was made of, too, with --building-map", param_hint="--nav-graph"
+            "also give the building map that it was made from, with --building-map", param_hint="--nav-graph"
         )
     try:
         print_lines(check_file(file, obstacles, for_rmf=building_map is not None))

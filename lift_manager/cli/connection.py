@@ -1,4 +1,4 @@
-"""What commands share that speak to a running manager: where it is, as whom, and what is said when it does not answer."""
+"""Shared by commands that connect to a running manager: address, key, and messages if it does not answer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Answer = TypeVar("Answer")
 
 
 def _url(text: str) -> str:
-    """Read the address of a manager: a URL, `host:port`, or a host alone."""
+    """Parse the address of a manager: a URL, `host:port`, or a host alone."""
     try:
         return str(Address.of(text))
     except BadAddress as error:
@@ -42,7 +42,7 @@ __all__ = ["MANAGER", "KeyFile", "Manager", "ManagerConnection", "report_failure
 
 @dataclass(frozen=True, slots=True)
 class ManagerConnection:
-    """Where a manager is, and as whom it is spoken to; from the options of a command."""
+    """Address and credentials for a manager, from the options of a command."""
 
     manager: str
     key_file: Path | None = None
@@ -51,7 +51,7 @@ class ManagerConnection:
     certificate_key: Path | None = None
 
     def run(self, work: Callable[[LiftManagerClient], Awaitable[Answer]]) -> Answer:
-        """Do something with a manager; one sentence and exit 1 where that fails."""
+        """Run `work` with a client; print a sentence and exit with 1 if it fails."""
         key, tls = key_of(self.key_file), tls_context(self.ca, self.certificate, self.certificate_key)
 
         async def work_once() -> Answer:
@@ -65,14 +65,14 @@ class ManagerConnection:
 
 
 def report_failure(error: ClientError, manager: str) -> typer.Exit:
-    """Print what went wrong and what helps; raise what this returns."""
+    """Print what went wrong and how to fix it; raise what this returns."""
     if isinstance(error, Unreachable):
         return fail(f"no manager answers at {manager} ({error.text}); {connection_advice(manager)}")
     if isinstance(error, NotAManager):
         return fail(
-            f"the server at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager ADDRESS"
+            f"the server at {manager} is no lift manager (HTTP {error.status}); give its address with --manager ADDRESS"
         )
     if isinstance(error, Refused) and error.status == 401:
         return fail(f"{error}; here, with --key-file FILE or in the variable {KEY_VARIABLE}")
-    # what the body of a request has to be is for programs
+    # the expected body of a request is for programs only
     return fail(str(error).partition("; expected {")[0])

@@ -1,4 +1,4 @@
-"""A person at the terminal who is asked to press ENTER."""
+"""Prompts a person at the terminal to press ENTER."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ if sys.platform != "win32":
     import termios
 
 LOOK_EVERY_S = 0.2
-"""Chosen: so soon a person reads that a question is withdrawn."""
+"""How soon a person sees that a prompt was withdrawn. Chosen."""
 _LINE_LIMIT = 4096
-"""Bytes; a terminal of Linux gives no longer line."""
+"""In bytes; a Linux terminal returns no longer line."""
 
 
 class EnterResult(Enum):
-    """What came of a question."""
+    """The outcome of a prompt."""
 
     PRESSED = auto()
     WITHDRAWN = auto()
-    """It stood no more."""
+    """The prompt no longer applies."""
     ENDED = auto()
-    """Nobody can answer: Ctrl-D, or the terminal was closed."""
+    """Nobody can press ENTER: Ctrl-D, or the terminal was closed."""
 
 
 async def wait_for_enter(question: str, is_open: Callable[[], bool], terminal: int) -> EnterResult:
-    """Ask, and wait for ENTER for as long as the question stands. `terminal` is a file descriptor.
+    """Print a prompt and wait for ENTER while `is_open`. `terminal` is a file descriptor.
 
-    A terminal keeps what was typed before the question; that is thrown away, for it answers something else.
+    Input typed before the prompt is discarded, because it was meant for something else.
     """
     try:
         termios.tcflush(terminal, termios.TCIFLUSH)
@@ -42,7 +42,7 @@ async def wait_for_enter(question: str, is_open: Callable[[], bool], terminal: i
         return EnterResult.ENDED
     loop = asyncio.get_running_loop()
     lines: asyncio.Queue[bytes] = asyncio.Queue()
-    # read at once: a moment later there may be nothing to read any more, and that would block everything
+    # read at once: a moment later there may be nothing left to read, and the read would block the loop
     loop.add_reader(terminal, lambda: lines.put_nowait(_read_line(terminal)))
     try:
         while is_open():
@@ -61,7 +61,7 @@ async def wait_for_enter(question: str, is_open: Callable[[], bool], terminal: i
 
 
 def _read_line(terminal: int) -> bytes:
-    """Return what was typed; empty at the end of it. Without a line end where Ctrl-D sent an unfinished line."""
+    """Return the typed line; empty at the end of the input. Without a line end if Ctrl-D sent an unfinished line."""
     try:
         return os.read(terminal, _LINE_LIMIT)
     except OSError:

@@ -23,10 +23,12 @@ app = typer.Typer(no_args_is_help=True, help="Make, list and revoke the keys of 
 
 _NAME = re.compile(r"\w(?:[\w .-]{0,30}\w)?")
 _FACES = ("workshop", "api", "rmf", "page", "commissioning")
-"""A session is shown as `<face>:<name>`, and as the face alone where nobody can be told."""
+"""A session is shown as `<face>:<name>`, or as the face alone for anonymous callers."""
 RUNNING = "a manager that runs for this site sees it within a second; one that is not running, at its start"
 
-Name = Annotated[str, typer.Option("--name", metavar="NAME", help="Whose key; also the name of its sessions.")]
+Name = Annotated[
+    str, typer.Option("--name", metavar="NAME", help="The owner of the key; also the name of its sessions.")
+]
 
 
 @app.command()
@@ -37,8 +39,8 @@ def make(
         Role,
         typer.Option(
             "--role",
-            help="viewer reads; robot also commands the lifts named here; rmf, for `lift-manager rmf`, speaks for RMF's sessions there;"
-            " operator commands all, and speaks for people.",
+            help="viewer reads; robot also commands the lifts named here; rmf, for `lift-manager rmf`, opens RMF's sessions there;"
+            " operator commands all lifts, and may do what people do.",
         ),
     ],
     lift: Annotated[
@@ -62,7 +64,7 @@ def make(
         print_stderr(
             "a robot that rides without a key is locked out in the middle of its ride: with a key it has another name, so it"
             " is refused until its old session is over. Make the first key when no robot rides; if one does, wait until it is"
-            " outside, or end its session with `lift-manager release` and, once a person has looked into the car, say"
+            " outside, or end its session with `lift-manager release` and, once a person has looked into the car, run"
             " `lift-manager ack`"
         )
     _keep_to_owner(sys.stdout)
@@ -70,7 +72,7 @@ def make(
 
 
 def _keep_to_owner(stream: TextIO) -> None:
-    """Let nobody else read a file that stdout goes to: the shell makes it readable for all, and then no command takes the key in it."""
+    """Make a file to which stdout is redirected private: the shell makes it readable for all, and no command accepts such a key."""
     try:
         number = stream.fileno()
     except OSError:
@@ -144,7 +146,7 @@ def _line(entry: KeyEntry) -> str:
 
 
 def _current_user() -> str:
-    """Return whoever sits there: with sudo, not root."""
+    """Return the user at the terminal: with sudo, not root."""
     if person := os.environ.get("SUDO_USER", ""):
         return person
     try:

@@ -1,4 +1,4 @@
-"""`lift-manager lifts`: how the lifts of a running manager are."""
+"""`lift-manager lifts`: show the lifts of a running manager."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lift_manager.client.states import States
 from lift_manager.lift.state import Quality
 
 FIRST_WITHIN_S = 5.0
-"""Chosen: a manager that says nothing for so long is asked once more in the plain way, which says why."""
+"""Chosen: after this long without an answer, a plain request finds out why."""
 
 
 def lifts(
@@ -47,14 +47,14 @@ def lifts(
 
 
 async def _read(client: LiftManagerClient) -> tuple[Sequence[Lift], Sequence[str]]:
-    """Return every lift, and what people call each."""
+    """Return every lift, and the display names."""
     found = await client.lifts()
     able = await asyncio.gather(*(client.capabilities(lift.name) for lift in found))
     return found, [lift.display_name for lift in able]
 
 
 async def _follow(client: LiftManagerClient, *, as_json: bool) -> None:
-    # says in one sentence why it cannot, before anything is printed
+    # fails with one sentence before anything is printed
     await client.lifts()
     async with client.states() as states:
         await _print(states, as_json=as_json)
@@ -65,7 +65,7 @@ async def _print(states: States, *, as_json: bool) -> None:
     async for lift in states:
         print_lines([lift.model_dump_json() if as_json else _line(lift)])
         if not is_lost and not states.heard(lift.name):
-            print_stderr("the manager is not heard; this goes on by itself once it is")
+            print_stderr("the manager does not answer; this continues once it does")
         is_lost = not states.heard(lift.name)
         await asyncio.sleep(0)
 
@@ -82,7 +82,7 @@ def _table(found: Sequence[Lift], display_names: Sequence[str]) -> Table:
 
 
 def _plain(text: str) -> str:
-    # what a person wrote may look like markup
+    # text from people may look like markup
     return text.replace("[", r"\[")
 
 
@@ -117,7 +117,7 @@ def _holder_name(face: str, name: str) -> str:
 
 
 def _split_holder(holder: str) -> tuple[str, str]:
-    """Return face and name of `face:name`; who has but one name is called by it."""
+    """Split `face:name` into face and name; a holder without a name is called like its face."""
     face, _, name = holder.partition(":")
     return face, name or face
 

@@ -1,4 +1,4 @@
-"""The command line: which word calls what. Each command is imported when it is asked for, for the whole program takes two seconds."""
+"""The command line. Each command is imported only when it is called, because importing the whole program takes two seconds."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ COMMANDS = {
     "scenario": "scenario:app",
     "rmf": "rmf:app",
 }
-"""Module of this package, and the function or the group in it, by the word; in the order of the help."""
+"""Module of this package, and the function or group in it, by command; in the order of the help."""
 
 
 class Commands(TyperGroup):
-    """Finds its commands in the table."""
+    """Looks up commands in `COMMANDS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Name every command."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import one command. A word that is none ends the program with the nearest one."""
+        """Import one command. An unknown one ends the program and names the most similar one."""
         if cmd_name not in COMMANDS:
             ctx.fail(f"No such command {cmd_name!r}{closest(cmd_name, COMMANDS)}")
         module, _, name = COMMANDS[cmd_name].partition(":")

@@ -81,7 +81,7 @@ def show(map_name: MapName, *, as_json: Json = False) -> None:
 def check(
     file: Annotated[str, typer.Argument(metavar="FILE|MAP", help="A map file, or a shipped map by name.")],
 ) -> None:
-    """Find every mistake of a map, and say how to mend each; exits 2 if there is one."""
+    """Find every mistake of a map, with a remedy for each; exits 2 if there is one."""
     try:
         print_lines(maps_check.report(file))
     except MapFileError as error:

@@ -48,9 +48,11 @@ def show(  # noqa: PLR0913 - one parameter for each option that is typed
     unit: Annotated[bool, typer.Option("--systemd", help="A drop-in for the systemd unit.")] = False,
     manager: Managers = [],  # noqa: B006 - typer makes a new list of it
     clients: Clients = [],  # noqa: B006
-    action: Annotated[Action, typer.Option(help="With --suricata: what is done.")] = Action.ALERT,
-    reads: Annotated[bool, typer.Option("--reads", help="With --suricata: reads that we do not make, too.")] = False,
-    user: Annotated[str, typer.Option(help="With --nftables: whom the manager runs as.")] = "lift-manager",
+    action: Annotated[Action, typer.Option(help="With --suricata: what its rules do.")] = Action.ALERT,
+    reads: Annotated[
+        bool, typer.Option("--reads", help="With --suricata: also reads that the manager never makes.")
+    ] = False,
+    user: Annotated[str, typer.Option(help="With --nftables: the user that the manager runs as.")] = "lift-manager",
 ) -> None:
     """Show what the owner's network should let through for a site, as a table or as rules for other programs."""
     if suricata + nft + nft_gateway + unit > 1:

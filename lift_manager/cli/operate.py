@@ -1,4 +1,4 @@
-"""What people say to a running manager: acknowledge, lock out, end a lockout, take a lift from its holder."""
+"""`lift-manager ack`, `lockout`, `drain` and `release`: actions of people at a running manager."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.lift.events import Cause
 
 LiftName = Annotated[str, typer.Argument(metavar="LIFT", help="The lift, by its name in the site file.")]
-By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is kept with what you say.")]
+By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is recorded with the action.")]
 
 Now = Annotated[
     bool,
@@ -32,7 +32,7 @@ def ack(
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Say that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again."""
+    """Acknowledge that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again."""
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     result = connection.run(lambda client: client.acknowledge(lift, by))
     causes = {

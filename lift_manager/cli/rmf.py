@@ -1,4 +1,4 @@
-"""`lift-manager rmf`: the adapter to Open-RMF beside a manager, and two ways to look at what RMF and lifts say to each other."""
+"""`lift-manager rmf`: the Open-RMF adapter as a program of its own, and two tools to inspect RMF's messages about lifts."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import RunningAdapter
 
 app = typer.Typer(
-    help="Run the Open-RMF lift adapter beside a manager, without ROS; or see what RMF and the lifts say to each other."
+    help="Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts."
 )
 app.command("watch")(rmf_tools.watch)
 app.command("request")(rmf_tools.request)
@@ -51,7 +51,7 @@ MetricsPort = Annotated[
         "--metrics-port",
         min=1,
         max=65535,
-        help="Serve what is counted for Prometheus here, as /metrics.",
+        help="Serve the adapter's metrics for Prometheus here, as /metrics.",
         show_default=False,
     ),
 ]
@@ -83,7 +83,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
     ] = "127.0.0.1",
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
-    """Run the Open-RMF lift adapter beside a manager, without ROS; or see what RMF and the lifts say to each other."""
+    """Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts."""
     if context.invoked_subcommand is not None:
         _refuse_options(context, context.invoked_subcommand)
         return
@@ -132,7 +132,7 @@ def _server(address: str, port: int, key_file: Path | None, ca: Path | None) -> 
 
 @contextmanager
 def _metrics(counts: Counts, host: str, port: int) -> Iterator[None]:
-    """Serve them while the block lasts."""
+    """Serve the metrics while the block lasts."""
     registry = CollectorRegistry()
     for collector in (RmfCollector(counts), ProcessCollector(registry=None), PlatformCollector(registry=None)):
         registry.register(collector)

@@ -1,4 +1,4 @@
-"""`lift-manager rmf watch` and `rmf request`: see what RMF and the lifts say to each other, and ask for a lift as a robot does."""
+"""`lift-manager rmf watch` and `rmf request`: show the messages between RMF and lifts, and request a lift as a robot does."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.watch import Topics, Watch, short
 
 LOOK_S = 0.25
-"""Chosen: between two looks at what only the passing of time shows."""
+"""Between two checks for what only the passing of time shows. Chosen."""
 NOBODY_S = 5.0
-"""So long nothing is heard at all before a person is told where to look."""
+"""How long no message may arrive before the command prints advice."""
 
 
 def watch(
@@ -48,7 +48,7 @@ def watch(
     adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
 ) -> None:
-    """Print who holds what, and every request and change as it happens, until Ctrl-C. Says nothing to anybody."""
+    """Print who holds which lift, and every request and change as it happens, until Ctrl-C. Sends nothing."""
     settings = ros_settings(
         domain=domain,
         namespace=namespace,
@@ -65,14 +65,15 @@ def request(  # noqa: PLR0913  each is an option of the command line
     floor: Annotated[str | None, typer.Argument(metavar="FLOOR", help="The floor by RMF's name.")] = None,
     *,
     session: Annotated[
-        str, typer.Option("--session", metavar="NAME", help="As whom; a robot is called fleet/robot.")
+        str, typer.Option("--session", metavar="NAME", help="The session id; that of a robot is fleet/robot.")
     ] = "lift-manager",
     closed: Annotated[
         bool, typer.Option("--closed", help="With --human: do not hold the door open there; in AGV mode it is held.")
     ] = False,
-    human: Annotated[bool, typer.Option("--human", help="Ask for HUMAN mode; robots ask for AGV mode.")] = False,
+    human: Annotated[bool, typer.Option("--human", help="Request HUMAN mode; robots request AGV mode.")] = False,
     direct: Annotated[
-        bool, typer.Option("--direct", help="Ask the lift adapter itself: a lift supervisor would end the session.")
+        bool,
+        typer.Option("--direct", help="Send it to the lift adapter itself: a lift supervisor would end the session."),
     ] = False,
     end: Annotated[bool, typer.Option("--end", help="End the session instead; takes no floor.")] = False,
     instead_of: Annotated[
@@ -80,7 +81,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
         typer.Option(
             "--instead-of",
             metavar="NAME",
-            help="End this session in the lift supervisor right before: it serves that one and drops what is asked for the one that holds the lift.",
+            help="First end this session, which the lift supervisor serves instead of the one that holds the lift.",
         ),
     ] = None,
     within: Annotated[float, typer.Option("--within", min=1, max=3600, help="Seconds to wait for the lift.")] = 120.0,
@@ -91,7 +92,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
     adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
 ) -> None:
-    """Ask for a lift as a robot of RMF does: of the lift supervisor, or of the lift adapter where there is none. Exit code 1 where it does not come."""
+    """Request a lift as a robot of RMF does: from the lift supervisor, or from the lift adapter if there is none. Exit code 1 if it does not come."""
     if end != (floor is None):
         raise typer.BadParameter("say a floor, or --end without one", param_hint="FLOOR")
     if closed and not human:
@@ -102,7 +103,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
         raise typer.BadParameter("a session without a name ends nothing and holds nothing", param_hint="--session")
     if instead_of is not None and (end or direct or instead_of in ("", session)):
         raise typer.BadParameter(
-            "takes the name of another session, and a floor, and asks the supervisor", param_hint="--instead-of"
+            "takes the name of another session, needs a floor, and sends to the supervisor", param_hint="--instead-of"
         )
     settings = ros_settings(
         domain=domain,
@@ -120,7 +121,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
 
 
 class _WatchPrinter:
-    """Prints what is heard. Implements `dds.OnlookerHears`."""
+    """Prints received messages. Implements `dds.MonitorListener`."""
 
     def __init__(self, watch_state: Watch) -> None:
         self._watch = watch_state
@@ -158,7 +159,7 @@ async def _watch(settings: RosSettings, lift: str | None) -> None:
             if not printer.has_received and _now() >= nobody_at:
                 nobody_at = float("inf")
                 print_stderr(
-                    "nothing is heard: does the adapter run, in the same domain, under the same namespace and topics, and may this"
+                    "no messages: is the adapter running, in the same domain, with the same namespace and topics, and can this"
                     " computer reach it (multicast, or --peer ADDRESS)?"
                 )
     finally:
@@ -167,10 +168,10 @@ async def _watch(settings: RosSettings, lift: str | None) -> None:
 
 
 class _AttemptPrinter:
-    """Tells an attempt what is heard. Implements `dds.OnlookerHears`."""
+    """Passes received messages to an attempt. Implements `dds.MonitorListener`."""
 
     def __init__(self, to_lift: str) -> None:
-        """`to_lift` is the topic on which lift adapters are asked."""
+        """`to_lift` is the topic of requests to lift adapters."""
         self._to_lift = to_lift
         self.attempt: Attempt | None = None
         self._has_reported_unreadable = False
@@ -184,7 +185,7 @@ class _AttemptPrinter:
             print_lines(self.attempt.handle_relayed_request(request))
 
     def on_unreadable(self, text: str) -> None:
-        """Say it once: it may be anybody's, and may come by the thousand."""
+        """Report only the first one: there may be thousands, from any program."""
         if not self._has_reported_unreadable:
             self._has_reported_unreadable = True
             print_stderr(f"unreadable message: {short(text)}")
@@ -196,7 +197,7 @@ async def _request(settings: RosSettings, requested: OperatorRequest, within_s: 
     printer = _AttemptPrinter(settings.requests_topic)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
     monitor = join_rmf(lambda: Monitor(settings, printer, deliver))
-    print_stderr(f"asking in {describe_rmf(settings)}")
+    print_stderr(f"sending to {describe_rmf(settings)}")
     printer.attempt = attempt = Attempt(
         requested,
         lambda: monitor.count_readers(direct=True),

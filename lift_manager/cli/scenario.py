@@ -1,4 +1,4 @@
-"""`lift-manager scenario`: play what a file says on virtual time, and judge the trace."""
+"""`lift-manager scenario`: play scenario files in virtual time, and judge the trace."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lift_manager.lab.world.world import WorldError
 from register_maps.errors import Finding, MapFileError
 
 app = typer.Typer(
-    no_args_is_help=True, help="Play requests, faults and people against a simulated site, and judge what comes of it."
+    no_args_is_help=True, help="Play requests, faults and people against a simulated site, and judge the outcome."
 )
 
 
 @app.callback()
 def group() -> None:
-    """Play requests, faults and people against a simulated site, and judge what comes of it."""
+    """Play requests, faults and people against a simulated site, and judge the outcome."""
 
 
 @app.command()
@@ -41,7 +41,7 @@ def run(
     """Play scenarios; exits 1 if an expectation fails, and 2 if a file has mistakes. Takes no real time."""
     if trace is not None and len(files) > 1:
         raise typer.BadParameter("a trace is of one scenario; give one file", param_hint="--trace")
-    for name in ("lift_manager", "drivers"):  # what they tell a log is in the trace
+    for name in ("lift_manager", "drivers"):  # their log is part of the trace
         logging.getLogger(name).addHandler(logging.NullHandler())
     verdicts = []
     for loaded in _load_all(files):
@@ -61,7 +61,7 @@ def run(
 
 
 def _load_all(files: list[Path]) -> list[LoadedScenario]:
-    """Read every file before any is played; mistakes of all of them are told at once."""
+    """Read every file before any is played; the mistakes of all of them are reported together."""
     loaded, findings = [], list[Finding]()
     for file in files:
         try:

@@ -1,4 +1,4 @@
-"""`lift-manager serve`: open what outlives a manager, and run one."""
+"""`lift-manager serve`: open the store of a site, and run its manager."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _log = logging.getLogger("lift_manager")
 
 @dataclass(frozen=True, slots=True)
 class Stores:
-    """What of a site is on the disk."""
+    """The files of a site on the disk."""
 
     committer: Committer
     keys: KeyFile
@@ -53,7 +53,7 @@ def serve(
     *,
     rmf: Annotated[
         bool,
-        typer.Option("--rmf", help="Be the Open-RMF lift adapter of these lifts, too, as `rmf` of the site file says."),
+        typer.Option("--rmf", help="Also run the Open-RMF lift adapter of these lifts, with `rmf` of the site file."),
     ] = False,
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
@@ -90,7 +90,7 @@ def serve(
 
 
 def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
-    """Read the keys of a site, or say why they cannot be used and exit with 1."""
+    """Read the keys of a site, or report why they cannot be used and exit with 1."""
     site, host = loaded.site, sock.getsockname()[0]
     path = keys_path(place)
     try:
@@ -108,7 +108,7 @@ async def _serve(
     stop = asyncio.Event()
     stop_on_signals(stop)
     if stopped_early():
-        # an earlier manager may have left outputs on: they are let go of before this one ends
+        # an earlier manager may have left outputs on: they are released before this one ends
         stop.set()
     host, port = sock.getsockname()[:2]
     scheme = "http" if loaded.site.api.tls is None else "https"

@@ -155,7 +155,7 @@ def test_where_no_row_is_wanted_it_says_so_and_names_the_lifts(used: Building) -
     done = called("audit", str(used.file), "--lift", "west")
     assert (done.exit_code, done.stdout) == (0, "")
     assert done.stderr.strip() == "no row is of a lift 'west'; the lifts of this site are east-wing"
-    assert called("audit", str(used.file), "--find", "nothing").stderr.strip() == "no row is like that"
+    assert called("audit", str(used.file), "--find", "nothing").stderr.strip() == "no row matches"
     assert numbers(used.audit("--lift", "old lift")) == [4]
 
 

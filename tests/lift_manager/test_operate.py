@@ -171,7 +171,7 @@ def test_without_a_manager_the_command_line_says_how_to_get_one() -> None:
     done = call("ack", LIFT, "--by", "M. Weber", "--manager", f"http://127.0.0.1:{free_port()}")
     assert done.returncode == 1
     assert "no manager answers at http://127.0.0.1:" in done.stderr
-    assert "start it with `lift-manager serve SITE`, or say where it runs with --manager ADDRESS" in done.stderr
+    assert "start it with `lift-manager serve SITE`, or give its address with --manager ADDRESS" in done.stderr
 
 
 @contextmanager

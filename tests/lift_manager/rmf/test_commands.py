@@ -162,8 +162,8 @@ def test_a_navigation_graph_is_compared_too(files: Path) -> None:
         ("rmf request Lift1", 2, "say a floor, or --end without one"),
         ("rmf request Lift1 L1 --end", 2, "say a floor, or --end without one"),
         ("rmf request Lift1 L1 --closed", 2, "add --human"),
-        ("rmf request Lift1 L1 --direct --instead-of fleet/r2", 2, "asks the supervisor"),
-        ("rmf request Lift1 --end --instead-of fleet/r2", 2, "asks the supervisor"),
+        ("rmf request Lift1 L1 --direct --instead-of fleet/r2", 2, "sends to the supervisor"),
+        ("rmf request Lift1 --end --instead-of fleet/r2", 2, "sends to the supervisor"),
         ("rmf request Lift1 L1 --session", 2, "requires an argument"),
     ],
 )
