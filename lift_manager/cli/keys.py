@@ -129,7 +129,7 @@ def _lifts(loaded: LoadedSite, role: Role, lifts: list[str]) -> tuple[str, ...]:
             raise typer.BadParameter(f"a key with the role {role} is for every lift; leave it out", param_hint="--lift")
         return ()
     if not lifts:
-        raise typer.BadParameter(f"say which lifts this key may command: {known}", param_hint="--lift")
+        raise typer.BadParameter(f"name the lifts that this key may command: {known}", param_hint="--lift")
     for lift in lifts:
         if lift not in loaded.site.lifts:
             raise typer.BadParameter(f"this site has no lift {lift!r}; there is {known}", param_hint="--lift")

@@ -1,4 +1,4 @@
-"""`lift-manager maps`: for whoever writes a map, or has one to hand to a lift company."""
+"""`lift-manager maps`: for people who write a register map, or hand one to a lift company."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def default(context: typer.Context, *, as_json: Json = False) -> None:
 
 @app.command("list")
 def list_maps(*, as_json: Json = False) -> None:
-    """List the shipped maps: where each comes from, and what it can say and do."""
+    """List the shipped maps: the source of each, and its signals and commands."""
     maps = maps_list.shipped_maps()
     if as_json:
         print_json(maps)

@@ -49,7 +49,8 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
     by: By,
     *,
     reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="Why; every robot that asks is told.", show_default=False)
+        str,
+        typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False),
     ] = "",
     end: Annotated[bool, typer.Option("--end", help="End the lockout: robots may command the lift again.")] = False,
     now: Now = False,
@@ -71,7 +72,9 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
         )
         return
     if not reason.strip():
-        raise typer.BadParameter("say why, in a few words; robots and their people are told", param_hint="--reason")
+        raise typer.BadParameter(
+            "give the reason in a few words; robots and their operators see it", param_hint="--reason"
+        )
     result = connection.run(lambda client: client.lock_out(lift, by, reason, now=now))
     print_lines([f"{result.lift}: locked out by {result.by} since {_shown(result.since)}: {result.reason}"])
 
@@ -84,7 +87,8 @@ def drain(  # noqa: PLR0913  each is an option of the command line
     *,
     all_lifts: Annotated[bool, typer.Option("--all", help="Every lift of the site, instead of one.")] = False,
     reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="Why; every robot that asks is told.", show_default=False)
+        str,
+        typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False),
     ] = "",
     end: Annotated[bool, typer.Option("--end", help="End the drain: sessions may begin again.")] = False,
     manager: Manager = MANAGER,
@@ -99,7 +103,9 @@ def drain(  # noqa: PLR0913  each is an option of the command line
     if end and reason:
         raise typer.BadParameter("a drain that ends needs no reason; leave --reason out", param_hint="--reason")
     if not (end or reason.strip()):
-        raise typer.BadParameter("say why, in a few words; robots and their people are told", param_hint="--reason")
+        raise typer.BadParameter(
+            "give the reason in a few words; robots and their operators see it", param_hint="--reason"
+        )
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     for name in [one.name for one in connection.run(lambda client: client.lifts())] if all_lifts else [lift]:
         print_lines([_end_drain(connection, name, by) if end else _begin_drain(connection, name, by, reason)])
@@ -128,7 +134,7 @@ def release(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """End the session of whoever holds a lift; everything is released, and the car is not moved."""
+    """End the session that holds a lift; everything is released, and the car does not move."""
     connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     result = connection.run(lambda client: client.force_release(lift, by, reason, now=now))
     print_lines([f"{result.by}, {_shown(result.at)}: {result.text}"])

@@ -48,7 +48,7 @@ SIGNALS: dict[int, str] = {
 def ride(  # noqa: PLR0913  each is an option of the command line
     lift: Annotated[str, typer.Argument(metavar="LIFT", help="The lift by its name, or `any`.")],
     start: Annotated[str, typer.Argument(metavar="FROM", help="The floor where the robot waits.")],
-    destination: Annotated[str, typer.Argument(metavar="TO", help="The floor where it wants to be.")],
+    destination: Annotated[str, typer.Argument(metavar="TO", help="The floor to which it rides.")],
     *,
     robot: Annotated[
         str, typer.Option("--robot", metavar="NAME", help="Its name; others see it as the holder of the lift.")

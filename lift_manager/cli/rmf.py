@@ -108,7 +108,7 @@ async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
     stop = asyncio.Event()
     stop_on_signals(stop)
     running = RunningAdapter(
-        lambda hears, deliver: Dds(settings, hears, deliver),
+        lambda listener, deliver: Dds(settings, listener, deliver),
         lambda: RemoteManager(server),
         use_sim_time=settings.use_sim_time,
         counts=counts,

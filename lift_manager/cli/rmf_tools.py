@@ -94,7 +94,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
 ) -> None:
     """Request a lift as a robot of RMF does: from the lift supervisor, or from the lift adapter if there is none. Exit code 1 if it does not come."""
     if end != (floor is None):
-        raise typer.BadParameter("say a floor, or --end without one", param_hint="FLOOR")
+        raise typer.BadParameter("give a floor, or --end without one", param_hint="FLOOR")
     if closed and not human:
         raise typer.BadParameter(
             "in AGV mode the door is open whenever the lift has stopped; add --human", param_hint="--closed"

@@ -100,7 +100,7 @@ def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_p
 @each_row(
     ("words", "said"),
     [
-        (("--name", "amr", "--role", "robot"), "say which lifts this key may command: east-wing"),
+        (("--name", "amr", "--role", "robot"), "name the lifts that this key may command: east-wing"),
         (("--name", "amr", "--role", "robot", "--lift", "west"), "no lift 'west'; there is east-wing"),
         (("--name", "amr", "--role", "viewer", "--lift", LIFT), "is for every lift"),
         (("--name", "a:b", "--role", "viewer"), "letters, digits, spaces, points and hyphens"),

@@ -205,12 +205,12 @@ def test_another_program_at_that_address_is_not_taken_for_a_manager(body: bytes)
 @each_row(
     ("words", "wrong"),
     [
-        (("lockout", LIFT, "--by", "A"), "say why"),
-        (("drain", LIFT, "--by", "A"), "say why"),
+        (("lockout", LIFT, "--by", "A"), "give the reason"),
+        (("drain", LIFT, "--by", "A"), "give the reason"),
         (("drain", "--by", "A", "--reason", "x"), "name one lift"),
         (("drain", LIFT, "--all", "--by", "A", "--reason", "x"), "name one lift"),
         (("drain", LIFT, "--by", "A", "--reason", "x", "--end"), "needs no reason"),
-        (("lockout", LIFT, "--by", "A", "--reason", " "), "say why"),
+        (("lockout", LIFT, "--by", "A", "--reason", " "), "give the reason"),
         (("lockout", LIFT, "--by", "A", "--reason", "x", "--end"), "needs no reason"),
         (("lockout", LIFT, "--reason", "x"), "--by"),
         (("ack", LIFT), "--by"),

@@ -45,7 +45,7 @@ def state(lift: str = "lift1", floor: str = "L1", floors: tuple[str, ...] = ("L1
 
 @dataclass
 class Heard:
-    """Implements DdsHears: everything in order, as (what, with what)."""
+    """Implements DdsListener: everything in order, as (what, with what)."""
 
     events: list[tuple[str, Any]] = field(default_factory=list)
     changed: threading.Condition = field(default_factory=threading.Condition)

@@ -1,4 +1,4 @@
-"""What the tests of the way beside the manager begin with: a manager that does what a test says, and an adapter that writes down what it hears."""
+"""A scripted manager and a recording listener for the tests of `remote_manager`."""
 
 import json
 import queue
@@ -89,7 +89,7 @@ class Lost:
 
 
 class RecordingListener:
-    """Implements `port.Hears`, in the thread of the test: what was handed over is run when the test wants to hear more."""
+    """Implements `port.ManagerListener`, in the thread of the test: what was handed over is run when the test wants to hear more."""
 
     def __init__(self) -> None:
         self.inbox: queue.Queue[Callable[[], None]] = queue.Queue()

@@ -367,7 +367,7 @@ def test_nothing_is_delivered_after_closing(settings: RosSettings) -> None:
 
 
 class Looked:
-    """Implements OnlookerHears."""
+    """Implements MonitorListener."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[str, Any]] = []
