@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # run from a bare 
 
 from benchmarks.common import FLOOR_NAMES, MOTION, READY_WITHIN_S, STOPPED, UP, Controller, only, running, site_file
 from lift_manager.rmf.contract import REPLAY_S
-from lift_manager.rmf.dds import Onlooker
+from lift_manager.rmf.dds import Monitor
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
 from lift_manager.rmf.ros_settings import RosSettings
 
@@ -46,7 +46,7 @@ class Rmf:
         self._awaited: dict[str, tuple[int, asyncio.Future[float]]] = {}
         self.heard: set[str] = set()
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         """Wake whoever waits for this."""
         now = time.monotonic()
         self.heard.add(state.lift_name)
@@ -54,10 +54,10 @@ class Rmf:
         if awaited is not None and state.motion_state == awaited[0]:
             self._loop.call_soon_threadsafe(_set, awaited[1], now)
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         """Nobody else is here."""
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         """Stop measuring."""
         raise SystemExit(f"a message that cannot be read: {text}")
 
@@ -92,13 +92,13 @@ def _manager(way: str, site: Path) -> Iterator[None]:
                 yield
 
 
-async def _requests(lift: str, controller: Controller, onlooker: Onlooker, times: Times, count: int) -> None:
+async def _requests(lift: str, controller: Controller, monitor: Monitor, times: Times, count: int) -> None:
     """Ask for one floor after the other."""
     dice, session = random.Random(lift), f"fleet/{lift}"
     for number in range(count + 1):
         code = 2 + number % 2
         called, asked_at = controller.called(code), time.monotonic()
-        onlooker.request(
+        monitor.send_request(
             LiftRequest(lift, Time.of(time.time()), session, AGV_MODE, FLOOR_NAMES[code - 1], DOOR_OPEN), direct=True
         )
         async with asyncio.timeout(WITHIN_S):
@@ -106,7 +106,7 @@ async def _requests(lift: str, controller: Controller, onlooker: Onlooker, times
         if number:  # the first one waits until the controller has granted robot mode
             times.requests.append(took)
         await asyncio.sleep(dice.uniform(*PAUSE_S))
-    onlooker.request(LiftRequest(lift, Time(), session, END_SESSION, "", 0), direct=True)
+    monitor.send_request(LiftRequest(lift, Time(), session, END_SESSION, "", 0), direct=True)
 
 
 async def _changes(lift: str, controller: Controller, rmf: Rmf, times: Times, count: int, poll_s: float) -> None:
@@ -129,7 +129,7 @@ async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times
         folder, {name: server.sockets[0].getsockname()[1] for name, server in servers.items()}, chosen.poll
     )
     rmf = Rmf(loop)
-    onlooker = Onlooker(RosSettings.of(os.environ), rmf, lambda call: call())
+    monitor = Monitor(RosSettings.of(os.environ), rmf, lambda call: call())
     starting = contextlib.ExitStack()
     try:
         await asyncio.to_thread(starting.enter_context, _manager(way, site))
@@ -142,10 +142,10 @@ async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times
                 tasks.create_task(_changes(name, controller, rmf, times, chosen.times, chosen.poll))
         async with asyncio.TaskGroup() as tasks:
             for name, controller in controllers.items():
-                tasks.create_task(_requests(name, controller, onlooker, times, chosen.times))
+                tasks.create_task(_requests(name, controller, monitor, times, chosen.times))
     finally:
         await asyncio.to_thread(starting.close)
-        onlooker.close()
+        monitor.close()
         for server in servers.values():
             server.close()
     return times

@@ -33,9 +33,10 @@ from lift_manager.lift.hours import RobotHours
 from lift_manager.lift.journal import Row
 from lift_manager.lift.state import Quality
 from lift_manager.metrics.metrics import Metrics
-from lift_manager.plain.counted import counted
+from lift_manager.plain.text import counted
 from lift_manager.plain.version import running_version
-from lift_manager.rmf.join import joined
+from lift_manager.rmf.dds import Dds
+from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import RunningAdapter
 from lift_manager.runtime.actor import LiftActor
@@ -225,7 +226,7 @@ async def run(
             systemd.send("STOPPING=1", "STATUS=letting go of everything")
             if adapter is not None:
                 # before a door is let go: no robot may begin to drive in
-                adapter.hush()
+                adapter.go_offline()
             released = await _let_go(building)
             building.recorder.note(manager_ended(released=released, commands=bool(_commanded(site))))
             serving.cancel()
@@ -258,10 +259,16 @@ def _parts(
 
 
 def _adapter(building: Building, settings: RosSettings | None, ends: ExitStack) -> RunningAdapter | None:
-    """Join Open-RMF where that is wanted. Raises DdsError."""
+    """Join Open-RMF if there are settings for it, on the running loop. Raises DdsError."""
     if settings is None:
         return None
-    adapter = joined(building.site, settings)
+    adapter = RunningAdapter(
+        lambda listener, deliver: Dds(settings, listener, deliver),
+        lambda: LocalManager(building.site),
+        use_sim_time=settings.use_sim_time,
+        adapter_id=settings.adapter,
+    )
+    adapter.open()
     ends.callback(adapter.close)
     building.metrics.count_rmf(adapter.counts)
     return adapter

@@ -15,8 +15,8 @@ from zoneinfo import ZoneInfo
 
 import typer
 
-from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
-from lift_manager.cli.common import err, fail, loaded_site, out, say, say_aside, store_path_of
+from lift_manager.cli.audit_text import RowTable, escape_unprintable, write_csv, write_jsonl
+from lift_manager.cli.common import err, fail, load_site_or_exit, out, print_lines, print_stderr, store_path_of
 from lift_manager.config.site import Site
 from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
@@ -32,11 +32,11 @@ from lift_manager.store.read import (
 from lift_manager.store.verify import Chain, Seal, read_seal, verify
 
 LAST = 50
-"""Rows of a table, where nobody says how many."""
+"""Rows of a table by default."""
 LAST_FOLLOWED = 10
-"""Rows that are shown before those that come."""
+"""Rows that `--follow` shows before new ones."""
 LOOK_S = 0.25
-"""From one look for new rows to the next. Chosen: at once for a person, nothing for a computer."""
+"""From one check for new rows to the next. Chosen: immediate for a person, negligible for a computer."""
 
 _DAY_US = 86_400_000_000
 _NEARLY_FULL = 0.9
@@ -47,24 +47,22 @@ _UNITS = {"s": "seconds", "m": "minutes", "h": "hours", "d": "days", "w": "weeks
 SiteOption = Annotated[
     Path | None, typer.Argument(metavar="SITE", help="The site file. The journal is where `serve` keeps it.")
 ]
-Journal = Annotated[
+JournalOption = Annotated[
     Path | None, typer.Option(metavar="FILE", help="This file instead: a copy, or a journal that was moved away.")
 ]
 OfLift = Annotated[str | None, typer.Option(metavar="LIFT", help="Rows of this lift.")]
 Kinds = Annotated[list[RowKind] | None, typer.Option("--kind", help="Rows of this kind; may be given more than once.")]
 Caller = Annotated[
-    str | None, typer.Option(metavar="CALLER", help="Rows of this caller, as the table has it, or of a face.")
+    str | None, typer.Option(metavar="CALLER", help="Rows of this caller, as in the table, or of a face.")
 ]
 Since = Annotated[
     str | None,
     typer.Option(metavar="TIME", help="A date, a time by the building's clock, both, or how long ago: 2h, 3d."),
 ]
-Until = Annotated[str | None, typer.Option(metavar="TIME", help="Before this time; a date is meant to its end.")]
+Until = Annotated[str | None, typer.Option(metavar="TIME", help="Before this time; of a date, its end.")]
 Last = Annotated[
     int | None,
-    typer.Option(
-        min=0, max=1_000_000, metavar="N", help=f"The newest N of them. A table has {LAST} if this is not said."
-    ),
+    typer.Option(min=0, max=1_000_000, metavar="N", help=f"The newest N of them; {LAST} in a table by default."),
 ]
 Find = Annotated[str | None, typer.Option(metavar="TEXT", help="Rows with this in their text, in capitals or not.")]
 OfEvent = Annotated[
@@ -82,35 +80,37 @@ Jsonl = Annotated[
     typer.Option("--jsonl", metavar="FILE", help="Write every column, a JSON object per line; - prints it."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a file that is there already.")]
-Verify = Annotated[bool, typer.Option("--verify", help="Walk the whole chain: no row is changed and none is gone.")]
+Verify = Annotated[
+    bool, typer.Option("--verify", help="Verify the whole chain: no row was changed and none is missing.")
+]
 SinceSeal = Annotated[
     str | None,
     typer.Option(
         metavar="SEAL",
-        help="Verify, and see what became of the seal that --verify printed earlier: NUMBER:HASH, or 'NUMBER:HASH from FIRST'.",
+        help="Verify, and compare with the seal that --verify printed earlier: NUMBER:HASH, or 'NUMBER:HASH from FIRST'.",
     ),
 ]
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
-    """A journal, and the building it is of."""
+class JournalSource:
+    """A journal, and its site."""
 
     path: Path
     site: Site | None
-    """None where there is only a file."""
+    """None if only a journal file was given."""
     copy: bool
 
     @property
     def zone(self) -> tzinfo | None:
-        """The building's; None is this computer's."""
+        """The time zone of the building; None for that of this computer."""
         return ZoneInfo(self.site.timezone) if self.site is not None and self.site.timezone is not None else None
 
 
 def audit(  # noqa: PLR0913  a parameter per option
     site: SiteOption = None,
     *,
-    journal: Journal = None,
+    journal: JournalOption = None,
     lift: OfLift = None,
     kinds: Kinds = None,
     caller: Caller = None,
@@ -126,51 +126,53 @@ def audit(  # noqa: PLR0913  a parameter per option
     verified: Verify = False,
     since_seal: SinceSeal = None,
 ) -> None:
-    """Show who asked for what, what was written because of it, and what became of it; export and verify it."""
+    """Show who requested what, what was written to the lift because of it, and the outcome; export and verify the journal."""
     seal = _seal(since_seal)
     walk = verified or seal is not None
-    _one_of({"--follow": follow, "--csv": as_csv is not None, "--jsonl": as_jsonl is not None, "--verify": walk})
+    _require_one_of(
+        {"--follow": follow, "--csv": as_csv is not None, "--jsonl": as_jsonl is not None, "--verify": walk}
+    )
     if walk and (lift, kinds, caller, since, until, last, find, event) != (None,) * 8:
         raise typer.BadParameter("the whole chain is verified; leave out what chooses rows", param_hint="--verify")
-    source = _source(site, journal)
+    source = _journal_source(site, journal)
     now = datetime.now(UTC).astimezone(source.zone)
-    wanted = RowFilter(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
+    row_filter = RowFilter(lift, frozenset(kinds or ()), caller, _since(since, now), _until(until, now), find, event)
     try:
         if walk:
             _verify(source, seal)
         elif as_csv is not None:
-            _export(source, wanted, last, as_csv, write_csv, force=force)
+            _export(source, row_filter, last, as_csv, write_csv, force=force)
         elif as_jsonl is not None:
-            _export(source, wanted, last, as_jsonl, write_jsonl, force=force)
+            _export(source, row_filter, last, as_jsonl, write_jsonl, force=force)
         elif follow:
-            _follow(source, wanted, LAST_FOLLOWED if last is None else last)
+            _follow(source, row_filter, LAST_FOLLOWED if last is None else last)
         else:
-            _show(source, wanted, last)
+            _show(source, row_filter, last)
     except JournalUnreadable as error:
-        raise fail(shown(str(error))) from error
+        raise fail(escape_unprintable(str(error))) from error
 
 
-def _show(source: Source, wanted: RowFilter, last: int | None) -> None:
+def _show(source: JournalSource, row_filter: RowFilter, last: int | None) -> None:
     count = LAST if last is None else last
     with open_journal(source.path, copy=source.copy) as reader:
-        found = reader.newest(wanted, count + 1)
+        found = reader.newest(row_filter, count + 1)
     rows = found[-count:] if count else []
     if not rows:
-        say_aside(_nothing(source, wanted, any_rows=bool(found)))
+        print_stderr(_no_rows_message(source, row_filter, any_rows=bool(found)))
         return
     if len(found) > count and last is None:
         err.print(f"the newest {count} rows; --last N shows more", style="dim", highlight=False)
-    Sheet(out, source.zone, rows, _lifts(source)).show(rows)
+    RowTable(out, source.zone, rows, _lifts(source)).show(rows)
 
 
-def _follow(source: Source, wanted: RowFilter, count: int) -> None:
+def _follow(source: JournalSource, row_filter: RowFilter, count: int) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
         newest = next(iter(reader.newest(ALL, 1)), None)
-        rows = reader.newest(wanted, count, newest.seq if newest is not None else None)
-    sheet = Sheet(out, source.zone, rows, _lifts(source))
-    follower = Follower(source.path, wanted, newest, copy=source.copy)
+        rows = reader.newest(row_filter, count, newest.seq if newest is not None else None)
+    table = RowTable(out, source.zone, rows, _lifts(source))
+    follower = Follower(source.path, row_filter, newest, copy=source.copy)
     try:
-        sheet.show(rows)
+        table.show(rows)
         while True:
             news = follower.news()
             if news.replaced:
@@ -179,27 +181,27 @@ def _follow(source: Source, wanted: RowFilter, count: int) -> None:
                 )
             if news.cut is not None:
                 err.print("rows {} to {} were cut before they could be shown".format(*news.cut), highlight=False)
-            sheet.show(news.rows)
+            table.show(news.rows)
             time.sleep(LOOK_S)
     except KeyboardInterrupt:
-        return  # that is how it ends
+        return  # Ctrl-C is the normal end
     finally:
         follower.close()
 
 
-def _verify(source: Source, seal: Seal | None) -> None:
+def _verify(source: JournalSource, seal: Seal | None) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
         try:
             chain = verify(reader, reader.site if source.site is None else source.site.name, seal)
         except ChainBroken as broken:
             with suppress(JournalUnreadable):
                 if (row := reader.row(broken.seq)) is not None:
-                    Sheet(out, source.zone, [row], ()).show([row])
-            raise fail(shown(f"{source.path}: {broken}")) from broken
-        say(_verdict(source, shown(reader.site), chain, seal))
+                    RowTable(out, source.zone, [row], ()).show([row])
+            raise fail(escape_unprintable(f"{source.path}: {broken}")) from broken
+        print_lines(_verdict(source, escape_unprintable(reader.site), chain, seal))
 
 
-def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iterator[str]:
+def _verdict(source: JournalSource, site: str, chain: Chain, seal: Seal | None) -> Iterator[str]:
     yield f"{source.path}: the chain of the site {site} holds"
     if chain.newest is None:
         yield "rows    none"
@@ -209,7 +211,7 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
     yield f"rows    {chain.rows}, from {chain.first} to {newest.seq}"
     if chain.cut is not None:
         yield f"cut     rows up to {chain.cut.through} were cut, says row {chain.cut.anchor}"
-        yield from _odd(source, chain)
+        yield from _unexpected_cut(source, chain)
     if seal is not None:
         yield f"noted   row {seal.seq} is the one that was noted"
         if seal.first is not None:
@@ -217,11 +219,11 @@ def _verdict(source: Source, site: str, chain: Chain, seal: Seal | None) -> Iter
             yield f"        {gone if chain.first > seal.first else 'no row was cut since'}"
     yield f"newest  {at:%Y-%m-%d %H:%M:%S.%f %z}"
     yield f"seal    {newest.seq}:{newest.hash.hex()} from {chain.first}"
-    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was written anew, and which rows were cut."
+    yield "Keep the seal in another place; `--since-seal` shows later that nothing up to it was rewritten, and which rows were cut."
 
 
-def _odd(source: Source, chain: Chain) -> Iterator[str]:
-    """Say that rows were cut which the site file keeps: that may have a good reason, and somebody should know it."""
+def _unexpected_cut(source: JournalSource, chain: Chain) -> Iterator[str]:
+    """Yield a warning if rows were cut that the site file keeps: there may be a good reason, but somebody should know it."""
     cut, oldest = chain.cut, chain.oldest
     if source.site is None or cut is None or oldest is None:
         return
@@ -229,14 +231,14 @@ def _odd(source: Source, chain: Chain) -> Iterator[str]:
     days = (cut.at - oldest.at) / _DAY_US
     if days >= keeps.keep_days - 1 or megabytes >= _NEARLY_FULL * keeps.max_mb:
         return
-    left = f"that cut left rows of the last {max(days, 0):.0f} days"
-    yield f"odd     {left}; the site file keeps {keeps.keep_days}, and the journal has {megabytes:.0f} of {keeps.max_mb} MB:"
+    remaining = f"that cut left rows of the last {max(days, 0):.0f} days"
+    yield f"odd     {remaining}; the site file keeps {keeps.keep_days}, and the journal has {megabytes:.0f} of {keeps.max_mb} MB:"
     yield "        were `keep_days` or `max_mb` smaller then, was the clock wrong, was no manager running, or has somebody cut it?"
 
 
 def _export(
-    source: Source,
-    wanted: RowFilter,
+    source: JournalSource,
+    row_filter: RowFilter,
     last: int | None,
     path: Path,
     write: Callable[[Iterable[StoredRow], BinaryIO], int],
@@ -244,53 +246,53 @@ def _export(
     force: bool,
 ) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
-        rows = reader.rows(wanted) if last is None else reader.newest(wanted, last)
+        rows = reader.rows(row_filter) if last is None else reader.newest(row_filter, last)
         if str(path) == "-":
             write(rows, sys.stdout.buffer)
             return
         if path.exists() and not (force and path.is_file()):
             raise fail(f"{path}: there already; give another name, or --force to replace a file")
-        beside = path.with_name(f"{path.name}.part")
+        part_file = path.with_name(f"{path.name}.part")
         try:
-            with beside.open("wb") as file:
+            with part_file.open("wb") as file:
                 if write is write_csv:
                     file.write(b"\xef\xbb\xbf")  # without it a spreadsheet does not read letters beyond ASCII
                 count = write(rows, file)
-            beside.replace(path)
+            part_file.replace(path)
         except OSError as error:
             raise fail(f"{path} cannot be written: {error.strerror or error}") from error
         finally:
-            beside.unlink(missing_ok=True)
-    say([f"{count} row{'' if count == 1 else 's'} in {path}"])
+            part_file.unlink(missing_ok=True)
+    print_lines([f"{count} row{'' if count == 1 else 's'} in {path}"])
 
 
-def _source(site: Path | None, journal: Path | None) -> Source:
+def _journal_source(site: Path | None, journal: Path | None) -> JournalSource:
     if site is None:
         if journal is None:
             raise typer.BadParameter("name the site file, or a journal with --journal FILE", param_hint="SITE")
-        return Source(journal, None, copy=True)
-    loaded = loaded_site(site)
+        return JournalSource(journal, None, copy=True)
+    loaded = load_site_or_exit(site)
     if journal is not None:
-        return Source(journal, loaded.site, copy=True)
-    return Source(store_path_of(loaded), loaded.site, copy=False)
+        return JournalSource(journal, loaded.site, copy=True)
+    return JournalSource(store_path_of(loaded), loaded.site, copy=False)
 
 
-def _lifts(source: Source) -> Iterable[str]:
+def _lifts(source: JournalSource) -> Iterable[str]:
     return () if source.site is None else source.site.lifts
 
 
-def _nothing(source: Source, wanted: RowFilter, *, any_rows: bool) -> str:
-    if wanted.lift is not None and source.site is not None and wanted.lift not in source.site.lifts:
-        return f"no row is of a lift {wanted.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
-    if any_rows or wanted == ALL:
+def _no_rows_message(source: JournalSource, row_filter: RowFilter, *, any_rows: bool) -> str:
+    if row_filter.lift is not None and source.site is not None and row_filter.lift not in source.site.lifts:
+        return f"no row is of a lift {row_filter.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
+    if any_rows or row_filter == ALL:
         return "no rows"
-    return "no row is like that"
+    return "no row matches"
 
 
-def _one_of(ways: dict[str, bool]) -> None:
-    said = [way for way, is_said in ways.items() if is_said]
-    if len(said) > 1:
-        raise typer.BadParameter(f"{' and '.join(said)} do not go together; give one of them", param_hint=said[1])
+def _require_one_of(options: dict[str, bool]) -> None:
+    given = [option for option, is_given in options.items() if is_given]
+    if len(given) > 1:
+        raise typer.BadParameter(f"{' and '.join(given)} do not go together; give one of them", param_hint=given[1])
 
 
 def _seal(text: str | None) -> Seal | None:
@@ -309,7 +311,7 @@ def _until(text: str | None, now: datetime) -> int | None:
 
 
 def _moment(text: str, now: datetime, option: str) -> tuple[datetime, datetime]:
-    """Return when that begins and when it ends: a date is a day, everything else a moment."""
+    """Return the begin and end of a time: a date is a whole day, everything else a moment."""
     zone = now.tzinfo if isinstance(now.tzinfo, ZoneInfo) else None
     try:
         if ago := _AGO.fullmatch(text):
@@ -326,7 +328,7 @@ def _moment(text: str, now: datetime, option: str) -> tuple[datetime, datetime]:
 
 
 def _at(moment: datetime, zone: tzinfo | None) -> datetime:
-    """A time without a zone is by the building's clock, or by this computer's."""
+    """Convert to UTC; a time without a zone is by the building's clock, or else by this computer's."""
     if moment.tzinfo is None and zone is not None:
         moment = moment.replace(tzinfo=zone)
     return moment.astimezone(UTC)

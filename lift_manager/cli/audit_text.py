@@ -1,4 +1,4 @@
-"""Rows of the journal as text: for people, for a spreadsheet, for other programs."""
+"""Formats rows of the journal: for people, for spreadsheets, for other programs."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from lift_manager.store.chain import StoredRow, canonical
 from lift_manager.store.read import event_of, time_of
 
 _JOINERS = "\u200c\u200d"
-"""Unseen, but Persian and Indian scripts cannot be written without them."""
-# also behind what is a separator in some countries, in quotes, and in the wide form of Japanese keyboards
+"""Invisible, but Persian and Indian scripts cannot be written without them."""
+# also after a separator of some countries, in quotes, and in the wide form of Japanese keyboards
 _FORMULA = re.compile('(^|;)(?="*[=+\\-@\uff1d\uff0b\uff0d\uff20])')
 _STYLES: Mapping[str, str] = {
     RowKind.ALARM: "red",
@@ -34,22 +34,22 @@ _STYLES: Mapping[str, str] = {
 }
 
 
-class Sheet:
-    """Rows for people: a table for a terminal, a line each for everything else."""
+class RowTable:
+    """Prints rows for people: a table on a terminal, otherwise a line for each row."""
 
     def __init__(self, console: Console, zone: tzinfo | None, rows: Sequence[StoredRow], lifts: Iterable[str]) -> None:
-        """Take the widths of the columns from the rows that are there, and from the names of lifts."""
+        """Derive the column widths from these rows and the names of lifts."""
         self._console, self._zone = console, zone
         wide = console.width >= 100 or not console.is_terminal
         names = [*lifts, *(row.lift for row in rows)]
-        self._lift = _width(names, least=4, most=20 if wide else 10)
-        self._caller = _width([row.caller for row in rows], least=12, most=28 if wide else 18)
+        self._lift = _width(names, minimum=4, maximum=20 if wide else 10)
+        self._caller = _width([row.caller for row in rows], minimum=12, maximum=28 if wide else 18)
         self._number = max(len(str(rows[-1].seq)) if rows else 0, 6) if wide else 0
-        self._event = _width([event_of(row) for row in rows], least=15, most=24) if console.width >= 140 else 0
+        self._event = _width([event_of(row) for row in rows], minimum=15, maximum=24) if console.width >= 140 else 0
         self._day: date | None = None
 
     def show(self, rows: Sequence[StoredRow]) -> None:
-        """Print some rows, below those that were printed before."""
+        """Print rows below those printed earlier."""
         if not self._console.is_terminal:
             for row in rows:
                 self._console.print(self._line(row), markup=False, highlight=False, soft_wrap=True)
@@ -60,10 +60,16 @@ class Sheet:
             if table is None or at.date() != self._day:
                 self._print(table)
                 table = self._table(at)
-            cells = [f"{at:%H:%M:%S}", shown(row.lift), row.kind, shown(row.caller), shown(row.text)]
+            cells = [
+                f"{at:%H:%M:%S}",
+                escape_unprintable(row.lift),
+                row.kind,
+                escape_unprintable(row.caller),
+                escape_unprintable(row.text),
+            ]
             style = _STYLES.get(row.kind, "")
             numbers, events = [str(row.seq)] if self._number else [], [event_of(row)] if self._event else []
-            table.add_row(*numbers, *(Text(cell, style) for cell in cells), *map(shown, events))
+            table.add_row(*numbers, *(Text(cell, style) for cell in cells), *map(escape_unprintable, events))
         self._print(table)
 
     def _print(self, table: Table | None) -> None:
@@ -93,20 +99,20 @@ class Sheet:
         cells = (
             f"{row.seq:>{self._number}}",
             f"{at:%Y-%m-%d %H:%M:%S}",
-            f"{shown(row.lift):{self._lift}}",
-            f"{shown(row.kind):7}",
-            f"{shown(row.caller):{self._caller}}",
-            shown(row.text),
-            f"[{shown(event)}]" if (event := event_of(row)) else "",
+            f"{escape_unprintable(row.lift):{self._lift}}",
+            f"{escape_unprintable(row.kind):7}",
+            f"{escape_unprintable(row.caller):{self._caller}}",
+            escape_unprintable(row.text),
+            f"[{escape_unprintable(event)}]" if (event := event_of(row)) else "",
         )
         return "  ".join(cells).rstrip()
 
 
-def shown(text: str) -> str:
+def escape_unprintable(text: str) -> str:
     r"""Return the text with what cannot be seen, or could command a terminal, as `\u001b`."""
     if text.isprintable():
         return text
-    return "".join(sign if _is_shown(sign) else _escaped(sign) for sign in text)
+    return "".join(char if _is_printable(char) else _escaped(char) for char in text)
 
 
 def write_csv(rows: Iterable[StoredRow], file: BinaryIO) -> int:
@@ -141,7 +147,7 @@ def _utc(row: StoredRow) -> str:
 
 
 def _read_data(text: str) -> Json:
-    """Return what the JSON says; the text itself if it is not what the manager writes, so that its hash can be found again."""
+    """Parse JSON; return the text itself if the manager would write it differently, so that its hash stays reproducible."""
     try:
         data: Json = json.loads(text)
         return data if canonical(data) == text else text
@@ -150,12 +156,12 @@ def _read_data(text: str) -> Json:
 
 
 def _as_json(value: Json) -> str:
-    return shown(json.dumps(value, ensure_ascii=False))
+    return escape_unprintable(json.dumps(value, ensure_ascii=False))
 
 
 def _cell(text: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula: an apostrophe in front says that it is text."""
-    return _FORMULA.sub(r"\1'", shown(text))
+    """Prefix an apostrophe, so that a spreadsheet does not take a text for a formula."""
+    return _FORMULA.sub(r"\1'", escape_unprintable(text))
 
 
 @contextmanager
@@ -167,15 +173,15 @@ def _utf8(file: BinaryIO) -> Iterator[io.TextIOWrapper]:
         text.detach()  # writes out what is left, and leaves the file open
 
 
-def _is_shown(sign: str) -> bool:
-    return sign.isprintable() or sign in _JOINERS or unicodedata.category(sign) == "Zs"
+def _is_printable(char: str) -> bool:
+    return char.isprintable() or char in _JOINERS or unicodedata.category(char) == "Zs"
 
 
-def _escaped(sign: str) -> str:
+def _escaped(char: str) -> str:
     # as in JSON, where signs of more than 16 bits are two
-    units = sign.encode("utf-16-be", "surrogatepass")
+    units = char.encode("utf-16-be", "surrogatepass")
     return "".join(f"\\u{units[i]:02x}{units[i + 1]:02x}" for i in range(0, len(units), 2))
 
 
-def _width(names: Sequence[str], least: int, most: int) -> int:
-    return min(max((cell_len(shown(name)) for name in names), default=least), most)
+def _width(names: Sequence[str], minimum: int, maximum: int) -> int:
+    return min(max((cell_len(escape_unprintable(name)) for name in names), default=minimum), maximum)

@@ -1,4 +1,4 @@
-"""What all commands share: where they print, how they fail, and how they read the words they are given."""
+"""Shared by all commands: printing, failing, and reading arguments."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from register_maps.load import LoadedMap, load
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-# no emoji: an address such as x:door:1 is no picture
+# no emoji: an address such as x:door:1 is not an emoji code
 out = Console(emoji=False)
 err = Console(stderr=True, emoji=False)
 
@@ -33,56 +33,56 @@ Floors = Annotated[str, typer.Option(help="Floors with their codes, lowest first
 _NUMBER = re.compile(r"-?[0-9]+")
 
 
-def say(lines: Iterable[str]) -> None:
-    """Print lines as they are: not coloured, not wrapped."""
+def print_lines(lines: Iterable[str]) -> None:
+    """Print lines unchanged: without colour or wrapping."""
     for line in lines:
         out.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def say_json(found: DataclassInstance | Sequence[DataclassInstance]) -> None:
-    """Print data for other programs."""
+def print_json(found: DataclassInstance | Sequence[DataclassInstance]) -> None:
+    """Print data as JSON, for other programs."""
     data = [asdict(item) for item in found] if isinstance(found, Sequence) else asdict(found)
-    say([json.dumps(data, indent=2)])
+    print_lines([json.dumps(data, indent=2)])
 
 
-def say_aside(text: str) -> None:
-    """Print to stderr as it is: what is no part of the answer."""
+def print_stderr(text: str) -> None:
+    """Print a line to stderr unchanged: messages that are not part of the result."""
     err.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def fail(text: str) -> typer.Exit:
     """Print one sentence to stderr; raise what this returns."""
-    say_aside(text)
+    print_stderr(text)
     return typer.Exit(1)
 
 
-def refused(error: MapFileError) -> typer.Exit:
+def report_mistakes(error: MapFileError) -> typer.Exit:
     """Print every mistake of a file to stderr, and their number; raise what this returns."""
     for finding in error.findings:
-        say_aside(str(finding))
+        print_stderr(str(finding))
     count = len(error.findings)
     err.print(f"{count} mistake{'' if count == 1 else 's'}", highlight=False)
     return typer.Exit(2)
 
 
-def loaded_map(name: str) -> LoadedMap:
-    """Load a map, or say what is wrong with it and exit with 2."""
+def load_map_or_exit(name: str) -> LoadedMap:
+    """Load a map, or report its mistakes and exit with 2."""
     try:
         return load(name, near=Path.cwd())
     except MapFileError as error:
-        raise refused(error) from error
+        raise report_mistakes(error) from error
 
 
-def loaded_site(path: Path, *, for_rmf: bool = False) -> LoadedSite:
-    """Load a site, one that is used with RMF where `for_rmf` says so, or say what is wrong with it and exit with 2."""
+def load_site_or_exit(path: Path, *, for_rmf: bool = False) -> LoadedSite:
+    """Load a site, checked for use with RMF if `for_rmf`, or report its mistakes and exit with 2."""
     try:
         return load_site(path, for_rmf=for_rmf)
     except MapFileError as error:
-        raise refused(error) from error
+        raise report_mistakes(error) from error
 
 
 def store_path_of(loaded: LoadedSite) -> Path:
-    """Return the file beside which everything of a site is kept, or say why there is none and exit with 1."""
+    """Return the path of a site's store, or report why there is none and exit with 1."""
     try:
         return store_path(loaded.site.name, loaded.site.state, loaded.path, os.environ)
     except StoreUnusable as error:
@@ -90,7 +90,7 @@ def store_path_of(loaded: LoadedSite) -> Path:
 
 
 def read_floors(text: str) -> dict[str, int] | None:
-    """Read floors with their codes; None where nobody gave any. Raises typer.BadParameter."""
+    """Parse floors with their codes; None for an empty text. Raises typer.BadParameter."""
     if not text:
         return None
     floors: dict[str, int] = {}

@@ -1,4 +1,4 @@
-"""The key that a command shows to a manager: from a file, or from the environment."""
+"""The key that a command sends to a manager, from a file or the environment."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ KeyFile = Annotated[
     typer.Option(
         "--key-file",
         metavar="FILE",
-        help=f"A file that holds your key and nothing else; or set {KEY_VARIABLE}.",
+        help=f"A file with your key and nothing else; or set {KEY_VARIABLE}.",
         show_default=False,
     ),
 ]
 
 
 def key_of(file: Path | None) -> Secret | None:
-    """Return the key to send. Never from the command line itself: every user of the computer can read that."""
+    """Return the key to send. It never comes from the command line, which every user of the computer can read."""
     if file is None:
         source, text = KEY_VARIABLE, os.environ.get(KEY_VARIABLE, "")
         if not text:

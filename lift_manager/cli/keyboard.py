@@ -1,4 +1,4 @@
-"""A person at the terminal who is asked to press ENTER."""
+"""Prompts a person at the terminal to press ENTER."""
 
 from __future__ import annotations
 
@@ -8,60 +8,60 @@ import sys
 from collections.abc import Callable
 from enum import Enum, auto
 
-from lift_manager.cli.common import say_aside
+from lift_manager.cli.common import print_stderr
 
 if sys.platform != "win32":
     import termios
 
 LOOK_EVERY_S = 0.2
-"""Chosen: so soon a person reads that a question is withdrawn."""
+"""How soon a person sees that a prompt was withdrawn. Chosen."""
 _LINE_LIMIT = 4096
-"""Bytes; a terminal of Linux gives no longer line."""
+"""In bytes; a Linux terminal returns no longer line."""
 
 
-class Answer(Enum):
-    """What came of a question."""
+class EnterResult(Enum):
+    """The outcome of a prompt."""
 
     PRESSED = auto()
     WITHDRAWN = auto()
-    """It stood no more."""
+    """The prompt no longer applies."""
     ENDED = auto()
-    """Nobody can answer: Ctrl-D, or the terminal was closed."""
+    """Nobody can press ENTER: Ctrl-D, or the terminal was closed."""
 
 
-async def pressed(question: str, stands: Callable[[], bool], terminal: int) -> Answer:
-    """Ask, and wait for ENTER for as long as the question stands. `terminal` is a file descriptor.
+async def wait_for_enter(question: str, is_open: Callable[[], bool], terminal: int) -> EnterResult:
+    """Print a prompt and wait for ENTER while `is_open`. `terminal` is a file descriptor.
 
-    A terminal keeps what was typed before the question; that is thrown away, for it answers something else.
+    Input typed before the prompt is discarded, because it was meant for something else.
     """
     try:
         termios.tcflush(terminal, termios.TCIFLUSH)
-        say_aside(question)
+        print_stderr(question)
     except (termios.error, OSError):
         # a closed terminal
-        return Answer.ENDED
+        return EnterResult.ENDED
     loop = asyncio.get_running_loop()
     lines: asyncio.Queue[bytes] = asyncio.Queue()
-    # read at once: a moment later there may be nothing to read any more, and that would block everything
-    loop.add_reader(terminal, lambda: lines.put_nowait(_line(terminal)))
+    # read at once: a moment later there may be nothing left to read, and the read would block the loop
+    loop.add_reader(terminal, lambda: lines.put_nowait(_read_line(terminal)))
     try:
-        while stands():
+        while is_open():
             try:
                 async with asyncio.timeout(LOOK_EVERY_S):
                     line = await lines.get()
             except TimeoutError:
                 continue
             if not line:
-                return Answer.ENDED
+                return EnterResult.ENDED
             if line.endswith(b"\n"):
-                return Answer.PRESSED if stands() else Answer.WITHDRAWN
-        return Answer.WITHDRAWN
+                return EnterResult.PRESSED if is_open() else EnterResult.WITHDRAWN
+        return EnterResult.WITHDRAWN
     finally:
         loop.remove_reader(terminal)
 
 
-def _line(terminal: int) -> bytes:
-    """Return what was typed; empty at the end of it. Without a line end where Ctrl-D sent an unfinished line."""
+def _read_line(terminal: int) -> bytes:
+    """Return the typed line; empty at the end of the input. Without a line end if Ctrl-D sent an unfinished line."""
     try:
         return os.read(terminal, _LINE_LIMIT)
     except OSError:

@@ -14,7 +14,7 @@ import typer
 
 from lift_manager.api.access import OF_SOME_LIFTS, Role
 from lift_manager.api.keys import Key, holds_key
-from lift_manager.cli.common import SiteFile, fail, loaded_site, out, say, say_aside, store_path_of
+from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, print_lines, print_stderr, store_path_of
 from lift_manager.config.load import LoadedSite
 from lift_manager.store.errors import KeysUnusable
 from lift_manager.store.keys import KeyEntry, keys_path, make_key, read_keys, revoke_key
@@ -23,10 +23,12 @@ app = typer.Typer(no_args_is_help=True, help="Make, list and revoke the keys of 
 
 _NAME = re.compile(r"\w(?:[\w .-]{0,30}\w)?")
 _FACES = ("workshop", "api", "rmf", "page", "commissioning")
-"""A session is shown as `<face>:<name>`, and as the face alone where nobody can be told."""
+"""A session is shown as `<face>:<name>`, or as the face alone for anonymous callers."""
 RUNNING = "a manager that runs for this site sees it within a second; one that is not running, at its start"
 
-Name = Annotated[str, typer.Option("--name", metavar="NAME", help="Whose key; also the name of its sessions.")]
+Name = Annotated[
+    str, typer.Option("--name", metavar="NAME", help="The owner of the key; also the name of its sessions.")
+]
 
 
 @app.command()
@@ -37,8 +39,8 @@ def make(
         Role,
         typer.Option(
             "--role",
-            help="viewer reads; robot also commands the lifts named here; rmf, for `lift-manager rmf`, speaks for RMF's sessions there;"
-            " operator commands all, and speaks for people.",
+            help="viewer reads; robot also commands the lifts named here; rmf, for `lift-manager rmf`, opens RMF's sessions there;"
+            " operator commands all lifts, and may do what people do.",
         ),
     ],
     lift: Annotated[
@@ -47,22 +49,22 @@ def make(
     ] = None,
 ) -> None:
     """Make a key and print it, this once: the key on stdout, all else on stderr."""
-    loaded = loaded_site(site)
-    key = Key("", _checked(name), role, _lifts(loaded, role, lift or []))
+    loaded = load_site_or_exit(site)
+    key = Key("", _check_name(name), role, _lifts(loaded, role, lift or []))
     path = keys_path(store_path_of(loaded))
     try:
         first = not read_keys(path, loaded.site.name).live
-        made = make_key(path, loaded.site.name, key, by=_me(), at=datetime.now(UTC))
+        made = make_key(path, loaded.site.name, key, by=_current_user(), at=datetime.now(UTC))
     except KeysUnusable as error:
         raise fail(str(error)) from error
-    say_aside(f"{key.name}: a key with the role {role}, kept as a hash in {path}; {RUNNING}")
-    say_aside("this is the only time that it is shown; send it in the header `Authorization: Bearer ...`")
+    print_stderr(f"{key.name}: a key with the role {role}, kept as a hash in {path}; {RUNNING}")
+    print_stderr("this is the only time that it is shown; send it in the header `Authorization: Bearer ...`")
     if first:
-        say_aside("it is the first key of this site: from now on every request needs one, on this computer too")
-        say_aside(
+        print_stderr("it is the first key of this site: from now on every request needs one, on this computer too")
+        print_stderr(
             "a robot that rides without a key is locked out in the middle of its ride: with a key it has another name, so it"
             " is refused until its old session is over. Make the first key when no robot rides; if one does, wait until it is"
-            " outside, or end its session with `lift-manager release` and, once a person has looked into the car, say"
+            " outside, or end its session with `lift-manager release` and, once a person has looked into the car, run"
             " `lift-manager ack`"
         )
     _keep_to_owner(sys.stdout)
@@ -70,7 +72,7 @@ def make(
 
 
 def _keep_to_owner(stream: TextIO) -> None:
-    """Let nobody else read a file that stdout goes to: the shell makes it readable for all, and then no command takes the key in it."""
+    """Make a file to which stdout is redirected private: the shell makes it readable for all, and no command accepts such a key."""
     try:
         number = stream.fileno()
     except OSError:
@@ -79,21 +81,21 @@ def _keep_to_owner(stream: TextIO) -> None:
         if stat.S_ISREG(os.fstat(number).st_mode):
             os.fchmod(number, 0o600)
     except OSError:
-        say_aside("every user of this computer may be able to read the file that the key goes to; `chmod 600` it")
+        print_stderr("every user of this computer may be able to read the file that the key goes to; `chmod 600` it")
 
 
 @app.command("list")
 def list_keys(site: SiteFile) -> None:
     """List the keys of a site, live and revoked; never the keys themselves."""
-    loaded = loaded_site(site)
+    loaded = load_site_or_exit(site)
     path = keys_path(store_path_of(loaded))
     try:
         keys = read_keys(path, loaded.site.name).keys
     except KeysUnusable as error:
         raise fail(str(error)) from error
     if not keys:
-        say([f"there is no key in {path}; make one with `lift-manager keys make`"])
-    say(_line(entry) for entry in keys)
+        print_lines([f"there is no key in {path}; make one with `lift-manager keys make`"])
+    print_lines(_line(entry) for entry in keys)
 
 
 @app.command()
@@ -101,18 +103,18 @@ def revoke(
     site: SiteFile, name: Annotated[str, typer.Argument(metavar="NAME", help="The name of a live key.")]
 ) -> None:
     """Revoke a key; it is refused within a second. A session that it holds ends with its lease, or by `lift-manager release`."""
-    loaded = loaded_site(site)
+    loaded = load_site_or_exit(site)
     path = keys_path(store_path_of(loaded))
     try:
-        left = revoke_key(path, loaded.site.name, name, by=_me(), at=datetime.now(UTC))
+        remaining = revoke_key(path, loaded.site.name, name, by=_current_user(), at=datetime.now(UTC))
     except KeysUnusable as error:
         raise fail(str(error)) from error
-    say([f"{name}: revoked; {RUNNING}"])
-    if not left.live:
-        say_aside("it was the last live key: where the site is open without keys, as on 127.0.0.1, it is open again")
+    print_lines([f"{name}: revoked; {RUNNING}"])
+    if not remaining.live:
+        print_stderr("it was the last live key: where the site is open without keys, as on 127.0.0.1, it is open again")
 
 
-def _checked(name: str) -> str:
+def _check_name(name: str) -> str:
     if not _NAME.fullmatch(name) or holds_key(name):
         raise typer.BadParameter("use 1 to 32 letters, digits, spaces, points and hyphens", param_hint="--name")
     if name.casefold() in _FACES:
@@ -127,7 +129,7 @@ def _lifts(loaded: LoadedSite, role: Role, lifts: list[str]) -> tuple[str, ...]:
             raise typer.BadParameter(f"a key with the role {role} is for every lift; leave it out", param_hint="--lift")
         return ()
     if not lifts:
-        raise typer.BadParameter(f"say which lifts this key may command: {known}", param_hint="--lift")
+        raise typer.BadParameter(f"name the lifts that this key may command: {known}", param_hint="--lift")
     for lift in lifts:
         if lift not in loaded.site.lifts:
             raise typer.BadParameter(f"this site has no lift {lift!r}; there is {known}", param_hint="--lift")
@@ -143,8 +145,8 @@ def _line(entry: KeyEntry) -> str:
     return f"{entry.name}: {entry.role}{lifts}, id {entry.id}, {made}, {revoked}"
 
 
-def _me() -> str:
-    """Return whoever sits there: with sudo, not root."""
+def _current_user() -> str:
+    """Return the user at the terminal: with sudo, not root."""
     if person := os.environ.get("SUDO_USER", ""):
         return person
     try:

@@ -1,4 +1,4 @@
-"""`lift-manager lifts`: how the lifts of a running manager are."""
+"""`lift-manager lifts`: show the lifts of a running manager."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import typer
 from rich.table import Table
 
 from lift_manager.api.lifts import Lift
-from lift_manager.cli.common import out, say, say_aside
-from lift_manager.cli.secured import Ca, Certificate, CertificateKey
-from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
+from lift_manager.cli.common import out, print_lines, print_stderr
+from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.states import States
 from lift_manager.lift.state import Quality
 
 FIRST_WITHIN_S = 5.0
-"""Chosen: a manager that says nothing for so long is asked once more in the plain way, which says why."""
+"""Chosen: after this long without an answer, a plain request finds out why."""
 
 
 def lifts(
@@ -33,40 +33,40 @@ def lifts(
     certificate_key: CertificateKey = None,
 ) -> None:
     """Show the lifts of a running manager: where each is, its door, its mode and who holds it. Exit code 1 where no manager answers."""
-    to = Speaker(manager, key_file, ca, certificate, certificate_key)
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if follow:
         try:
-            to.ask(lambda client: _follow(client, as_json=as_json))
+            connection.run(lambda client: _follow(client, as_json=as_json))
         except KeyboardInterrupt:
             return
     if as_json:
-        found = to.ask(lambda client: client.lifts())
-        say([json.dumps([lift.model_dump(mode="json") for lift in found], indent=2, ensure_ascii=False)])
+        found = connection.run(lambda client: client.lifts())
+        print_lines([json.dumps([lift.model_dump(mode="json") for lift in found], indent=2, ensure_ascii=False)])
     else:
-        out.print(_table(*to.ask(_read)), highlight=False)
+        out.print(_table(*connection.run(_read)), highlight=False)
 
 
 async def _read(client: LiftManagerClient) -> tuple[Sequence[Lift], Sequence[str]]:
-    """Return every lift, and what people call each."""
+    """Return every lift, and the display names."""
     found = await client.lifts()
     able = await asyncio.gather(*(client.capabilities(lift.name) for lift in found))
     return found, [lift.display_name for lift in able]
 
 
 async def _follow(client: LiftManagerClient, *, as_json: bool) -> None:
-    # says in one sentence why it cannot, before anything is printed
+    # fails with one sentence before anything is printed
     await client.lifts()
     async with client.states() as states:
         await _print(states, as_json=as_json)
 
 
 async def _print(states: States, *, as_json: bool) -> None:
-    silent = False
+    is_lost = False
     async for lift in states:
-        say([lift.model_dump_json() if as_json else _line(lift)])
-        if not silent and not states.heard(lift.name):
-            say_aside("the manager is not heard; this goes on by itself once it is")
-        silent = not states.heard(lift.name)
+        print_lines([lift.model_dump_json() if as_json else _line(lift)])
+        if not is_lost and not states.heard(lift.name):
+            print_stderr("the manager does not answer; this continues once it does")
+        is_lost = not states.heard(lift.name)
         await asyncio.sleep(0)
 
 
@@ -82,13 +82,13 @@ def _table(found: Sequence[Lift], display_names: Sequence[str]) -> Table:
 
 
 def _plain(text: str) -> str:
-    # what a person wrote may look like markup
+    # text from people may look like markup
     return text.replace("[", r"\[")
 
 
 def _cells(lift: Lift) -> tuple[str, ...]:
     age = "-" if lift.age_s is None else f"{lift.age_s:.1f} s"
-    held = "-" if lift.session is None else _who(lift.session.face, lift.session.name)
+    held = "-" if lift.session is None else _holder_name(lift.session.face, lift.session.name)
     if lift.quality is Quality.OFFLINE:
         return lift.name, "-", "-", "-", "offline", held, age, _note(lift)
     doors = ", ".join(f"{side} {door}" for side, door in lift.doors.items()) or "-"
@@ -96,26 +96,28 @@ def _cells(lift: Lift) -> tuple[str, ...]:
 
 
 def _note(lift: Lift) -> str:
-    told = lift.restrictions
+    restrictions = lift.restrictions
     notes = [
         lift.reason,
-        "a fire has yet to be acknowledged" if told.fire_latched else "",
-        f"locked out {told.lockout}" if told.lockout else "",
-        f"drain {told.drain}" if told.drain else "",
-        f"robot {_who(*_parted(told.maybe_occupied_by))} may be in the car" if told.maybe_occupied_by else "",
-        f"distrusted: {told.distrusted}" if told.distrusted else "",
-        told.waiting_for,
+        "a fire has yet to be acknowledged" if restrictions.fire_latched else "",
+        f"locked out {restrictions.lockout}" if restrictions.lockout else "",
+        f"drain {restrictions.drain}" if restrictions.drain else "",
+        f"robot {_holder_name(*_split_holder(restrictions.maybe_occupied_by))} may be in the car"
+        if restrictions.maybe_occupied_by
+        else "",
+        f"distrusted: {restrictions.distrusted}" if restrictions.distrusted else "",
+        restrictions.waiting_for,
         f"{lift.waiting} waiting" if lift.waiting else "",
     ]
     return "; ".join(note for note in notes if note)
 
 
-def _who(face: str, name: str) -> str:
+def _holder_name(face: str, name: str) -> str:
     return name if name == face else f"{name} ({face})"
 
 
-def _parted(holder: str) -> tuple[str, str]:
-    """Return face and name of `face:name`; who has but one name is called by it."""
+def _split_holder(holder: str) -> tuple[str, str]:
+    """Split `face:name` into face and name; a holder without a name is called like its face."""
     face, _, name = holder.partition(":")
     return face, name or face
 

@@ -1,4 +1,4 @@
-"""The log of a command that runs for long: for a person who watches, or an object per line for programs."""
+"""The log of a long-running command: lines for people, or a JSON object per line for programs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VARIABLE = "LIFT_MANAGER_LOG_FORMAT"
 
 @unique
 class LogFormat(StrEnum):
-    """What a line of the log looks like."""
+    """The format of log lines."""
 
     HUMAN = "human"
     JSON = "json"
@@ -31,7 +31,7 @@ LogOption = Annotated[
 
 
 def log_to(stream: TextIO, form: LogFormat) -> logging.Handler:
-    """Log everything of this process to a stream: also what its libraries say. Returns what does it."""
+    """Log everything of this process, including its libraries, to a stream; return the handler."""
     handler = logging.StreamHandler(stream)
     handler.setFormatter(_FORMATTERS[form]())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
@@ -40,12 +40,12 @@ def log_to(stream: TextIO, form: LogFormat) -> logging.Handler:
 
 
 def log_to_stderr(form: LogFormat = LogFormat.HUMAN) -> None:
-    """Log to where systemd, a container or a person looks."""
+    """Log to stderr, where systemd, a container or a person reads it."""
     log_to(sys.stderr, form)
 
 
 class HumanFormatter(logging.Formatter):
-    """Takes keys out of whole entries, tracebacks included: the last net, for what no caller of a logger thought of."""
+    """Removes keys from whole entries, tracebacks included, as a last safeguard."""
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(levelname)-7s %(message)s", datefmt="%H:%M:%S")
@@ -58,13 +58,13 @@ class HumanFormatter(logging.Formatter):
 class JsonFormatter(logging.Formatter):
     """One object per line: `time` (RFC 3339, UTC), `level`, `logger`, `message`; where known `event`, `lift` and `exception`.
 
-    `event` is the id that the same event has in the journal and in the event stream. Keys are taken out as in lines for people.
+    `event` is the id of the same event in the journal and in the event stream. Keys are removed as in lines for people.
     """
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
         at = datetime.fromtimestamp(record.created, UTC).replace(tzinfo=None)
-        said = {
+        fields = {
             "time": f"{at.isoformat(timespec='milliseconds')}Z",
             "level": record.levelname.lower(),
             "logger": record.name,
@@ -73,12 +73,12 @@ class JsonFormatter(logging.Formatter):
         for name in ("event", "lift"):
             value = getattr(record, name, None)
             if isinstance(value, str) and value:
-                said[name] = value
+                fields[name] = value
         if record.exc_info:
-            said["exception"] = self.formatException(record.exc_info)
+            fields["exception"] = self.formatException(record.exc_info)
         if record.stack_info:
-            said["stack"] = self.formatStack(record.stack_info)
-        return redacted(json.dumps(said, ensure_ascii=False))
+            fields["stack"] = self.formatStack(record.stack_info)
+        return redacted(json.dumps(fields, ensure_ascii=False))
 
 
 _FORMATTERS: dict[LogFormat, type[logging.Formatter]] = {

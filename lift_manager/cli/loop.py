@@ -1,4 +1,4 @@
-"""How a command runs for long: its event loop."""
+"""The event loop of long-running commands."""
 
 from __future__ import annotations
 
@@ -17,6 +17,6 @@ T = TypeVar("T")
 
 
 def run(main: Coroutine[Any, Any, T]) -> T:
-    """Run to the end on the fastest loop that there is."""
+    """Run a coroutine to its end on the fastest available event loop."""
     with asyncio.Runner(loop_factory=_new_loop) as runner:
         return runner.run(main)

@@ -1,4 +1,4 @@
-"""The command line: which word calls what. Each command is imported when it is asked for, for the whole program takes two seconds."""
+"""The command line. Each command is imported only when it is called, because importing the whole program takes two seconds."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lift_manager.plain.version import running_version
 from register_maps.plain import closest
 
 COMMANDS = {
-    "demo": "trying:demo",
-    "serve": "serving:serve",
-    "check": "trying:check",
-    "simulate": "trying:simulate",
+    "demo": "lab:demo",
+    "serve": "serve:serve",
+    "check": "check:check",
+    "simulate": "lab:simulate",
     "keys": "keys:app",
     "lifts": "lifts:lifts",
     "ride": "ride:ride",
@@ -30,18 +30,18 @@ COMMANDS = {
     "scenario": "scenario:app",
     "rmf": "rmf:app",
 }
-"""Module of this package, and the function or the group in it, by the word; in the order of the help."""
+"""Module of this package, and the function or group in it, by command; in the order of the help."""
 
 
 class Commands(TyperGroup):
-    """Finds its commands in the table."""
+    """Looks up commands in `COMMANDS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Name every command."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Import one command. A word that is none ends the program with the nearest one."""
+        """Import one command. An unknown one ends the program and names the most similar one."""
         if cmd_name not in COMMANDS:
             ctx.fail(f"No such command {cmd_name!r}{closest(cmd_name, COMMANDS)}")
         module, _, name = COMMANDS[cmd_name].partition(":")
@@ -59,8 +59,8 @@ class Commands(TyperGroup):
 app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 
 
-def _version(*, asked: bool) -> None:
-    if asked:
+def _version(*, is_requested: bool) -> None:
+    if is_requested:
         typer.echo(f"lift-manager {running_version()}")
         raise typer.Exit
 
@@ -71,7 +71,7 @@ def lift_manager(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=lambda value: _version(asked=value), is_eager=True, help="Show the version."
+            "--version", callback=lambda value: _version(is_requested=value), is_eager=True, help="Show the version."
         ),
     ] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""`lift-manager maps`: for whoever writes a map, or has one to hand to a lift company."""
+"""`lift-manager maps`: for people who write a register map, or hand one to a lift company."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from lift_manager.cli.common import (
     MapName,
     SiteFile,
     fail,
-    loaded_map,
-    loaded_site,
+    load_map_or_exit,
+    load_site_or_exit,
+    print_json,
+    print_lines,
     read_floors,
-    refused,
-    say,
-    say_json,
+    report_mistakes,
 )
 from lift_manager.commissioning import maps_check, maps_list, maps_plan, maps_show, maps_text
 from lift_manager.commissioning.iolist import as_csv, as_html
@@ -59,52 +59,52 @@ def default(context: typer.Context, *, as_json: Json = False) -> None:
 
 @app.command("list")
 def list_maps(*, as_json: Json = False) -> None:
-    """List the shipped maps: where each comes from, and what it can say and do."""
+    """List the shipped maps: the source of each, and its signals and commands."""
     maps = maps_list.shipped_maps()
     if as_json:
-        say_json(maps)
+        print_json(maps)
     else:
-        say(maps_list.lines(maps))
+        print_lines(maps_list.lines(maps))
 
 
 @app.command()
 def show(map_name: MapName, *, as_json: Json = False) -> None:
     """Show every point of a map: printed address, address on the wire, function, coding, source."""
-    sheet = maps_show.map_sheet(loaded_map(map_name))
+    sheet = maps_show.map_sheet(load_map_or_exit(map_name))
     if as_json:
-        say_json(sheet)
+        print_json(sheet)
     else:
-        say(maps_text.lines(sheet))
+        print_lines(maps_text.lines(sheet))
 
 
 @app.command()
 def check(
     file: Annotated[str, typer.Argument(metavar="FILE|MAP", help="A map file, or a shipped map by name.")],
 ) -> None:
-    """Find every mistake of a map, and say how to mend each; exits 2 if there is one."""
+    """Find every mistake of a map, with a remedy for each; exits 2 if there is one."""
     try:
-        say(maps_check.report(file))
+        print_lines(maps_check.report(file))
     except MapFileError as error:
-        raise refused(error) from error
+        raise report_mistakes(error) from error
 
 
 @app.command()
 def plan(map_name: MapName, floors: Floors = "") -> None:
     """Print the requests of one poll and of each command, as hex and in plain words; sends nothing."""
-    loaded = loaded_map(map_name)
+    loaded = load_map_or_exit(map_name)
     named = read_floors(floors)
     try:
         found = maps_plan.plan(loaded.map, named)
     except ValueError as error:
         raise fail(f"{loaded.map.name}: {error}") from error
-    say(maps_check.to_be_set(loaded))
-    say(maps_plan.lines(found))
+    print_lines(maps_check.to_be_set(loaded))
+    print_lines(maps_plan.lines(found))
 
 
 @app.command()
 def iolist(site: SiteFile, output: Output, *, force: Force = False) -> None:
     """Write the I/O list that is handed to the lift company, as .xlsx, .csv or .html."""
-    loaded = loaded_site(site)
+    loaded = load_site_or_exit(site)
     try:
         render = _IO_LISTS[check_ending(output, _IO_LISTS)]
         found = io_list(loaded)
@@ -112,13 +112,13 @@ def iolist(site: SiteFile, output: Output, *, force: Force = False) -> None:
     except OutputRefused as error:
         raise fail(str(error)) from error
     points = sum(len(lift.points) for lift in found.lifts)
-    say([f"{output}: {points} points of {len(found.lifts)} lift{'' if len(found.lifts) == 1 else 's'}"])
+    print_lines([f"{output}: {points} points of {len(found.lifts)} lift{'' if len(found.lifts) == 1 else 's'}"])
 
 
 @app.command()
 def plc(map_name: MapName, output: Output, floors: Floors = "", *, force: Force = False) -> None:
     """Write a PLC program (Structured Text, .st) that serves a generic map, and the sheet for its wiring beside it."""
-    loaded = loaded_map(map_name)
+    loaded = load_map_or_exit(map_name)
     named = read_floors(floors)
     wiring = output.with_name(f"{output.stem}-wiring.md")
     try:
@@ -127,6 +127,6 @@ def plc(map_name: MapName, output: Output, floors: Floors = "", *, force: Force 
         save({output: program.st.encode(), wiring: program.wiring.encode()}, force=force)
     except (OutputRefused, NoProgram) as error:
         raise fail(str(error)) from error
-    say([f"{output}: the program", f"{wiring}: its wiring, and what to try before the first robot"])
+    print_lines([f"{output}: the program", f"{wiring}: its wiring, and what to try before the first robot"])
     if named is None:
-        say(["The floors are examples; give the real ones with --floors."])
+        print_lines(["The floors are examples; give the real ones with --floors."])

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import SiteFile, fail, loaded_site, say
+from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, print_lines
 from lift_manager.commissioning.network import nftables, systemd
 from lift_manager.commissioning.network.build import look_up, network
 from lift_manager.commissioning.network.errors import NetworkRefused
@@ -48,9 +48,11 @@ def show(  # noqa: PLR0913 - one parameter for each option that is typed
     unit: Annotated[bool, typer.Option("--systemd", help="A drop-in for the systemd unit.")] = False,
     manager: Managers = [],  # noqa: B006 - typer makes a new list of it
     clients: Clients = [],  # noqa: B006
-    action: Annotated[Action, typer.Option(help="With --suricata: what is done.")] = Action.ALERT,
-    reads: Annotated[bool, typer.Option("--reads", help="With --suricata: reads that we do not make, too.")] = False,
-    user: Annotated[str, typer.Option(help="With --nftables: whom the manager runs as.")] = "lift-manager",
+    action: Annotated[Action, typer.Option(help="With --suricata: what its rules do.")] = Action.ALERT,
+    reads: Annotated[
+        bool, typer.Option("--reads", help="With --suricata: also reads that the manager never makes.")
+    ] = False,
+    user: Annotated[str, typer.Option(help="With --nftables: the user that the manager runs as.")] = "lift-manager",
 ) -> None:
     """Show what the owner's network should let through for a site, as a table or as rules for other programs."""
     if suricata + nft + nft_gateway + unit > 1:
@@ -60,17 +62,17 @@ def show(  # noqa: PLR0913 - one parameter for each option that is typed
         raise typer.BadParameter(
             "the address of the manager's computer, as the controllers see it", param_hint="--manager"
         )
-    loaded = loaded_site(site)
+    loaded = load_site_or_exit(site)
     try:
         found = network(loaded, look_up if suricata or nft or nft_gateway or unit else None)
     except NetworkRefused as error:
         raise fail(str(error)) from error
     if suricata:
-        say(rules(found, managers, action=action.value, reads=reads))
+        print_lines(rules(found, managers, action=action.value, reads=reads))
     elif nft:
-        say(nftables.host(found, networks, _user(user)))
+        print_lines(nftables.host(found, networks, _user(user)))
     else:
-        say(_rest(found, managers, networks, gateway=nft_gateway, unit=unit))
+        print_lines(_rest(found, managers, networks, gateway=nft_gateway, unit=unit))
 
 
 def _rest(

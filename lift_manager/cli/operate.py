@@ -1,4 +1,4 @@
-"""What people say to a running manager: acknowledge, lock out, end a lockout, take a lift from its holder."""
+"""`lift-manager ack`, `lockout`, `drain` and `release`: actions of people at a running manager."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import say
-from lift_manager.cli.secured import Ca, Certificate, CertificateKey
-from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
+from lift_manager.cli.common import print_lines
+from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.lift.events import Cause
 
 LiftName = Annotated[str, typer.Argument(metavar="LIFT", help="The lift, by its name in the site file.")]
-By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is kept with what you say.")]
+By = Annotated[str, typer.Option("--by", metavar="NAME", help="Your name; it is recorded with the action.")]
 
 Now = Annotated[
     bool,
@@ -32,16 +32,16 @@ def ack(
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Say that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again."""
-    to = Speaker(manager, key_file, ca, certificate, certificate_key)
-    said = to.ask(lambda client: client.acknowledge(lift, by))
+    """Acknowledge that a lift was checked after a fire, that no robot is in its car, or that its signals may be trusted again."""
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
+    result = connection.run(lambda client: client.acknowledge(lift, by))
     causes = {
         Cause.FIRE: "the fire",
         Cause.OCCUPIED: "that no robot is in the car",
         Cause.CONTRADICTION: "that its signals may be trusted",
     }
-    what = " and ".join(causes[cause] for cause in said.acknowledged)
-    say([f"{said.lift}: {said.by} acknowledged {what}, {_shown(said.at)}; robots are taken again"])
+    what = " and ".join(causes[cause] for cause in result.acknowledged)
+    print_lines([f"{result.lift}: {result.by} acknowledged {what}, {_shown(result.at)}; robots are taken again"])
 
 
 def lockout(  # noqa: PLR0913  each is an option of the command line
@@ -49,7 +49,8 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
     by: By,
     *,
     reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="Why; every robot that asks is told.", show_default=False)
+        str,
+        typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False),
     ] = "",
     end: Annotated[bool, typer.Option("--end", help="End the lockout: robots may command the lift again.")] = False,
     now: Now = False,
@@ -62,16 +63,20 @@ def lockout(  # noqa: PLR0913  each is an option of the command line
     """Keep robots off a lift, over restarts too, until somebody ends that with --end."""
     if end and reason:
         raise typer.BadParameter("a lockout that ends needs no reason; leave --reason out", param_hint="--reason")
-    to = Speaker(manager, key_file, ca, certificate, certificate_key)
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     if end:
-        ended = to.ask(lambda client: client.end_lockout(lift, by))
+        ended = connection.run(lambda client: client.end_lockout(lift, by))
         was = ended.lockout
-        say([f"{ended.lift}: the lockout by {was.by} since {_shown(was.since)} ({was.reason}) is ended by {ended.by}"])
+        print_lines(
+            [f"{ended.lift}: the lockout by {was.by} since {_shown(was.since)} ({was.reason}) is ended by {ended.by}"]
+        )
         return
     if not reason.strip():
-        raise typer.BadParameter("say why, in a few words; robots and their people are told", param_hint="--reason")
-    said = to.ask(lambda client: client.lock_out(lift, by, reason, now=now))
-    say([f"{said.lift}: locked out by {said.by} since {_shown(said.since)}: {said.reason}"])
+        raise typer.BadParameter(
+            "give the reason in a few words; robots and their operators see it", param_hint="--reason"
+        )
+    result = connection.run(lambda client: client.lock_out(lift, by, reason, now=now))
+    print_lines([f"{result.lift}: locked out by {result.by} since {_shown(result.since)}: {result.reason}"])
 
 
 def drain(  # noqa: PLR0913  each is an option of the command line
@@ -80,9 +85,10 @@ def drain(  # noqa: PLR0913  each is an option of the command line
         str, typer.Argument(metavar="[LIFT]", help="The lift, by its name in the site file.", show_default=False)
     ] = "",
     *,
-    every: Annotated[bool, typer.Option("--all", help="Every lift of the site, instead of one.")] = False,
+    all_lifts: Annotated[bool, typer.Option("--all", help="Every lift of the site, instead of one.")] = False,
     reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="Why; every robot that asks is told.", show_default=False)
+        str,
+        typer.Option("--reason", metavar="TEXT", help="The reason; every refused robot gets it.", show_default=False),
     ] = "",
     end: Annotated[bool, typer.Option("--end", help="End the drain: sessions may begin again.")] = False,
     manager: Manager = MANAGER,
@@ -92,24 +98,26 @@ def drain(  # noqa: PLR0913  each is an option of the command line
     certificate_key: CertificateKey = None,
 ) -> None:
     """Let present sessions end and no new one begin, over restarts too, until somebody ends that with --end."""
-    if bool(lift) == every:
+    if bool(lift) == all_lifts:
         raise typer.BadParameter("name one lift, or all of them with --all", param_hint="LIFT")
     if end and reason:
         raise typer.BadParameter("a drain that ends needs no reason; leave --reason out", param_hint="--reason")
     if not (end or reason.strip()):
-        raise typer.BadParameter("say why, in a few words; robots and their people are told", param_hint="--reason")
-    to = Speaker(manager, key_file, ca, certificate, certificate_key)
-    for name in [one.name for one in to.ask(lambda client: client.lifts())] if every else [lift]:
-        say([_end_drain(to, name, by) if end else _begin_drain(to, name, by, reason)])
+        raise typer.BadParameter(
+            "give the reason in a few words; robots and their operators see it", param_hint="--reason"
+        )
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
+    for name in [one.name for one in connection.run(lambda client: client.lifts())] if all_lifts else [lift]:
+        print_lines([_end_drain(connection, name, by) if end else _begin_drain(connection, name, by, reason)])
 
 
-def _begin_drain(to: Speaker, lift: str, by: str, reason: str) -> str:
-    begun = to.ask(lambda client: client.begin_drain(lift, by, reason))
+def _begin_drain(connection: ManagerConnection, lift: str, by: str, reason: str) -> str:
+    begun = connection.run(lambda client: client.begin_drain(lift, by, reason))
     return f"{begun.lift}: no new session begins; drain by {begun.by} since {_shown(begun.since)}: {begun.reason}"
 
 
-def _end_drain(to: Speaker, lift: str, by: str) -> str:
-    ended = to.ask(lambda client: client.end_drain(lift, by))
+def _end_drain(connection: ManagerConnection, lift: str, by: str) -> str:
+    ended = connection.run(lambda client: client.end_drain(lift, by))
     was = ended.drain
     return f"{ended.lift}: the drain by {was.by} since {_shown(was.since)} ({was.reason}) is ended by {ended.by}"
 
@@ -126,10 +134,10 @@ def release(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """End the session of whoever holds a lift; everything is released, and the car is not moved."""
-    to = Speaker(manager, key_file, ca, certificate, certificate_key)
-    said = to.ask(lambda client: client.force_release(lift, by, reason, now=now))
-    say([f"{said.by}, {_shown(said.at)}: {said.text}"])
+    """End the session that holds a lift; everything is released, and the car does not move."""
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
+    result = connection.run(lambda client: client.force_release(lift, by, reason, now=now))
+    print_lines([f"{result.by}, {_shown(result.at)}: {result.text}"])
 
 
 def _shown(at: datetime) -> str:

@@ -1,4 +1,4 @@
-"""`lift-manager ride`: be a robot, to try a lift out."""
+"""`lift-manager ride`: act as a robot, to try out a lift."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import say, say_aside
-from lift_manager.cli.keyboard import Answer, pressed
-from lift_manager.cli.secured import Ca, Certificate, CertificateKey
-from lift_manager.cli.speaking import MANAGER, KeyFile, Manager, Speaker
+from lift_manager.cli.common import print_lines, print_stderr
+from lift_manager.cli.connection import MANAGER, KeyFile, Manager, ManagerConnection
+from lift_manager.cli.keyboard import EnterResult, wait_for_enter
+from lift_manager.cli.tls_options import Ca, Certificate, CertificateKey
 from lift_manager.client.client import LiftManagerClient
 from lift_manager.client.errors import Refused, Unreachable
 from lift_manager.client.ride import ActiveRide
@@ -30,25 +30,31 @@ PROMPTS = {
     Guidance.LEAVE: "press ENTER once the robot is outside",
 }
 END_WITHIN_S = 120.0
-"""Chosen: so long a cancelled ride is waited for, while a robot that may be inside is let out."""
+"""How long to wait for the end of a cancelled ride, in which a robot that may be inside can leave. Chosen."""
 AGAIN_S = 1.0
-"""Chosen: between two tries to cancel a ride while no manager answers."""
+"""Between two attempts to cancel a ride while no manager answers. Chosen."""
 SIGNALS: dict[int, str] = {
-    getattr(signal, name): told
-    for name, told in (("SIGINT", "Ctrl-C"), ("SIGTERM", "SIGTERM"), ("SIGHUP", "SIGHUP: the terminal was closed"))
+    getattr(signal, name): name_of_signal
+    for name, name_of_signal in (
+        ("SIGINT", "Ctrl-C"),
+        ("SIGTERM", "SIGTERM"),
+        ("SIGHUP", "SIGHUP: the terminal was closed"),
+    )
     if hasattr(signal, name)
 }
-"""What ends a ride safely, as people know it. Windows has no SIGHUP."""
+"""Signals that end a ride safely, with their names for people. Windows has no SIGHUP."""
 
 
 def ride(  # noqa: PLR0913  each is an option of the command line
     lift: Annotated[str, typer.Argument(metavar="LIFT", help="The lift by its name, or `any`.")],
     start: Annotated[str, typer.Argument(metavar="FROM", help="The floor where the robot waits.")],
-    destination: Annotated[str, typer.Argument(metavar="TO", help="The floor where it wants to be.")],
+    destination: Annotated[str, typer.Argument(metavar="TO", help="The floor to which it rides.")],
     *,
-    robot: Annotated[str, typer.Option("--robot", metavar="NAME", help="Its name; others are told who has the lift.")],
+    robot: Annotated[
+        str, typer.Option("--robot", metavar="NAME", help="Its name; others see it as the holder of the lift.")
+    ],
     yes: Annotated[
-        bool, typer.Option("--yes", help="No robot is there: say `entered` and `left` at once when they are due.")
+        bool, typer.Option("--yes", help="Without a robot: report `entered` and `left` as soon as they are due.")
     ] = False,
     manager: Manager = MANAGER,
     key_file: KeyFile = None,
@@ -56,17 +62,17 @@ def ride(  # noqa: PLR0913  each is an option of the command line
     certificate: Certificate = None,
     certificate_key: CertificateKey = None,
 ) -> None:
-    """Ride as a robot would: print what it is to do, and say its words. Ctrl-C cancels, and waits until the robot is let out.
+    """Ride as a robot would: print its guidance, and report when it has entered and left. Ctrl-C cancels, and waits until the robot is out.
 
-    SIGTERM, SIGHUP and Ctrl-D do the same; any of them a second time ends it at once, and the ride goes on.
+    SIGTERM, SIGHUP and Ctrl-D do the same; a second one ends the command at once, and the ride goes on.
 
-    Exit codes: 0 the robot is there; 1 no manager, or it said no; 3 the ride was cancelled; 4 it was given up; 5 the ride goes on.
+    Exit codes: 0 the robot has arrived; 1 no manager, or it refused; 3 the ride was cancelled; 4 it was given up; 5 the ride goes on.
     """
     if not yes and (sys.platform == "win32" or not sys.stdin.isatty()):
-        raise typer.BadParameter("without a terminal nobody can say that the robot is inside", param_hint="--yes")
-    to = Speaker(manager, key_file, ca, certificate, certificate_key)
+        raise typer.BadParameter("without a terminal nobody can confirm that the robot is inside", param_hint="--yes")
+    connection = ManagerConnection(manager, key_file, ca, certificate, certificate_key)
     rider = Rider(None if yes else sys.stdin.fileno())
-    last = to.ask(lambda client: rider.ride(client, lift, start, destination, robot))
+    last = connection.run(lambda client: rider.ride(client, lift, start, destination, robot))
     if last is None or not last.over:
         raise typer.Exit(5)
     if last.ride.phase is Phase.CANCELLED:
@@ -76,107 +82,108 @@ def ride(  # noqa: PLR0913  each is an option of the command line
 
 
 class Rider:
-    """Goes through one ride, once."""
+    """Runs one ride, once."""
 
     def __init__(self, terminal: int | None) -> None:
-        """`terminal` is where a person says that the robot is inside and outside; without one both are said as soon as they are due."""
+        """At `terminal` a person confirms that the robot is inside and outside; without one both are reported as soon as they are due."""
         self._terminal = terminal
         self._id = ""
         self._last: Step | None = None
         self._why = ""
-        self._stop, self._at_once = asyncio.Event(), asyncio.Event()
+        self._stop, self._end_now = asyncio.Event(), asyncio.Event()
 
     def stop(self, why: str) -> None:
-        """Cancel the ride and see its end; the second time, end at once."""
+        """Cancel the ride and wait for its end; the second time, end at once."""
         if self._stop.is_set():
-            self._at_once.set()
+            self._end_now.set()
         self._why = self._why or why
         self._stop.set()
 
     async def ride(self, client: LiftManagerClient, lift: str, start: str, destination: str, robot: str) -> Step | None:
-        """Return the last step that was seen; it is not over where the ride goes on, and None where nothing is known of it."""
-        with _told_by_signals(self.stop):
-            if not await _unless(self._at_once, self._ride(client, lift, start, destination, robot)):
-                self._leave_behind(client, "ended at once")
+        """Return the last known step: it is not over if the ride goes on, and None if nothing is known of it."""
+        with _call_on_signals(self.stop):
+            if not await _run_until(self._end_now, self._ride(client, lift, start, destination, robot)):
+                self._report_unfinished(client, "ended at once")
         return self._last
 
     async def _ride(self, client: LiftManagerClient, lift: str, start: str, destination: str, robot: str) -> None:
         async with client.ride(lift, start, destination, robot=robot) as ride:
             self._id = ride.id
-            if await _unless(self._stop, self._go(ride)):
+            if await _run_until(self._stop, self._follow(ride)):
                 return
-            self._tell(say_aside, f"cancelled ({self._why}); waiting for the end, once more does not wait")
+            self._print(print_stderr, f"cancelled ({self._why}); waiting for the end; repeat it to end at once")
             try:
                 async with asyncio.timeout(END_WITHIN_S):
                     await self._end(ride)
             except TimeoutError:
-                self._leave_behind(client, f"the ride has not ended within {END_WITHIN_S:g} s")
+                self._report_unfinished(client, f"the ride has not ended within {END_WITHIN_S:g} s")
 
     async def _end(self, ride: ActiveRide) -> None:
-        """Have whoever is inside let out, and see the end of it."""
-        before = self._last
+        """Cancel the ride, and wait until the robot is out and the ride has ended."""
+        previous = self._last
         while not ride.over:
             try:
                 await ride.cancel(self._why)
                 break
             except Unreachable as error:
-                self._tell(say_aside, f"{error}; it is tried again")
+                self._print(print_stderr, f"{error}; trying again")
                 await asyncio.sleep(AGAIN_S)
-        if before is not None and before.ride.phase is ride.now.ride.phase:
-            # it was being let out already, and the question was cut short
-            await self._act(ride, ride.now)
-        await self._go(ride)
+        if previous is not None and previous.ride.phase is ride.now.ride.phase:
+            # the robot was leaving already, and its prompt was interrupted
+            await self._act_on(ride, ride.now)
+        await self._follow(ride)
 
-    async def _go(self, ride: ActiveRide) -> None:
+    async def _follow(self, ride: ActiveRide) -> None:
         async for step in ride:
-            await self._act(ride, step)
+            await self._act_on(ride, step)
 
-    async def _act(self, ride: ActiveRide, step: Step) -> None:
+    async def _act_on(self, ride: ActiveRide, step: Step) -> None:
         self._last = step
-        self._tell(_say_line, _line(step))
-        word = {Guidance.ENTER: ride.entered, Guidance.LEAVE: ride.left}.get(step.guidance)
-        if word is None:
+        self._print(_print_line, _line(step))
+        report = {Guidance.ENTER: ride.entered, Guidance.LEAVE: ride.left}.get(step.guidance)
+        if report is None:
             return
         if self._terminal is not None and not await self._pressed(ride, step.guidance, self._terminal):
             return
         try:
-            await word()
+            await report()
         except Refused as error:
-            self._tell(say_aside, str(error))
+            self._print(print_stderr, str(error))
 
     async def _pressed(self, ride: ActiveRide, guidance: Guidance, terminal: int) -> bool:
-        answer = await pressed(PROMPTS[guidance], lambda: ride.now.guidance is guidance, terminal)
-        if answer is Answer.WITHDRAWN:
-            self._tell(
-                say_aside, f"the robot is not to {guidance} at the moment; ENTER says nothing until you are asked again"
+        answer = await wait_for_enter(PROMPTS[guidance], lambda: ride.now.guidance is guidance, terminal)
+        if answer is EnterResult.WITHDRAWN:
+            self._print(
+                print_stderr,
+                f"the robot is not to {guidance} at the moment; ENTER has no effect until the next prompt",
             )
-        elif answer is Answer.ENDED:
+        elif answer is EnterResult.ENDED:
             self.stop("nobody can press ENTER any more")
-        return answer is Answer.PRESSED
+        return answer is EnterResult.PRESSED
 
-    def _leave_behind(self, client: LiftManagerClient, why: str) -> None:
+    def _report_unfinished(self, client: LiftManagerClient, why: str) -> None:
         if not self._id:
             text = f"{why}; a ride may have begun: `curl {client.url}{API}/rides` shows it"
         else:
             ride = f"curl -X POST {client.url}{ride_path(self._id)}"
             text = (
-                f"{why}; the manager goes on with ride {self._id}: `{ride}/cancel` cancels it, and `{ride}/left` says that the"
+                f"{why}; the manager goes on with ride {self._id}: `{ride}/cancel` cancels it, and `{ride}/left` reports that the"
                 " robot is outside"
             )
-        self._tell(say_aside, text)
+        self._print(print_stderr, text)
 
-    def _tell(self, how: Callable[[str], None], text: str) -> None:
+    def _print(self, print_text: Callable[[str], None], text: str) -> None:
         try:
-            how(text)
+            print_text(text)
         except OSError:
-            # a closed terminal: nobody reads this, and the robot is let out all the same
-            _into_nothing()
+            # a closed terminal: nobody reads this, but the robot still has to get out
+            _discard_output()
             if not self._stop.is_set():
-                self.stop("nobody reads what is said")
+                self.stop("the terminal was closed")
 
 
-def _into_nothing() -> None:
-    """Let what cannot be printed go nowhere: it would be tried again when the program ends, and fail it."""
+def _discard_output() -> None:
+    """Discard output that cannot be printed: Python would retry it at exit, and fail."""
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
         for stream in (sys.stdout, sys.stderr):
             try:
@@ -185,50 +192,50 @@ def _into_nothing() -> None:
                 os.dup2(nowhere.fileno(), stream.fileno())
 
 
-async def _unless(ends: asyncio.Event, work: Coroutine[None, None, None]) -> bool:
-    """Work until the end, or until something else ends it; return whether it came to its end."""
+async def _run_until(ends: asyncio.Event, work: Coroutine[None, None, None]) -> bool:
+    """Run `work` until it completes or `ends` is set; return whether it has completed."""
     working, ending = asyncio.create_task(work), asyncio.create_task(ends.wait())
     try:
         await asyncio.wait((working, ending), return_when=asyncio.FIRST_COMPLETED)
     finally:
-        came_to_its_end = working.done()
+        is_complete = working.done()
         for task in (working, ending):
             while not task.done():
-                # again and again: a ride that is left is cancelled at the manager, which may take its time
+                # repeatedly: leaving a ride cancels it at the manager, which may take a while
                 task.cancel()
                 await asyncio.sleep(0)
     if not working.cancelled():
         working.result()
-    return came_to_its_end
+    return is_complete
 
 
 @contextmanager
-def _told_by_signals(stop: Callable[[str], None]) -> Iterator[None]:
-    """Have signals call this, but those that whoever started the program wants ignored (`nohup`)."""
+def _call_on_signals(stop: Callable[[str], None]) -> Iterator[None]:
+    """Call `stop` on signals, except those that the caller of the program has set to be ignored (`nohup`)."""
     loop = asyncio.get_running_loop()
 
-    def heard(number: int, _: FrameType | None) -> None:
+    def on_signal(number: int, _: FrameType | None) -> None:
         loop.call_soon_threadsafe(stop, SIGNALS[number])
 
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    taken = {number: handler for number, handler in before.items() if handler is not signal.SIG_IGN}
+    previous = {number: signal.getsignal(number) for number in SIGNALS}
+    handled = {number: handler for number, handler in previous.items() if handler is not signal.SIG_IGN}
     try:
-        for number in taken:
-            signal.signal(number, heard)
+        for number in handled:
+            signal.signal(number, on_signal)
         yield
     finally:
-        for number, handler in taken.items():
+        for number, handler in handled.items():
             signal.signal(number, handler)
 
 
-def _say_line(text: str) -> None:
-    say([text])
+def _print_line(text: str) -> None:
+    print_lines([text])
 
 
 def _line(step: Step) -> str:
     ride = step.ride
     where = f"{ride.lift} {ride.from_} -> {ride.to}"
     ahead = f" ({ride.ahead} ahead)" if ride.ahead else ""
-    word = ride.phase if ride.phase is Phase.CANCELLED else step.guidance
-    parts = [f"{where}: {word}{ahead}", step.reason, "" if step.advice is None else f"advice: {step.advice}"]
+    report = ride.phase if ride.phase is Phase.CANCELLED else step.guidance
+    parts = [f"{where}: {report}{ahead}", step.reason, "" if step.advice is None else f"advice: {step.advice}"]
     return "; ".join(part for part in parts if part)

@@ -1,4 +1,4 @@
-"""`lift-manager rmf`: the adapter to Open-RMF beside a manager, and two ways to look at what RMF and lifts say to each other."""
+"""`lift-manager rmf`: the Open-RMF adapter as a program of its own, and two tools to inspect RMF's messages about lifts."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 from prometheus_client import CollectorRegistry, PlatformCollector, ProcessCollector, start_http_server
 
-from lift_manager.cli import rmf_look
-from lift_manager.cli.common import fail, say
+from lift_manager.cli import rmf_tools
+from lift_manager.cli.common import fail, print_lines
 from lift_manager.cli.key_file import KeyFile, key_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
@@ -25,11 +25,11 @@ from lift_manager.cli.rmf_options import (
     RequestsTopic,
     SimTime,
     StatesTopic,
-    joined,
+    describe_rmf,
+    join_rmf,
     ros_settings,
-    where_in_rmf,
 )
-from lift_manager.cli.secured import Ca
+from lift_manager.cli.tls_options import Ca
 from lift_manager.metrics.rmf import RmfCollector
 from lift_manager.plain.http import DEFAULT_PORT, Address, BadAddress, Server
 from lift_manager.plain.signals import stop_on_signals
@@ -40,10 +40,10 @@ from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.run import RunningAdapter
 
 app = typer.Typer(
-    help="Run the Open-RMF lift adapter beside a manager, without ROS; or see what RMF and the lifts say to each other."
+    help="Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts."
 )
-app.command("watch")(rmf_look.watch)
-app.command("request")(rmf_look.request)
+app.command("watch")(rmf_tools.watch)
+app.command("request")(rmf_tools.request)
 
 MetricsPort = Annotated[
     int | None,
@@ -51,7 +51,7 @@ MetricsPort = Annotated[
         "--metrics-port",
         min=1,
         max=65535,
-        help="Serve what is counted for Prometheus here, as /metrics.",
+        help="Serve the adapter's metrics for Prometheus here, as /metrics.",
         show_default=False,
     ),
 ]
@@ -83,7 +83,7 @@ def adapter(  # noqa: PLR0913  each is an option of the command line
     ] = "127.0.0.1",
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
-    """Run the Open-RMF lift adapter beside a manager, without ROS; or see what RMF and the lifts say to each other."""
+    """Run the Open-RMF lift adapter next to a manager, without ROS; or inspect the messages between RMF and lifts."""
     if context.invoked_subcommand is not None:
         _refuse_options(context, context.invoked_subcommand)
         return
@@ -108,14 +108,14 @@ async def _run(settings: RosSettings, server: Server, counts: Counts) -> None:
     stop = asyncio.Event()
     stop_on_signals(stop)
     running = RunningAdapter(
-        lambda hears, deliver: Dds(settings, hears, deliver),
+        lambda listener, deliver: Dds(settings, listener, deliver),
         lambda: RemoteManager(server),
         use_sim_time=settings.use_sim_time,
         counts=counts,
         adapter_id=settings.adapter,
     )
-    joined(running.open)
-    say([f"Open-RMF lift adapter: {where_in_rmf(settings)}; manager {server.address}; Ctrl-C ends it"])
+    join_rmf(running.open)
+    print_lines([f"Open-RMF lift adapter: {describe_rmf(settings)}; manager {server.address}; Ctrl-C ends it"])
     async with asyncio.TaskGroup() as tasks:
         task = tasks.create_task(running.run())
         await stop.wait()
@@ -132,7 +132,7 @@ def _server(address: str, port: int, key_file: Path | None, ca: Path | None) -> 
 
 @contextmanager
 def _metrics(counts: Counts, host: str, port: int) -> Iterator[None]:
-    """Serve them while the block lasts."""
+    """Serve the metrics while the block lasts."""
     registry = CollectorRegistry()
     for collector in (RmfCollector(counts), ProcessCollector(registry=None), PlatformCollector(registry=None)):
         registry.register(collector)

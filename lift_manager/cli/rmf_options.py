@@ -1,4 +1,4 @@
-"""Where RMF is, as it is said at the command line: what is not said comes from the environment, as for the nodes of ROS 2."""
+"""Command line options for reaching RMF. Missing ones come from the environment, as for nodes of ROS 2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from lift_manager.cli.common import fail, say_aside
+from lift_manager.cli.common import fail, print_stderr
 from lift_manager.rmf.dds import DdsError, DdsMissing
 from lift_manager.rmf.ros_settings import HIGHEST_DOMAIN, BadSettings, RosSettings
 
@@ -31,19 +31,21 @@ Domain = Annotated[
 Namespace = Annotated[
     str, typer.Option("--namespace", metavar="NAME", help="Before the topics, such as /building1.", show_default=False)
 ]
-StatesTopic = Annotated[str, typer.Option("--lift-states", metavar="TOPIC", help="Where lifts say how they are.")]
+StatesTopic = Annotated[str, typer.Option("--lift-states", metavar="TOPIC", help="Where lifts publish their states.")]
 RequestsTopic = Annotated[
-    str, typer.Option("--lift-requests", metavar="TOPIC", help="Where the lift supervisor asks lift adapters.")
+    str,
+    typer.Option("--lift-requests", metavar="TOPIC", help="Where the lift supervisor sends requests to lift adapters."),
 ]
 AdapterRequestsTopic = Annotated[
-    str, typer.Option("--adapter-lift-requests", metavar="TOPIC", help="Where robots ask the lift supervisor.")
+    str,
+    typer.Option("--adapter-lift-requests", metavar="TOPIC", help="Where fleets send requests to the lift supervisor."),
 ]
 AdapterId = Annotated[
     str,
     typer.Option(
         "--adapter-id",
         metavar="NAME",
-        help="This RMF's name at the manager, where several RMFs share it; made of domain and namespace without it.",
+        help="This RMF's name at the manager, if several RMFs share it; by default derived from domain and namespace.",
         show_default=False,
     ),
 ]
@@ -52,7 +54,7 @@ Peers = Annotated[
     typer.Option(
         "--peer",
         metavar="ADDRESS",
-        help="An address to look for RMF at where there is no multicast; can be repeated.",
+        help="An address at which to look for RMF without multicast; can be repeated.",
         show_default=False,
     ),
 ]
@@ -70,7 +72,7 @@ def ros_settings(  # noqa: PLR0913  each is an option of the command line
     use_sim_time: bool = False,
     adapter_id: str = "",
 ) -> RosSettings:
-    """Put options over the environment; a usage error where one cannot be used."""
+    """Combine options with the environment, which they override; an invalid one is a usage error."""
     try:
         settings = RosSettings.of(os.environ)
         return replace(
@@ -89,7 +91,7 @@ def ros_settings(  # noqa: PLR0913  each is an option of the command line
 
 
 def settings_of_site(rmf: Rmf) -> RosSettings:
-    """Put what a site file says over the environment."""
+    """Combine the settings of a site file with the environment, which they override."""
     return ros_settings(
         domain=rmf.domain,
         namespace=rmf.namespace or "",
@@ -102,24 +104,24 @@ def settings_of_site(rmf: Rmf) -> RosSettings:
     )
 
 
-def joined(make: Callable[[], Made]) -> Made:
-    """Join RMF, or say why that cannot be and exit."""
+def join_rmf(make: Callable[[], Made]) -> Made:
+    """Join RMF, or report why it failed and exit."""
     try:
         return make()
     except DdsError as error:
-        raise not_joined(error) from error
+        raise report_join_failure(error) from error
 
 
-def not_joined(error: Exception) -> typer.Exit:
-    """Say why RMF cannot be joined; raise what this returns. Exit code 2 where something has to be installed first, else 1."""
+def report_join_failure(error: Exception) -> typer.Exit:
+    """Print why RMF cannot be joined; raise what this returns. The exit code is 2 if something has to be installed first, else 1."""
     if not isinstance(error, DdsMissing):
         return fail(str(error))
-    say_aside(str(error))
+    print_stderr(str(error))
     return typer.Exit(2)
 
 
-def where_in_rmf(settings: RosSettings) -> str:
-    """Say where in RMF that is."""
+def describe_rmf(settings: RosSettings) -> str:
+    """Describe domain, topics and discovery in words."""
     topics = f"/{settings.resolved(settings.states_topic)} and /{settings.resolved(settings.requests_topic)}"
     reach = "" if settings.discovery_range == "SUBNET" else f", discovery {settings.discovery_range}"
     peers = f", peers {', '.join(settings.peers)}" if settings.peers else ""

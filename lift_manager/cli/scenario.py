@@ -1,4 +1,4 @@
-"""`lift-manager scenario`: play what a file says on virtual time, and judge the trace."""
+"""`lift-manager scenario`: play scenario files in virtual time, and judge the trace."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import fail, refused, say
+from lift_manager.cli.common import fail, print_lines, report_mistakes
 from lift_manager.lab.scenario.load import LoadedScenario, load_scenario
 from lift_manager.lab.scenario.play import ScenarioResult, play
 from lift_manager.lab.scenario.verdict import Verdict, lines, summary, verdict_of
@@ -18,13 +18,13 @@ from lift_manager.lab.world.world import WorldError
 from register_maps.errors import Finding, MapFileError
 
 app = typer.Typer(
-    no_args_is_help=True, help="Play requests, faults and people against a simulated site, and judge what comes of it."
+    no_args_is_help=True, help="Play requests, faults and people against a simulated site, and judge the outcome."
 )
 
 
 @app.callback()
 def group() -> None:
-    """Play requests, faults and people against a simulated site, and judge what comes of it."""
+    """Play requests, faults and people against a simulated site, and judge the outcome."""
 
 
 @app.command()
@@ -41,27 +41,27 @@ def run(
     """Play scenarios; exits 1 if an expectation fails, and 2 if a file has mistakes. Takes no real time."""
     if trace is not None and len(files) > 1:
         raise typer.BadParameter("a trace is of one scenario; give one file", param_hint="--trace")
-    for name in ("lift_manager", "drivers"):  # what they tell a log is in the trace
+    for name in ("lift_manager", "drivers"):  # their log is part of the trace
         logging.getLogger(name).addHandler(logging.NullHandler())
     verdicts = []
-    for loaded in _loaded(files):
-        played = _played(loaded, seed)
+    for loaded in _load_all(files):
+        result = _play(loaded, seed)
         if trace is not None:
-            _write(trace, played)
-        verdicts.append(verdict_of(played))
+            _write_trace(trace, result)
+        verdicts.append(verdict_of(result))
         if not as_json:
-            say(lines(verdicts[-1]))
+            print_lines(lines(verdicts[-1]))
     ok = all(verdict.ok for verdict in verdicts)
     if as_json:
-        say([json.dumps({"ok": ok, "scenarios": [asdict(verdict) for verdict in verdicts]}, indent=2)])
+        print_lines([json.dumps({"ok": ok, "scenarios": [asdict(verdict) for verdict in verdicts]}, indent=2)])
     elif len(verdicts) > 1:
-        say(_sum(verdicts))
+        print_lines(_summary_lines(verdicts))
     if not ok:
         raise typer.Exit(1)
 
 
-def _loaded(files: list[Path]) -> list[LoadedScenario]:
-    """Read every file before any is played; mistakes of all of them are told at once."""
+def _load_all(files: list[Path]) -> list[LoadedScenario]:
+    """Read every file before any is played; the mistakes of all of them are reported together."""
     loaded, findings = [], list[Finding]()
     for file in files:
         try:
@@ -69,25 +69,25 @@ def _loaded(files: list[Path]) -> list[LoadedScenario]:
         except MapFileError as error:
             findings += error.findings
     if findings:
-        raise refused(MapFileError(findings))
+        raise report_mistakes(MapFileError(findings))
     return loaded
 
 
-def _played(loaded: LoadedScenario, seed: int | None) -> ScenarioResult:
+def _play(loaded: LoadedScenario, seed: int | None) -> ScenarioResult:
     try:
         return play(loaded, seed=seed)
     except WorldError as error:
-        raise refused(MapFileError([Finding(str(loaded.path), None, "site", str(error))])) from error
+        raise report_mistakes(MapFileError([Finding(str(loaded.path), None, "site", str(error))])) from error
 
 
-def _write(trace: Path, played: ScenarioResult) -> None:
+def _write_trace(trace: Path, result: ScenarioResult) -> None:
     try:
-        trace.write_text("".join(f"{entry.as_json()}\n" for entry in played.trace), encoding="utf-8")
+        trace.write_text("".join(f"{entry.as_json()}\n" for entry in result.trace), encoding="utf-8")
     except OSError as error:
         raise fail(f"{trace}: cannot be written: {error.strerror or error}") from error
 
 
-def _sum(verdicts: list[Verdict]) -> list[str]:
+def _summary_lines(verdicts: list[Verdict]) -> list[str]:
     failed = sum(not verdict.ok for verdict in verdicts)
     return [
         "",

@@ -14,7 +14,7 @@ from lift_manager.api.rides import Ride
 from lift_manager.client.errors import ClientError, NotFound, Refused, Unreachable
 from lift_manager.client.ride_step import INVITATIONS, KnownRide, Step, good_for_s, is_owed, step_at
 from lift_manager.client.stream import Connected, Disconnected, EventStream
-from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, ask_again_s
+from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, refresh_pause_s
 from lift_manager.rides.ride import OVER, RideWord
 
 _log = logging.getLogger(__name__)
@@ -119,7 +119,7 @@ class ActiveRide:
             await self._look()
             await self._remind()
             self._ask.clear()
-            pause_s = ask_again_s(self._max_age_s) if self._invited or self._greets else LOOK_EVERY_S
+            pause_s = refresh_pause_s(self._max_age_s) if self._invited or self._greets else LOOK_EVERY_S
             await asyncio.sleep(BETWEEN_S)
             await _within(self._ask.wait, pause_s - BETWEEN_S)
 

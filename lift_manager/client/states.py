@@ -14,8 +14,8 @@ from lift_manager.client.errors import ClientError, NotFound, Refused
 from lift_manager.client.stream import Connected, EventStream
 from lift_manager.lift.observation import RobotDoor
 from lift_manager.lift.state import Quality
-from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, age_s, ask_again_s, is_too_old
-from lift_manager.plain.seconds import without_seconds
+from lift_manager.plain.aging import DEFAULT_MAX_AGE_S, SILENT_S, age_s, is_too_old, refresh_pause_s
+from lift_manager.plain.text import without_seconds
 
 _log = logging.getLogger(__name__)
 
@@ -171,7 +171,7 @@ class States:
             self._news.set()
             self._ask.clear()
             await asyncio.sleep(BETWEEN_S)
-            await self._until_due(asked_at + ask_again_s(self._good_for_s))
+            await self._until_due(asked_at + refresh_pause_s(self._good_for_s))
 
     async def listen(self) -> None:
         """Ask whenever the event stream says that something happened."""

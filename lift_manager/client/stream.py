@@ -145,7 +145,7 @@ class EventStream:
         except TooLong as error:
             raise NotAManager(str(error), url=self._http.url, status=200) from error
         self._ready.extend((message.id, event) for message in heard if (event := self._event(message)) is not None)
-        self._backoff.worked()
+        self._backoff.reset()
 
     def _event(self, message: Message) -> AnyEvent | None:
         try:

@@ -1,1 +1,1 @@
-"""What Prometheus is told of a running manager."""
+"""Metrics of a running manager, for Prometheus."""

@@ -1,4 +1,4 @@
-"""What happened, counted as it happens: from the events of the manager."""
+"""Counts the events of the manager."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from lift_manager.lift.events import (
     SessionRestored,
 )
 from lift_manager.lift.outcome_reasons import UNCONFIRMED, Reason, reason_of
-from lift_manager.metrics.exposition import Family, Kind, labelled
+from lift_manager.metrics.exposition import Family, Kind, format_labels
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import OVER, Ride
 from lift_manager.runtime.bus import Event
 
 RIDES = 1000
-"""Rides that are over and remembered, so that none is counted twice. Chosen: more than end while anybody still speaks of one."""
+"""How many ended rides are remembered, so that none is counted twice. Chosen: more than end while one of them can still change."""
 _EVENTS = (
     "state_changed",
     "session_opened",
@@ -47,7 +47,7 @@ _EVENTS = (
     "request_followed",
     "ride_changed",
 )
-"""What events are called."""
+"""The label values of events."""
 
 
 @dataclass(slots=True)
@@ -61,20 +61,20 @@ class _Tally:
 
     def family(self) -> Family:
         family = Family(self.name, Kind.COUNTER, self.text)
-        for words, count in self.counts.items():
-            family.add(labelled(**dict(zip(self.labels, words, strict=True))), count)
+        for values, count in self.counts.items():
+            family.add(format_labels(**dict(zip(self.labels, values, strict=True))), count)
         return family
 
 
 class EventCounts:
-    """Counts events by what they say in closed words: never by holder, session, ride or text."""
+    """Counts events by closed sets of label values: never by holder, session, ride or text."""
 
     def __init__(self, commands: Mapping[str, Iterable[str]]) -> None:
-        """`commands` are those that each lift can be given: their counts begin at 0, so that the first of something is seen as a rise."""
+        """`commands` are the possible commands of each lift: their counts begin at 0, so that the first one shows as an increase."""
         self._events = _Tally("lift_manager_events_total", "Events published.", ("event",))
         self._commands = _Tally(
             "lift_manager_commands_total",
-            "Commands by what became of them.",
+            "Commands by outcome.",
             ("lift", "command", "result", "reason"),
         )
         self._opened = _Tally("lift_manager_sessions_opened_total", "Sessions that began.", ("lift", "face"))
@@ -90,9 +90,9 @@ class EventCounts:
             self._rides.counts.update({(lift, phase.value): 0 for phase in OVER})
             self._commands.counts.update({(lift, name, UNCONFIRMED, Reason.NO_EVIDENCE.value): 0 for name in names})
 
-    def hear(self, event: Event) -> None:
+    def count_event(self, event: Event) -> None:
         """Count one event."""
-        self._events.counts[word_of(event),] += 1
+        self._events.counts[event_label(event),] += 1
         match event:
             case CommandEnded(lift, outcome):
                 self._commands.counts[lift, outcome.command.name, outcome.result.value, reason_of(outcome).value] += 1
@@ -101,19 +101,19 @@ class EventCounts:
             case SessionEnded(lift, holder, reason):
                 self._ended.counts[lift, holder.face, reason.value] += 1
             case RideChanged(lift, ride):
-                self._ride(lift, ride)
+                self._count_ride(lift, ride)
             case Alarm(lift):
                 self._alarms.counts[lift,] += 1
             case _:
                 pass
 
     def families(self) -> Iterator[Family]:
-        """Yield what was counted."""
+        """Yield all counters."""
         for tally in (self._events, self._commands, self._opened, self._ended, self._rides, self._alarms):
             yield tally.family()
 
-    def _ride(self, lift: str, ride: Ride) -> None:
-        """Count the end of a ride once: what changes of it afterwards is heard as well."""
+    def _count_ride(self, lift: str, ride: Ride) -> None:
+        """Count the end of a ride once: later changes of it are events, too."""
         if ride.phase not in OVER or ride.id in self._over:
             return
         self._over[ride.id] = None
@@ -122,8 +122,8 @@ class EventCounts:
         self._rides.counts[lift, ride.phase.value] += 1
 
 
-def word_of(event: Event) -> str:
-    """Return what an event is called, one of `_EVENTS`."""
+def event_label(event: Event) -> str:
+    """Return the label value of an event, one of `_EVENTS`."""
     match event:
         case RestrictionBegun(_, Restriction(kind)):
             return "locked_out" if kind is RestrictionKind.LOCKOUT else "drain_begun"

@@ -1,9 +1,9 @@
-"""What the lifts publish, as numbers."""
+"""Metrics of the published lift states."""
 
 from __future__ import annotations
 
 from lift_manager.lift.state import LiftState, Quality
-from lift_manager.metrics.exposition import Family, Kind, labelled
+from lift_manager.metrics.exposition import Family, Kind, format_labels
 from register_maps.words import Mode
 
 _FLAGS = {
@@ -18,7 +18,7 @@ _FLAGS = {
 
 
 class LiftFamilies:
-    """The families about lifts, filled one lift after the other."""
+    """The families about lifts, filled lift by lift."""
 
     def __init__(self) -> None:
         def gauge(name: str, text: str) -> Family:
@@ -33,16 +33,16 @@ class LiftFamilies:
         self._waiting = gauge("lift_waiting", "Rides and faces that wait for the lift.")
 
     def add(self, state: LiftState) -> None:
-        """Add what one lift publishes."""
-        label, told = labelled(lift=state.lift), state.restrictions
+        """Add the state of one lift."""
+        label, restrictions = format_labels(lift=state.lift), state.restrictions
         flags = {
             "live": state.quality is Quality.LIVE,
             "held": state.holder is not None,
-            "fire_latched": told.fire_latched,
-            "locked_out": bool(told.lockout),
-            "draining": bool(told.drain),
-            "maybe_occupied": told.maybe_aboard is not None,
-            "distrusted": bool(told.distrusted),
+            "fire_latched": restrictions.fire_latched,
+            "locked_out": bool(restrictions.lockout),
+            "draining": bool(restrictions.drain),
+            "maybe_occupied": restrictions.maybe_aboard is not None,
+            "distrusted": bool(restrictions.distrusted),
         }
         for name, is_so in flags.items():
             self._flags[name].add(label, int(is_so))
@@ -54,5 +54,5 @@ class LiftFamilies:
         self._waiting.add(label, state.waiting)
 
     def families(self) -> list[Family]:
-        """Return them all."""
+        """Return all families."""
         return [*self._flags.values(), self._age, self._mode, self._held_for, self._waiting]

@@ -1,10 +1,10 @@
-"""What the links say of controllers and network."""
+"""Metrics of the links to controllers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from lift_manager.metrics.exposition import Family, Kind, labelled
+from lift_manager.metrics.exposition import Family, Kind, format_labels
 from lift_manager.runtime.links import Durations, LinkFigures
 
 _COUNTS = {
@@ -22,7 +22,7 @@ _COUNTS = {
 
 def link_families(links: Sequence[LinkFigures]) -> Iterator[Family]:
     """Yield every family about links; labels are the controller as the site file names it, and the lane."""
-    labels = [labelled(link=one.link) for one in links]
+    labels = [format_labels(link=one.link) for one in links]
     yield _gauge("up", "Whether there is a connection to the controller.", labels, [one.up for one in links])
     yield _gauge(
         "in_doubt",
@@ -67,8 +67,8 @@ def _gauge(name: str, text: str, labels: Sequence[str], values: Sequence[float |
 def _waiting(links: Sequence[LinkFigures]) -> Family:
     family = Family("lift_manager_link_waiting", Kind.GAUGE, "Requests that wait for their turn on the link.")
     for one in links:
-        family.add(labelled(link=one.link, lane="read"), one.reads_waiting)
-        family.add(labelled(link=one.link, lane="command"), one.commands_waiting)
+        family.add(format_labels(link=one.link, lane="read"), one.reads_waiting)
+        family.add(format_labels(link=one.link, lane="command"), one.commands_waiting)
     return family
 
 
@@ -79,7 +79,7 @@ def _trips(links: Sequence[LinkFigures]) -> Family:
         "From request to answer, late answers included; what was never answered is among the time-outs.",
     )
     for one in links:
-        _add(family, labelled(link=one.link), one.round_trips)
+        _add(family, format_labels(link=one.link), one.round_trips)
     return family
 
 
@@ -88,8 +88,8 @@ def _waits(links: Sequence[LinkFigures]) -> Family:
         "lift_manager_link_wait_seconds", Kind.HISTOGRAM, "How long requests waited for their turn on the link."
     )
     for one in links:
-        _add(family, labelled(link=one.link, lane="read"), one.read_waits)
-        _add(family, labelled(link=one.link, lane="command"), one.command_waits)
+        _add(family, format_labels(link=one.link, lane="read"), one.read_waits)
+        _add(family, format_labels(link=one.link, lane="command"), one.command_waits)
     return family
 
 

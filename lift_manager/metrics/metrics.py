@@ -1,4 +1,4 @@
-"""Everything that is measured of one running manager."""
+"""All metrics of one running manager."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from prometheus_client import generate_latest
 from prometheus_client.openmetrics.exposition import generate_latest as generate_open_metrics
 
 from lift_manager.metrics.counts import EventCounts
-from lift_manager.metrics.exposition import OPEN_TYPE, PLAIN_TYPE, Family, Kind, labelled, wants_open_metrics
-from lift_manager.metrics.lag import Lags
+from lift_manager.metrics.exposition import OPEN_TYPE, PLAIN_TYPE, Family, Kind, accepts_open_metrics, format_labels
+from lift_manager.metrics.lag import ProcessLag
 from lift_manager.metrics.lifts import LiftFamilies
 from lift_manager.metrics.links import link_families
 from lift_manager.metrics.rmf import AdapterCounts, rmf_families
@@ -20,7 +20,7 @@ from lift_manager.runtime.links import LinkSource
 from lift_manager.runtime.site import Site
 
 _LIFTS_AT_ONCE = 10
-"""Lifts that are looked at in one turn of the loop. Chosen: that takes less than a millisecond."""
+"""Lifts processed in one turn of the loop. Chosen: that takes less than a millisecond."""
 _FILES = ("journal", "state")
 
 
@@ -33,44 +33,44 @@ class Metrics:
         self._links = links
         self._version = version
         self._counts = EventCounts({name: site.config(name).capabilities.commands for name in site.lift_names()})
-        self._lags = Lags()
+        self._lag = ProcessLag()
         self._rmf: AdapterCounts | None = None
 
     def count_rmf(self, counts: AdapterCounts) -> None:
-        """Show what an adapter to Open-RMF in this process counts, too."""
+        """Include the counts of an Open-RMF adapter in this process."""
         self._rmf = counts
 
     async def run(self) -> None:
         """Count and measure until cancelled."""
-        with self._site.overhear(self._hear):
-            await self._lags.run()
+        with self._site.overhear(self._on_event):
+            await self._lag.run()
 
     async def scrape(self, accept: str) -> tuple[bytes, str]:
-        """Return body and content type, in the format that an `Accept` header asks for. The lifts get their turns in between."""
-        open_metrics = wants_open_metrics(accept)
+        """Return body and content type, in the format that an `Accept` header names. Other tasks run in between."""
+        open_metrics = accepts_open_metrics(accept)
         parts = []
         async for family in self._families():
             parts.append(family.text(open_metrics=open_metrics))
             await asyncio.sleep(0)
         body = "".join(parts).encode()
         if open_metrics:
-            rest = generate_open_metrics(self._lags.registry)  # type: ignore[no-untyped-call]  # the library has no types there
+            rest = generate_open_metrics(self._lag.registry)  # type: ignore[no-untyped-call]  # the library has no types there
             return body + rest, OPEN_TYPE
-        return body + generate_latest(self._lags.registry), PLAIN_TYPE
+        return body + generate_latest(self._lag.registry), PLAIN_TYPE
 
-    def _hear(self, occurrence: Occurrence) -> None:
-        self._counts.hear(occurrence.event)
-        self._lags.hear(occurrence)
+    def _on_event(self, occurrence: Occurrence) -> None:
+        self._counts.count_event(occurrence.event)
+        self._lag.measure_event(occurrence)
 
     async def _families(self) -> AsyncIterator[Family]:
         yield self._build()
-        yield self._written()
+        yield self._files_written()
         lifts = LiftFamilies()
         for index, name in enumerate(self._site.lift_names(), start=1):
             lifts.add(self._site.state(name))
             if not index % _LIFTS_AT_ONCE:
                 await asyncio.sleep(0)
-        for family in (*lifts.families(), self._polls(), self._refused(), *self._counts.families()):
+        for family in (*lifts.families(), self._polls(), self._refusals(), *self._counts.families()):
             yield family
         for family in link_families(self._links.link_figures()):
             yield family
@@ -79,25 +79,25 @@ class Metrics:
 
     def _build(self) -> Family:
         family = Family("lift_manager_build_info", Kind.GAUGE, "1, with the version of the program.")
-        family.add(labelled(version=self._version), 1)
+        family.add(format_labels(version=self._version), 1)
         return family
 
-    def _written(self) -> Family:
+    def _files_written(self) -> Family:
         text = "Whether this can be written; while one cannot, nothing is pressed on any lift."
         family = Family("lift_manager_file_written", Kind.GAUGE, text)
         for file in _FILES:
-            family.add(labelled(file=file), int(file not in self._site.unwritten))
+            family.add(format_labels(file=file), int(file not in self._site.unwritten))
         return family
 
     def _polls(self) -> Family:
         family = Family("lift_manager_polls_total", Kind.COUNTER, "Polls of a lift that have ended, well or not.")
         for lift, count in self._life.polls().items():
-            family.add(labelled(lift=lift), count)
+            family.add(format_labels(lift=lift), count)
         return family
 
-    def _refused(self) -> Family:
+    def _refusals(self) -> Family:
         text = "Requests that were refused, by code; the lift is empty where none of the site was named."
         family = Family("lift_manager_refusals_total", Kind.COUNTER, text)
         for (lift, code), count in self._site.refusals.counts.items():
-            family.add(labelled(lift=lift, code=code), count)
+            family.add(format_labels(lift=lift, code=code), count)
         return family

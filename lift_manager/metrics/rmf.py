@@ -1,4 +1,4 @@
-"""What an adapter to Open-RMF counts, as metrics: inside the manager, and of an adapter beside it."""
+"""Metrics of an Open-RMF adapter, inside the manager or as a program of its own."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Protocol
 from prometheus_client.core import CounterMetricFamily
 from prometheus_client.registry import Collector
 
-from lift_manager.metrics.exposition import Family, Kind, labelled
+from lift_manager.metrics.exposition import Family, Kind, format_labels
 
 
 class AdapterCounts(Protocol):
-    """The counts of an adapter, as `rmf.counts.Counts`."""
+    """The counts of an adapter, such as `rmf.counts.Counts`."""
 
     @property
     def requests(self) -> Mapping[tuple[str, str], int]:
-        """By RMF's lift name, empty for none of ours, and what was done."""
+        """By RMF's lift name, empty for an unknown lift, and what was done."""
         ...
 
     @property
@@ -35,16 +35,16 @@ class _Counter:
 
 
 def rmf_families(counts: AdapterCounts) -> Iterator[Family]:
-    """Yield the counts as `/metrics` of the manager shows them."""
+    """Yield the counts for `/metrics` of the manager."""
     for counter in _counters(counts):
         family = Family(f"{counter.name}_total", Kind.COUNTER, counter.text)
         for words, count in counter.samples:
-            family.add(labelled(**dict(zip(counter.labels, words, strict=True))), count)
+            family.add(format_labels(**dict(zip(counter.labels, words, strict=True))), count)
         yield family
 
 
 class RmfCollector(Collector):
-    """The same for the registry of prometheus-client, whose server runs in threads of its own."""
+    """The same counts for a registry of prometheus-client, whose server runs in threads of its own."""
 
     def __init__(self, counts: AdapterCounts) -> None:
         self._counts = counts
@@ -59,7 +59,7 @@ class RmfCollector(Collector):
 
 
 def _counters(counts: AdapterCounts) -> Iterator[_Counter]:
-    # each is copied whole in one step, because it may be counted on in another thread meanwhile
+    # each is copied in one step, because another thread may count meanwhile
     requests, states = dict(counts.requests), dict(counts.states)
     yield _Counter(
         "lift_manager_rmf_requests",

@@ -1,1 +1,1 @@
-"""What a caller of /api/v1 needs wherever it runs: the standard library alone, and Python 3.10, the one of ROS 2 humble and iron."""
+"""What every caller of /api/v1 needs: standard library only, and Python 3.10 as on ROS 2 humble and iron."""

@@ -1,28 +1,28 @@
-"""How old what is known is. Pure: monotonic seconds go in.
+"""Age of what a client knows about a lift. Pure: times are monotonic seconds.
 
-A time is counted from when the question left, not from when the answer came: how long an answer was under way, nobody can say.
+Ages count from the time at which the request was sent, not from when its answer arrived: how long the answer was under way is unknown.
 """
 
 from __future__ import annotations
 
-ASK_EVERY = 3
-"""Chosen: so many questions within the time that an answer is good for; two may be lost."""
+READINGS_PER_MAX_AGE = 3
+"""Requests within the time for which an answer is valid. Chosen: two of them may be lost."""
 SILENT_S = 3.0
-"""DESIGN: a stream that says nothing for so long, not even a heartbeat (one each second), is dead."""
+"""A stream without any data for this long, not even a heartbeat (one each second), is dead (DESIGN)."""
 DEFAULT_MAX_AGE_S = 1.0
-"""That of a register map which says nothing else; used until the lift's own is known."""
+"""The default of register maps; used until the value of the lift is known."""
 
 
-def age_s(told_s: float | None, asked_at: float, now: float) -> float | None:
-    """Return the age of a reading that was `told_s` old in the answer to a question of `asked_at`."""
-    return None if told_s is None else told_s + max(0.0, now - asked_at)
+def age_s(reported_age_s: float | None, sent_at: float, now: float) -> float | None:
+    """Return the age of a reading that was `reported_age_s` old in the answer to a request sent at `sent_at`."""
+    return None if reported_age_s is None else reported_age_s + max(0.0, now - sent_at)
 
 
 def is_too_old(age: float | None, max_age_s: float) -> bool:
-    """Whether nothing may be concluded from it any more. What is no number (NaN) is never fresh."""
+    """Whether a reading of this age is stale. NaN is never fresh."""
     return age is None or not age <= max_age_s
 
 
-def ask_again_s(max_age_s: float) -> float:
-    """Return the pause between two questions that keep an answer fresh."""
-    return max_age_s / ASK_EVERY
+def refresh_pause_s(max_age_s: float) -> float:
+    """Return the pause between two requests that keeps the answer fresh."""
+    return max_age_s / READINGS_PER_MAX_AGE

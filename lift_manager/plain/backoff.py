@@ -1,4 +1,4 @@
-"""How long to wait before the next try. Pure."""
+"""Pauses between attempts to reconnect. Pure."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import random
 
 FIRST_S = 1.0
 LONGEST_S = 15.0
-"""Chosen: a manager that was started again is found within a quarter of a minute, and a hundred clients do not drown it."""
+"""Chosen: a restarted manager is found within a quarter of a minute, and a hundred clients do not overload it."""
 
 
 class Backoff:
-    """Doubles from the first pause to the longest; each a little shorter by chance, so that clients cut off together do not come back together."""
+    """Doubles the pause up to the longest, each with random jitter, so that clients cut off together do not reconnect together."""
 
     def __init__(
         self, chance: random.Random | None = None, *, first_s: float = FIRST_S, longest_s: float = LONGEST_S
@@ -21,11 +21,11 @@ class Backoff:
         self._first_s, self._longest_s = first_s, longest_s
         self._next_s = first_s
 
-    def worked(self) -> None:
-        """Begin anew: something was heard."""
+    def reset(self) -> None:
+        """Start again with the first pause, after a success."""
         self._next_s = self._first_s
 
     def next_s(self) -> float:
-        """Return the pause before the next try, and double the one after it."""
+        """Return the pause before the next attempt, and double the one after it."""
         pause, self._next_s = self._next_s, min(2 * self._next_s, self._longest_s)
         return pause * self._chance.uniform(0.5, 1.0)

@@ -1,4 +1,4 @@
-"""Whether something happened that the newest answer does not show yet: between who hears events and who asks."""
+"""Signals a change that the newest answer does not include yet, from the thread with the event stream to the thread that polls."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ EventNumber = tuple[str, int]
 
 
 def event_number(event_id: str) -> EventNumber | None:
-    """Read the id of an event; None where it is not one of a manager."""
+    """Parse the id of an event; None if it is not the id of a manager's event."""
     boot, _, number = event_id.rpartition("-")
     return (boot, int(number)) if number.isdecimal() and len(number) < 20 else None
 
 
 class ChangeSignal:
-    """Any thread may tell; one waits, and says what it was shown."""
+    """Any thread may announce a change; one thread waits for it, and marks what its answers have shown."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._told_at = 0.0
-        self._told: EventNumber | None = None
+        self._announced_at = 0.0
+        self._announced: EventNumber | None = None
         self._shown: EventNumber = ("", 0)
         self._is_due = False
 
-    def tell(self, event: EventNumber | None) -> None:
-        """Something happened; None where nobody knows what."""
+    def announce(self, event: EventNumber | None) -> None:
+        """Announce an event; None for a change of unknown number."""
         with self._changed:
             if event is None or not self._is_shown(event):
-                self._told_at, self._told = time.monotonic(), event
+                self._announced_at, self._announced = time.monotonic(), event
                 self._is_due = True
                 self._changed.notify_all()
 
-    def shown(self, newest: EventNumber, asked_at: float) -> None:
-        """An answer came that shows all up to `newest`. What was told before its question left is in it, whatever it was."""
+    def mark_shown(self, newest: EventNumber, sent_at: float) -> None:
+        """Mark all events up to `newest` as shown by an answer. Anything announced before its request was sent is included."""
         with self._changed:
             self._shown = newest
-            if self._told_at <= asked_at or (self._told is not None and self._is_shown(self._told)):
+            if self._announced_at <= sent_at or (self._announced is not None and self._is_shown(self._announced)):
                 self._is_due = False
 
     def wait(self, within_s: float) -> None:
-        """Return as soon as there is news, or once the time is over."""
+        """Return as soon as a change is announced, or after this time."""
         with self._changed:
             self._changed.wait_for(lambda: self._is_due, max(0.0, within_s))
 

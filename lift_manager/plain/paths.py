@@ -1,4 +1,4 @@
-"""Where things are under /api/v1. Pure."""
+"""Paths of the REST API under /api/v1. Pure."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from urllib.parse import quote
 API = "/api/v1"
 EVENTS = f"{API}/events"
 RMF = f"{API}/rmf"
-"""All that an adapter to Open-RMF needs to know."""
+"""The site as an Open-RMF adapter needs it."""
 
 
 def part(name: str) -> str:
-    """Return a name as one part of a path, whatever is in it: `/` and the dots of `..` too, which clients of HTTP would resolve."""
+    """Quote a name as one part of a path, including `/` and the dots of `..`, which HTTP clients would resolve."""
     return quote(name, safe="").replace(".", "%2E")
 
 
@@ -26,15 +26,15 @@ def session_path(lift: str, session: str, *more: str) -> str:
 
 
 def ride_path(ride: str, *more: str) -> str:
-    """Return the path of a ride, or of something that is said about it."""
+    """Return the path of a ride, or of something below it."""
     return "/".join([API, "rides", part(ride), *more])
 
 
 def frames_path(link: str) -> str:
-    """Return the path of what goes over a link."""
+    """Return the path of the frames on a link."""
     return "/".join([API, "links", part(link), "frames"])
 
 
 def rmf_path(lift: str, word: str) -> str:
-    """Return the path at which an adapter to Open-RMF says something of a session: `wanted` or `ended`."""
+    """Return the path to which an Open-RMF adapter reports a session: `wanted` or `ended`."""
     return lift_path(lift, "rmf", word)

@@ -1,4 +1,4 @@
-"""What the manager says to an adapter (`GET /api/v1/rmf`), as plain values. The same whether it is asked over HTTP or in its own process."""
+"""What the manager reports to an Open-RMF adapter (`GET /api/v1/rmf`), as plain values: the same over HTTP and in its own process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 
 @dataclass(frozen=True)
 class HeldBy:
-    """Who holds a lift."""
+    """The holder of a lift."""
 
     face: str
     name: str
@@ -23,7 +23,7 @@ class HeldBy:
 
 @dataclass(frozen=True)
 class LiftView:
-    """One lift of the manager at the moment it was asked."""
+    """One lift of the manager at the moment of the answer."""
 
     lift: str
     """Its name in the site file."""
@@ -36,14 +36,14 @@ class LiftView:
     reason: str
     """Why it is not live."""
     age_s: float | None
-    """Of its last reading at that moment; None when there never was one."""
+    """Age of its last reading at that moment; None before the first reading."""
     max_age_s: float
     floor: str | None
-    """In the site's words, like `destination`."""
+    """By the site's name, like `destination`."""
     standing: bool
     destination: str | None
     door: str
-    """The one word for robots: `open`, `moving` or `closed`."""
+    """The door state for robots: `open`, `moving` or `closed`."""
     motion: str
     """A word of `register_maps.words.Motion`."""
     mode: str
@@ -52,18 +52,18 @@ class LiftView:
     """None where the lift has no such signal."""
     holder: HeldBy | None
     ending: bool
-    """The holder has ended its session: it is over, and door and robot mode stay for the grace."""
+    """The holder has ended its session; door hold and robot mode stay on for the grace period."""
     fire_latched: bool
-    """There was a fire, and no person has acknowledged it."""
+    """There was a fire, and nobody has acknowledged it."""
     waiting_for: str
-    """What the session waits for before anything is pressed."""
+    """What the session waits for before a button is pressed."""
     keeps_off: str
-    """Why robots are kept off (lockout, a robot that may be in the car); empty when they are not."""
+    """Why robots are kept off (lockout, a robot that may be in the car); empty if they are not."""
 
 
 @dataclass(frozen=True)
 class Alarms:
-    """What of a fire is told to RMF: nothing where the site does not say so."""
+    """How a fire is announced to RMF: not at all unless the site file says so."""
 
     fire_alarm: bool = False
     """Publish `fire_alarm_trigger`."""
@@ -72,111 +72,111 @@ class Alarms:
     emergency_fleets: tuple[str, ...] = ()
     """The fleets that the signal names."""
     clear_on_acknowledge: bool = False
-    """Publish one `false` once a person has acknowledged."""
+    """Publish `false` once after a person has acknowledged the fire."""
 
 
 @dataclass(frozen=True)
-class Site:
-    """The manager's whole answer."""
+class SiteView:
+    """The manager's complete answer: every lift, and the rules of the site for RMF."""
 
     boot: str
-    """Another one after each start of the manager."""
+    """Changes with each start of the manager."""
     event: int
-    """All events up to this number are in it; numbers compare within one boot."""
+    """The answer includes all events up to this number; numbers compare within one boot."""
     lifts: tuple[LiftView, ...]
     end_grace_s: float
-    """How long door hold and robot mode stay after END_SESSION."""
+    """How long door hold and robot mode stay on after END_SESSION."""
     alarms: Alarms = field(default_factory=Alarms)
 
 
 class BadAnswer(ValueError):
-    """What was read is no answer of a manager; the message says what is wrong with it."""
+    """The input is not an answer of a manager; the message says what is wrong with it."""
 
 
-def site_of(said: object) -> Site:
-    """Read what JSON made of an answer; what it says beyond a Site is passed over. Raises BadAnswer."""
-    site = _Said.of(said, "the answer")
-    alarms = site.part("alarms")
-    return Site(
+def parse_site(data: object) -> SiteView:
+    """Convert the JSON of an answer; unknown keys are ignored. Raises BadAnswer."""
+    site = _JsonObject.of(data, "the answer")
+    alarms = site.child("alarms")
+    return SiteView(
         boot=site.text("boot"),
         event=site.count("event"),
-        lifts=tuple(_lift(_Said.of(each, f"lifts[{number}]")) for number, each in enumerate(site.each("lifts"))),
+        lifts=tuple(_lift(_JsonObject.of(item, f"lifts[{number}]")) for number, item in enumerate(site.items("lifts"))),
         end_grace_s=site.seconds("end_grace_s"),
         alarms=Alarms(
             fire_alarm=alarms.flag("fire_alarm"),
             emergency_signal=alarms.flag("emergency_signal"),
             emergency_fleets=tuple(
-                _text(fleet, f"{alarms.at}.emergency_fleets") for fleet in alarms.each("emergency_fleets")
+                _text(fleet, f"{alarms.at}.emergency_fleets") for fleet in alarms.items("emergency_fleets")
             ),
             clear_on_acknowledge=alarms.flag("clear_on_acknowledge"),
         ),
     )
 
 
-def decision_of(said: object) -> tuple[str, int]:
-    """Read `boot` and `event` of the answer yes to what an adapter asks. Raises BadAnswer."""
-    decision = _Said.of(said, "the answer")
+def parse_decision(data: object) -> tuple[str, int]:
+    """Return `boot` and `event` of the manager's answer to a request that it has accepted. Raises BadAnswer."""
+    decision = _JsonObject.of(data, "the answer")
     return decision.text("boot"), decision.count("event")
 
 
-def _lift(said: _Said) -> LiftView:
+def _lift(data: _JsonObject) -> LiftView:
     return LiftView(
-        lift=said.text("lift"),
-        name=said.text("name"),
-        floors=said.texts("floors"),
-        live=said.flag("live"),
-        reason=said.text("reason"),
-        age_s=said.maybe("age_s", _seconds),
-        max_age_s=said.seconds("max_age_s"),
-        floor=said.maybe("floor", _text),
-        standing=said.flag("standing"),
-        destination=said.maybe("destination", _text),
-        door=said.text("door"),
-        motion=said.text("motion"),
-        mode=said.text("mode"),
-        robot_mode_on=said.maybe("robot_mode_on", _flag),
-        holder=said.maybe("holder", _holder),
-        ending=said.flag("ending"),
-        fire_latched=said.flag("fire_latched"),
-        waiting_for=said.text("waiting_for"),
-        keeps_off=said.text("keeps_off"),
+        lift=data.text("lift"),
+        name=data.text("name"),
+        floors=data.texts("floors"),
+        live=data.flag("live"),
+        reason=data.text("reason"),
+        age_s=data.optional("age_s", _seconds),
+        max_age_s=data.seconds("max_age_s"),
+        floor=data.optional("floor", _text),
+        standing=data.flag("standing"),
+        destination=data.optional("destination", _text),
+        door=data.text("door"),
+        motion=data.text("motion"),
+        mode=data.text("mode"),
+        robot_mode_on=data.optional("robot_mode_on", _flag),
+        holder=data.optional("holder", _holder),
+        ending=data.flag("ending"),
+        fire_latched=data.flag("fire_latched"),
+        waiting_for=data.text("waiting_for"),
+        keeps_off=data.text("keeps_off"),
     )
 
 
 def _holder(value: object, at: str) -> HeldBy:
-    said = _Said.of(value, at)
-    # a manager from before adapters had ids does not have it
-    return HeldBy(said.text("face"), said.text("name"), said.text("adapter") if "adapter" in said.values else "")
+    data = _JsonObject.of(value, at)
+    # managers older than adapter ids leave it out
+    return HeldBy(data.text("face"), data.text("name"), data.text("adapter") if "adapter" in data.values else "")
 
 
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class _Said:
-    """An object of the answer, and where in it."""
+class _JsonObject:
+    """An object of the answer, and its place there."""
 
     values: Mapping[str, object]
     at: str
 
     @classmethod
-    def of(cls, value: object, at: str) -> _Said:
+    def of(cls, value: object, at: str) -> _JsonObject:
         if not isinstance(value, dict):
-            raise BadAnswer(f"{at} is {_shown(value)} and no object")
+            raise BadAnswer(f"{at} is {_describe(value)} and no object")
         return cls(value, at)
 
-    def part(self, key: str) -> _Said:
-        return _Said.of(self._value(key), f"{self.at}.{key}")
+    def child(self, key: str) -> _JsonObject:
+        return _JsonObject.of(self._value(key), f"{self.at}.{key}")
 
-    def each(self, key: str) -> list[object]:
+    def items(self, key: str) -> list[object]:
         value = self._value(key)
         if not isinstance(value, list):
-            raise BadAnswer(f"{self.at}.{key} is {_shown(value)} and no list")
+            raise BadAnswer(f"{self.at}.{key} is {_describe(value)} and no list")
         return value
 
     def texts(self, key: str) -> dict[str, str]:
-        part = self.part(key)
-        return {name: _text(value, f"{part.at}.{name}") for name, value in part.values.items()}
+        child = self.child(key)
+        return {name: _text(value, f"{child.at}.{name}") for name, value in child.values.items()}
 
     def text(self, key: str) -> str:
         return self._read(key, _text)
@@ -190,7 +190,7 @@ class _Said:
     def count(self, key: str) -> int:
         return self._read(key, _count)
 
-    def maybe(self, key: str, read: Callable[[object, str], Value]) -> Value | None:
+    def optional(self, key: str, read: Callable[[object, str], Value]) -> Value | None:
         return None if self._value(key) is None else self._read(key, read)
 
     def _read(self, key: str, read: Callable[[object, str], Value]) -> Value:
@@ -204,37 +204,37 @@ class _Said:
 
 def _text(value: object, at: str) -> str:
     if not isinstance(value, str):
-        raise BadAnswer(f"{at} is {_shown(value)} and no text")
+        raise BadAnswer(f"{at} is {_describe(value)} and no text")
     return value
 
 
 def _flag(value: object, at: str) -> bool:
     if not isinstance(value, bool):
-        raise BadAnswer(f"{at} is {_shown(value)}, neither true nor false")
+        raise BadAnswer(f"{at} is {_describe(value)}, neither true nor false")
     return value
 
 
 def _seconds(value: object, at: str) -> float:
-    # Python's JSON reads NaN and Infinity, which are no JSON; and a reading of a negative age would be fresh for too long
+    # Python's JSON parser accepts NaN and Infinity, which are not JSON; and a reading of a negative age would stay fresh for too long
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < _LONGEST_S:
-        raise BadAnswer(f"{at} is {_shown(value)} and no number of seconds")
+        raise BadAnswer(f"{at} is {_describe(value)} and no number of seconds")
     return float(value)
 
 
 def _count(value: object, at: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < _COUNTS:
-        raise BadAnswer(f"{at} is {_shown(value)} and no whole number")
+        raise BadAnswer(f"{at} is {_describe(value)} and no whole number")
     return value
 
 
 _COUNTS = 2**63
 _LONGEST_S = 1e12
-"""Chosen: no time that means anything is longer."""
+"""Chosen: longer than any meaningful duration."""
 
 
-_KINDS: tuple[tuple[type, str], ...] = ((str, "text"), (list, "a list"), (dict, "an object"), (type(None), "null"))
+_JSON_TYPES: tuple[tuple[type, str], ...] = ((str, "text"), (list, "a list"), (dict, "an object"), (type(None), "null"))
 
 
-def _shown(value: object) -> str:
-    """What stands there instead; its text may be anything, a key that was sent back included."""
-    return next((word for kind, word in _KINDS if isinstance(value, kind)), f"{value!r:.40}")
+def _describe(value: object) -> str:
+    """Name the type of a wrong value, without its text: that may be a key that was sent back."""
+    return next((word for kind, word in _JSON_TYPES if isinstance(value, kind)), f"{value!r:.40}")

@@ -1,4 +1,4 @@
-"""Server-sent events out of bytes, by the rules of the WHATWG (HTML, section 9.2.6). Pure."""
+"""Parses server-sent events by the rules of the WHATWG (HTML, section 9.2.6). Pure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import codecs
 from dataclasses import dataclass
 
 LIMIT = 16 * 1024 * 1024
-"""Chosen: in characters; a snapshot of a thousand lifts is a tenth of it."""
+"""In characters. Chosen: a snapshot of a thousand lifts is a tenth of it."""
 
 
 class TooLong(ValueError):
@@ -21,20 +21,20 @@ class Message:
     """Its name; `message` where it has none."""
     data: str
     id: str
-    """That of this event or of the newest one before that had one; empty before the first."""
+    """The id of this event, or the newest one before it; empty before the first id."""
 
 
 class EventParser:
-    """Takes bytes however they were cut, and hands out whole events.
+    """Takes bytes in chunks of any size and returns whole events.
 
-    Lines end with CR, LF or CRLF and nothing else: text may hold other separators, U+2028 among them, which `str.splitlines` would
-    cut at.
+    Lines end with CR, LF or CRLF and nothing else: text may contain other separators such as U+2028, at which `str.splitlines` would
+    split.
     """
 
     def __init__(self, limit: int = LIMIT, last_id: str = "") -> None:
-        """`limit` bounds what is kept of an event that is not whole yet, in characters."""
+        """`limit` bounds the characters kept of an unfinished event."""
         self._limit = limit
-        # `replace`, as the specification has it; and it holds back half a character for the next chunk
+        # `replace`, as the specification requires; it also keeps half a character back for the next chunk
         self._decode = codecs.getincrementaldecoder("utf-8")("replace")
         self._parts: list[str] = []
         self._kept = 0
@@ -46,12 +46,12 @@ class EventParser:
         self._id = last_id
 
     def feed(self, chunk: bytes) -> list[Message]:
-        """Return the events that are whole with this chunk. Raises TooLong; the parser is of no use after it."""
+        """Return the events that this chunk completes. Raises TooLong, after which the parser cannot be used."""
         text = self._decode.decode(chunk)
         if self._first and text:
             self._first = False
             text = text.removeprefix("\ufeff")
-        # a CR ended its line when it came; the LF of the same pair may come a chunk later
+        # a CR has ended its line already; the LF of the same pair may arrive a chunk later
         if self._after_cr and text:
             text = text.removeprefix("\n")
             self._after_cr = False
@@ -87,7 +87,7 @@ class EventParser:
             self._event = value
         elif name == "id" and "\0" not in value:
             self._id = value
-        # a line that begins with a colon is a comment, and has no name; `retry` is the manager's wish, and ours is bounded already
+        # a line that begins with a colon is a comment and has no name; `retry` is ignored, because our own pauses are bounded already
         return None
 
     def _dispatch(self) -> Message | None:

@@ -1,4 +1,5 @@
-"""The Open-RMF lift adapter: the contract, the ways to the manager, and the ways to RMF, with ROS and without.
+"""The Open-RMF lift adapter, over DDS or as a node of ROS 2.
 
-`messages`, `views`, `port`, `contract`, `adapter`, `beside` and `ros_node` run on Python 3.10 with the standard library (and rclpy) alone.
+`adapter`, `contract`, `messages`, `port`, `publishing`, `remote_manager`, `ros_node` and what they import run on Python 3.10 with the
+standard library (and rclpy) alone.
 """

@@ -1,6 +1,6 @@
-"""Compare the names of a site with RMF's building map and navigation graph. RMF compares names exactly, letter by letter.
+"""Compares the names of a site with RMF's building map and navigation graphs. RMF compares names exactly, letter by letter.
 
-A mistake is what lets a robot wait for ever or sends it the wrong way; what is merely of no use to RMF is a note.
+A mistake makes a robot wait without end or sends it the wrong way; names that RMF merely never uses are notes.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ ALIGNED_M = 0.1
 
 @dataclass(frozen=True)
 class SiteLift:
-    """One lift as the site file has it."""
+    """One lift of the site file."""
 
     lift: str
     """Its name in the site file."""
     name: str
-    """What RMF is told it is called."""
+    """Its name in RMF."""
     floors: Mapping[str, str]
     """Site's floor name to RMF's, lowest first."""
     doors: Mapping[str, tuple[str, ...]]
@@ -34,90 +34,90 @@ class SiteLift:
 
 @dataclass
 class Comparison:
-    """What came of it."""
+    """The result of comparing a site with RMF's files."""
 
     mistakes: list[Finding] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     suggestions: dict[str, Suggestion] = field(default_factory=dict)
     """By the site's lift name."""
     pairs: dict[str, str] = field(default_factory=dict)
-    """The site's lift by the map's, where they are surely or probably the same."""
+    """The site's lift by the map's lift, if they are certainly or probably the same."""
 
-    def block(self) -> Iterator[str]:
-        """Yield the lines to write in the site file; none where nothing is to be suggested."""
+    def site_file_lines(self) -> Iterator[str]:
+        """Yield the lines to write in the site file; none if there is nothing to suggest."""
         if self.suggestions:
             yield "lifts:"
-        for lift, said in self.suggestions.items():
+        for lift, suggestion in self.suggestions.items():
             yield f"  {_yaml(lift)}:"
-            lines = [f"      {line}" for line in said.lines()]
+            lines = [f"      {line}" for line in suggestion.lines()]
             yield "    rmf:" if lines else "    rmf: {}"
             yield from lines
 
 
 @dataclass
 class Suggestion:
-    """The whole `rmf:` part of one lift, with what is right in it already."""
+    """The whole `rmf:` part of one lift, including what is already right in it."""
 
     name: str | None = None
     floors: dict[str, str] = field(default_factory=dict)
-    guessed: bool = False
-    """The floors are paired by their order and not by their names."""
+    is_guessed: bool = False
+    """The floors are paired by order and not by name."""
 
     def lines(self) -> Iterator[str]:
         """Yield the part, line by line."""
         if self.name is not None:
             yield f"name: {_yaml(self.name)}"
         if self.floors:
-            if self.guessed:
-                yield "# paired from the lowest floor upwards, because the names are not alike: look whether that is right"
+            if self.is_guessed:
+                yield "# paired from the lowest floor upwards, because the names are not alike: check whether that is right"
             yield f"floors: {{{', '.join(f'{_yaml(site)}: {_yaml(rmf)}' for site, rmf in self.floors.items())}}}"
 
 
 def compare(site: Sequence[SiteLift], building: BuildingMap, graphs: Sequence[NavGraph] = ()) -> Comparison:
-    """Find what does not match."""
+    """Compare a site with a building map and navigation graphs."""
     found = Comparison()
     _pair_lifts(found, site, building)
     by_lift = {lift.lift: lift for lift in site}
     for name, lift in found.pairs.items():
-        _floors(found, by_lift[lift], name, building)
-        _doors(found, by_lift[lift], name, building)
+        _compare_floors(found, by_lift[lift], name, building)
+        _compare_doors(found, by_lift[lift], name, building)
     for name, spec in building.lifts.items():
-        found.mistakes += _within(building, name, spec)
-    found.mistakes += _cabins(building)
+        found.mistakes += _check_lift(building, name, spec)
+    found.mistakes += _check_cabins(building)
     for graph in graphs:
-        found.mistakes += _graph_names(building, graph)
-        found.mistakes += _alignment(graph)
-        found.notes += _not_in_graph(building, graph)
+        found.mistakes += _check_graph_names(building, graph)
+        found.mistakes += _check_alignment(graph)
+        found.notes += _report_missing_vertices(building, graph)
     return found
 
 
 def _pair_lifts(found: Comparison, site: Sequence[SiteLift], building: BuildingMap) -> None:
-    """Pair the lifts by name, then those left by names that are alike, then the only two left."""
+    """Pair the lifts by name, then the others by similar names, then the last two."""
     by_name = {lift.name: lift for lift in site}
     found.pairs.update({name: by_name[name].lift for name in building.lifts if name in by_name})
     free = [name for name in building.lifts if name not in by_name]
-    left = {lift.lift: lift for lift in site if lift.name not in building.lifts}
-    alike = _alike({lift.lift: lift.name for lift in left.values()}, free)
-    if not alike and len(free) == len(left) == 1:
-        alike = {next(iter(left)): free[0]}
-    for lift, name in alike.items():
+    unmatched = {lift.lift: lift for lift in site if lift.name not in building.lifts}
+    similar = _pair_similar({lift.lift: lift.name for lift in unmatched.values()}, free)
+    if not similar and len(free) == len(unmatched) == 1:
+        similar = {next(iter(unmatched)): free[0]}
+    for lift, name in similar.items():
         found.pairs[name] = lift
-        found.suggestions[lift] = replace(_as_it_is(left[lift]), name=name)
+        found.suggestions[lift] = replace(_current_names(unmatched[lift]), name=name)
         text = (
-            f"is called {left[lift].name!r} by the site, and RMF compares exactly; write `rmf: {{name: {_yaml(name)}}}`"
+            f"is called {unmatched[lift].name!r} by the site, and RMF compares exactly; write `rmf: {{name: {_yaml(name)}}}`"
             f" for lift {lift}"
         )
         found.mistakes.append(Finding(building.file, building.lifts[name].line, f"lifts.{name}", text))
-    unpaired = [lift for name, lift in left.items() if name not in alike]
-    _unpaired(found, [name for name in free if name not in alike.values()], unpaired, building)
+    unpaired = [lift for name, lift in unmatched.items() if name not in similar]
+    _report_unpaired(found, [name for name in free if name not in similar.values()], unpaired, building)
 
 
-def _unpaired(found: Comparison, names: Sequence[str], lifts: Sequence[SiteLift], building: BuildingMap) -> None:
-    """Say what has no partner; a lift of the map is a mistake where one of ours may be meant."""
+def _report_unpaired(found: Comparison, names: Sequence[str], lifts: Sequence[SiteLift], building: BuildingMap) -> None:
+    """Report lifts without a partner; a lift of the map is a mistake if one of the site's may be meant."""
     for name in names:
         spec = building.lifts[name]
         if not any(at.doors for at in spec.levels.values()):
-            continue  # as the tools of RMF, which leave it out
+            continue  # RMF's tools leave it out, too
         if lifts:
             text = (
                 f"no lift of the site is called {name!r}; should {' or '.join(lift.lift for lift in lifts)} be that lift, write"
@@ -126,37 +126,37 @@ def _unpaired(found: Comparison, names: Sequence[str], lifts: Sequence[SiteLift]
             found.mistakes.append(Finding(building.file, spec.line, f"lifts.{name}", text))
         else:
             found.notes.append(
-                f"{name}: is on the map and not on this site; a robot that asks for it waits for another adapter"
+                f"{name}: is on the map and not on this site; a robot that requests it waits for another adapter"
             )
     for lift in lifts:
         near = closest(lift.name, building.lifts)
         found.notes.append(
-            f"{lift.lift}: no robot of RMF will ask for it, because the map has no lift {lift.name!r}{near}"
+            f"{lift.lift}: no robot of RMF will request it, because the map has no lift {lift.name!r}{near}"
         )
 
 
-def _as_it_is(lift: SiteLift) -> Suggestion:
+def _current_names(lift: SiteLift) -> Suggestion:
     floors = {floor: rmf for floor, rmf in lift.floors.items() if rmf != floor}
     return Suggestion(None if lift.name == lift.lift else lift.name, floors)
 
 
-def _floors(found: Comparison, lift: SiteLift, name: str, building: BuildingMap) -> None:
+def _compare_floors(found: Comparison, lift: SiteLift, name: str, building: BuildingMap) -> None:
     """Compare the floors of one lift with the levels at which the map gives it a door."""
     spec = building.lifts[name]
     served = [level for level, at in spec.levels.items() if at.doors]
-    told = set(lift.floors.values())
-    missing = [level for level in served if level not in told]
+    known = set(lift.floors.values())
+    missing = [level for level in served if level not in known]
     unused = {floor: rmf for floor, rmf in lift.floors.items() if rmf not in served}
-    alike, guessed = _alike(unused, missing), False
-    if missing and not alike:
-        alike = _by_height(unused, missing, building)
-        guessed = bool(alike)
-    by_level = {level: floor for floor, level in alike.items()}
+    similar, is_guessed = _pair_similar(unused, missing), False
+    if missing and not similar:
+        similar = _pair_by_height(unused, missing, building)
+        is_guessed = bool(similar)
+    by_level = {level: floor for floor, level in similar.items()}
     for level in missing:
         key, line = f"lifts.{name}.level_doors.{level}", spec.levels[level].line
         if level in by_level:
             floor = by_level[level]
-            perhaps = "is perhaps" if guessed else "is called"
+            perhaps = "is perhaps" if is_guessed else "is called"
             text = (
                 f"{perhaps} {unused[floor]!r} by the site, and RMF compares exactly; write"
                 f" `rmf: {{floors: {{{_yaml(floor)}: {_yaml(level)}}}}}` for lift {lift.lift}"
@@ -164,49 +164,49 @@ def _floors(found: Comparison, lift: SiteLift, name: str, building: BuildingMap)
         else:
             text = (
                 f"no floor of lift {lift.lift} is called {level!r}; it has {', '.join(map(repr, lift.floors.values()))}:"
-                " a robot that wants to go there waits for ever"
+                " a robot that has to go there waits without end"
             )
         found.mistakes.append(Finding(building.file, line, key, text))
-    if alike:
-        said = found.suggestions.setdefault(lift.lift, _as_it_is(lift))
-        said.floors = {
-            floor: alike.get(floor, rmf) for floor, rmf in lift.floors.items() if alike.get(floor, rmf) != floor
+    if similar:
+        suggestion = found.suggestions.setdefault(lift.lift, _current_names(lift))
+        suggestion.floors = {
+            floor: similar.get(floor, rmf) for floor, rmf in lift.floors.items() if similar.get(floor, rmf) != floor
         }
-        said.guessed = guessed
+        suggestion.is_guessed = is_guessed
     for floor, rmf in unused.items():
-        if floor not in alike:
+        if floor not in similar:
             where = "without a door there" if rmf in spec.levels else f"that does not serve {rmf!r}"
             found.notes.append(
-                f"{lift.lift}: in the map this is lift {name}, {where}, so no robot of RMF will ask for floor {floor}"
+                f"{lift.lift}: in the map this is lift {name}, {where}, so no robot of RMF will request floor {floor}"
             )
 
 
-def _by_height(unused: Mapping[str, str], missing: Sequence[str], building: BuildingMap) -> dict[str, str]:
-    """Pair the floors with as many levels from the lowest upwards, where the map says how high each one is."""
+def _pair_by_height(unused: Mapping[str, str], missing: Sequence[str], building: BuildingMap) -> dict[str, str]:
+    """Pair the floors with as many levels from the lowest upwards, if the map has the height of each."""
     heights = {building.levels[level].elevation: level for level in missing if level in building.levels}
     if len(heights) != len(missing) or len(missing) != len(unused):
         return {}
     return dict(zip(unused, (heights[height] for height in sorted(heights)), strict=True))
 
 
-def _doors(found: Comparison, lift: SiteLift, name: str, building: BuildingMap) -> None:
+def _compare_doors(found: Comparison, lift: SiteLift, name: str, building: BuildingMap) -> None:
     """Compare how many doors open at each floor."""
     spec = building.lifts[name]
-    said = found.suggestions.get(lift.lift, Suggestion())
+    suggestion = found.suggestions.get(lift.lift, Suggestion())
     for floor, rmf in lift.floors.items():
-        level = said.floors.get(floor, rmf)
+        level = suggestion.floors.get(floor, rmf)
         at = spec.levels.get(level)
         if at is None or not at.doors or len(at.doors) == len(lift.doors[floor]):
             continue
         text = (
-            f"the map opens {_count(at.doors)} here, and lift {lift.lift} {_count(lift.doors[floor])} at floor {floor}: a robot is told"
-            " that the door is open only once all of the site's are; make the map and the `doors` of that floor agree"
+            f"the map opens {_count(at.doors)} here, and lift {lift.lift} {_count(lift.doors[floor])} at floor {floor}: the door counts as"
+            " open for robots only once all of the site's doors are; make the map and the `doors` of that floor agree"
         )
         found.mistakes.append(Finding(building.file, at.line, f"lifts.{name}.level_doors.{level}", text))
 
 
-def _within(building: BuildingMap, name: str, spec: MapLift) -> Iterator[Finding]:
-    """Yield what is wrong with a lift of the map by itself."""
+def _check_lift(building: BuildingMap, name: str, spec: MapLift) -> Iterator[Finding]:
+    """Yield mistakes within one lift of the map."""
     for key, level, line in spec.mentions:
         if level not in building.levels:
             yield Finding(building.file, line, f"lifts.{name}.{key}", _no_level(level, building.levels))
@@ -220,8 +220,8 @@ def _within(building: BuildingMap, name: str, spec: MapLift) -> Iterator[Finding
                 yield Finding(building.file, at.line, key, text)
 
 
-def _cabins(building: BuildingMap) -> Iterator[Finding]:
-    """Yield vertices that are in a lift which is not there."""
+def _check_cabins(building: BuildingMap) -> Iterator[Finding]:
+    """Yield vertices in a lift that the map does not have."""
     for vertex in building.vertices:
         if vertex.lift not in building.lifts:
             text = (
@@ -233,14 +233,14 @@ def _cabins(building: BuildingMap) -> Iterator[Finding]:
             yield Finding(building.file, vertex.line, f"levels.{vertex.level}.vertices", text)
 
 
-def _graph_names(building: BuildingMap, graph: NavGraph) -> Iterator[Finding]:
-    """Yield levels and lifts of the graph that are not those of the map: it was made of another one, or by hand."""
+def _check_graph_names(building: BuildingMap, graph: NavGraph) -> Iterator[Finding]:
+    """Yield levels and lifts of the graph that the map does not have: it was made from another map, or by hand."""
     for level, line in graph.levels.items():
         if level not in building.levels:
             yield Finding(graph.file, line, f"levels.{level}", _no_level(level, building.levels))
     for name, line in (graph.lifts or {}).items():
         if name not in building.lifts:
-            text = f"the map has no lift {name!r}{closest(name, building.lifts)}; make the graph anew from the map"
+            text = f"the map has no lift {name!r}{closest(name, building.lifts)}; make the graph from the map again"
             yield Finding(graph.file, line, f"lifts.{name}", text)
     for vertex in graph.vertices:
         key = f"levels.{vertex.level}.vertices"
@@ -253,12 +253,12 @@ def _graph_names(building: BuildingMap, graph: NavGraph) -> Iterator[Finding]:
             text = f"this vertex is in lift {vertex.lift}, which by the map has no door at {vertex.level}: no robot can leave it there"
             yield Finding(graph.file, vertex.line, key, text)
         if graph.lifts is not None and vertex.lift not in graph.lifts:
-            text = f"the graph's `lifts` has no {vertex.lift!r}, so the fleet adapter refuses it; make the graph anew from the map"
+            text = f"the graph's `lifts` has no {vertex.lift!r}, so the fleet adapter refuses it; make the graph from the map again"
             yield Finding(graph.file, vertex.line, key, text)
 
 
-def _alignment(graph: NavGraph) -> Iterator[Finding]:
-    """Yield lifts whose vertices do not lie above each other."""
+def _check_alignment(graph: NavGraph) -> Iterator[Finding]:
+    """Yield lifts whose vertices are not above each other."""
     by_lift: dict[str, list[LiftVertex]] = {}
     for vertex in graph.vertices:
         by_lift.setdefault(vertex.lift, []).append(vertex)
@@ -275,15 +275,15 @@ def _alignment(graph: NavGraph) -> Iterator[Finding]:
         yield Finding(graph.file, other.line, f"levels.{other.level}.vertices", text)
 
 
-def _not_in_graph(building: BuildingMap, graph: NavGraph) -> Iterator[str]:
-    """Yield where a lift has a door, and the graph no vertex in it: robots of this graph do not ride to there."""
+def _report_missing_vertices(building: BuildingMap, graph: NavGraph) -> Iterator[str]:
+    """Yield levels at which a lift has a door, but the graph has no vertex in it: robots of this graph do not ride there."""
     if graph.lifts is None:
-        yield f"{graph.file}: has no `lifts`, which rmf_traffic_editor writes since 1.8.2 and newer fleet adapters ask for; make it anew"
-    there = {(vertex.lift, vertex.level) for vertex in graph.vertices}
+        yield f"{graph.file}: has no `lifts`, which rmf_traffic_editor writes since 1.8.2 and newer fleet adapters require; make it again"
+    reached = {(vertex.lift, vertex.level) for vertex in graph.vertices}
     for name, spec in building.lifts.items():
-        without = [level for level, at in spec.levels.items() if at.doors and (name, level) not in there]
+        without = [level for level, at in spec.levels.items() if at.doors and (name, level) not in reached]
         if without:
-            yield f"{graph.file}: has no vertex in lift {name} at {', '.join(without)}, so the robots of this graph do not ride to there"
+            yield f"{graph.file}: has no vertex in lift {name} at {', '.join(without)}, so the robots of this graph do not ride there"
 
 
 def _distance(pair: tuple[LiftVertex, LiftVertex]) -> float:
@@ -299,20 +299,20 @@ def _no_level(level: str, levels: Iterable[str]) -> str:
     return f"the map has no level {level!r}{closest(level, known)}; it has {', '.join(map(repr, known))}"
 
 
-def _alike(names: Mapping[str, str], free: Iterable[str]) -> dict[str, str]:
-    """Pair what differs only in case, spaces, `_` and `-`; by the key of `names`. What is alike to two is paired with none."""
+def _pair_similar(names: Mapping[str, str], free: Iterable[str]) -> dict[str, str]:
+    """Pair names that differ only in case, spaces, `_` and `-`, by the key of `names`. A name similar to two others stays alone."""
     folded: dict[str, list[str]] = {}
     for name in free:
-        folded.setdefault(_fold(name), []).append(name)
-    wanted: dict[str, list[str]] = {}
+        folded.setdefault(_folded(name), []).append(name)
+    by_fold: dict[str, list[str]] = {}
     for key, name in names.items():
-        wanted.setdefault(_fold(name), []).append(key)
+        by_fold.setdefault(_folded(name), []).append(key)
     return {
-        keys[0]: folded[fold][0] for fold, keys in wanted.items() if len(keys) == 1 and len(folded.get(fold, ())) == 1
+        keys[0]: folded[fold][0] for fold, keys in by_fold.items() if len(keys) == 1 and len(folded.get(fold, ())) == 1
     }
 
 
-def _fold(name: str) -> str:
+def _folded(name: str) -> str:
     return "".join(letter for letter in name.casefold() if letter not in " _-\t")
 
 
@@ -321,7 +321,7 @@ def _count(doors: Sequence[str]) -> str:
 
 
 def _yaml(text: str) -> str:
-    """Write a name so that YAML reads it as that text."""
+    """Quote a name for YAML if necessary."""
     plain = text.replace(" ", "").replace("_", "").replace("-", "").isalnum() and text[:1].isalpha()
     words = {"y", "n", "yes", "no", "on", "off", "true", "false", "null"}
     if plain and text == text.strip() and text.lower() not in words:

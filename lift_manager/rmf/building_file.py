@@ -1,7 +1,7 @@
-"""Read what RMF's own files say about lifts: the building map of the traffic editor, and the navigation graphs made of it.
+"""Reads the lifts from RMF's own files: the building map of the traffic editor, and the navigation graphs made from it.
 
 Formats as rmf_traffic_editor reads and writes them (rmf_building_map_tools, `building_map/{building,level,lift,vertex}.py`) and as
-rmf_fleet_adapter reads the graphs (`agv/parse_graph.cpp`). Every name is the text that stands in the file, as it is for yaml-cpp.
+rmf_fleet_adapter reads the graphs (`agv/parse_graph.cpp`). Every name is the literal text in the file, as with yaml-cpp.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import yaml
 from register_maps.errors import Finding, MapFileError
 
 MAX_BYTES = 20_000_000
-"""Chosen: fifty times the largest map of rmf_demos. What is larger is a mistake, and is not read."""
+"""Larger files are refused unread. Chosen: fifty times the largest map of rmf_demos."""
 MAX_DEPTH = 40
-"""Chosen: four times what these files need, and far below what recursion can bear."""
+"""Chosen: four times what these files need, and far below the recursion limit."""
 
 _Loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 
@@ -30,7 +30,7 @@ class MapLevel:
 
     line: int
     elevation: float
-    """Metres, as the map has it; 0 where it says none, like the tools of RMF."""
+    """In metres, from the map; 0 if it has none, as in RMF's tools."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class MapLift:
     doors: frozenset[str]
     """Its doors, by name."""
     mentions: tuple[tuple[str, str, int], ...]
-    """Key, level and line wherever else it names one: `lowest_floor` and the like."""
+    """Key, level and line of other keys that name a level, such as `lowest_floor`."""
 
 
 @dataclass(frozen=True)
 class LiftVertex:
-    """A vertex that says it is in a lift."""
+    """A vertex inside a lift."""
 
     line: int
     level: str
@@ -68,7 +68,7 @@ class LiftVertex:
 
 @dataclass(frozen=True)
 class BuildingMap:
-    """What a building map says about lifts."""
+    """The lifts of a building map."""
 
     file: str
     levels: Mapping[str, MapLevel]
@@ -79,18 +79,18 @@ class BuildingMap:
 
 @dataclass(frozen=True)
 class NavGraph:
-    """What a navigation graph says about lifts."""
+    """The lifts of a navigation graph."""
 
     file: str
     levels: Mapping[str, int]
     """Lines by name."""
     lifts: Mapping[str, int] | None
-    """Lines by name; None where the graph has no such part (rmf_traffic_editor before 1.8.2)."""
+    """Lines by name; None if the graph has no such part (rmf_traffic_editor before 1.8.2)."""
     vertices: tuple[LiftVertex, ...]
 
 
 def read_building(path: Path) -> BuildingMap:
-    """Read a `.building.yaml`. Raises MapFileError where it is none."""
+    """Read a `.building.yaml`. Raises MapFileError if it is not one."""
     file = str(path)
     root = _table(_root(path))
     levels = dict(_entries(root.get("levels")))
@@ -103,50 +103,50 @@ def read_building(path: Path) -> BuildingMap:
         file,
         {name: MapLevel(line, _elevation(node)) for name, (line, node) in levels.items()},
         lifts,
-        tuple(vertex for name, (_, node) in levels.items() for vertex in _cabins(name, node)),
+        tuple(vertex for name, (_, node) in levels.items() for vertex in _cabin_vertices(name, node)),
     )
 
 
 def read_graph(path: Path) -> NavGraph:
-    """Read a navigation graph, `0.yaml` and so on. Raises MapFileError where it is none."""
+    """Read a navigation graph, such as `0.yaml`. Raises MapFileError if it is not one."""
     file = str(path)
     root = _table(_root(path))
     levels = dict(_entries(root.get("levels")))
     if not levels:
         raise MapFileError([Finding(file, None, "levels", "no levels: is this a navigation graph of RMF?")])
     lifts = {name: line for name, (line, _) in _entries(root["lifts"])} if "lifts" in root else None
-    vertices = tuple(vertex for name, (_, node) in levels.items() for vertex in _in_lifts(name, node))
+    vertices = tuple(vertex for name, (_, node) in levels.items() for vertex in _lift_vertices(name, node))
     return NavGraph(file, {name: line for name, (line, _) in levels.items()}, lifts, vertices)
 
 
 def _lift(line: int, node: yaml.Node) -> MapLift:
-    said = _table(node)
-    levels = {name: LevelDoors(at, tuple(_texts(doors))) for name, (at, doors) in _entries(said.get("level_doors"))}
+    table = _table(node)
+    levels = {name: LevelDoors(at, tuple(_texts(doors))) for name, (at, doors) in _entries(table.get("level_doors"))}
     mentions = []
     for key in ("reference_floor_name", "lowest_floor", "highest_floor", "initial_floor_name"):
-        level = said.get(key)
+        level = table.get(key)
         if isinstance(level, yaml.ScalarNode) and level.value:
             mentions.append((key, str(level.value), _line(level)))
-    return MapLift(line, levels, frozenset(name for name, _ in _entries(said.get("doors"))), tuple(mentions))
+    return MapLift(line, levels, frozenset(name for name, _ in _entries(table.get("doors"))), tuple(mentions))
 
 
 def _elevation(node: yaml.Node) -> float:
-    said = _number(_table(node).get("elevation"))
-    return 0.0 if said is None else said
+    table = _number(_table(node).get("elevation"))
+    return 0.0 if table is None else table
 
 
-def _cabins(level: str, node: yaml.Node) -> Iterator[LiftVertex]:
+def _cabin_vertices(level: str, node: yaml.Node) -> Iterator[LiftVertex]:
     """Yield the vertices `[x, y, z, name, {lift_cabin: [1, NAME]}]`."""
     for vertex in _items(_table(node).get("vertices")):
         parts = _items(vertex)
         if len(parts) < 5:
             continue
-        said = _items(_table(parts[4]).get("lift_cabin"))
-        if len(said) == 2 and (name := _text(said[1])):
+        table = _items(_table(parts[4]).get("lift_cabin"))
+        if len(table) == 2 and (name := _text(table[1])):
             yield LiftVertex(_line(vertex), level, name, _number(parts[0]) or 0.0, _number(parts[1]) or 0.0)
 
 
-def _in_lifts(level: str, node: yaml.Node) -> Iterator[LiftVertex]:
+def _lift_vertices(level: str, node: yaml.Node) -> Iterator[LiftVertex]:
     """Yield the vertices `[x, y, {lift: NAME}]`."""
     for vertex in _items(_table(node).get("vertices")):
         parts = _items(vertex)
@@ -158,8 +158,8 @@ def _in_lifts(level: str, node: yaml.Node) -> Iterator[LiftVertex]:
 
 
 def _root(path: Path) -> yaml.Node:
-    """Return the one document of a file, aliases followed. Raises MapFileError."""
-    file, text = str(path), _content(path)
+    """Return the only document of a file, with aliases resolved. Raises MapFileError."""
+    file, text = str(path), _read_text(path)
     try:
         _check_depth(file, text)
         root = yaml.compose(text, Loader=_Loader)
@@ -174,7 +174,7 @@ def _root(path: Path) -> yaml.Node:
 
 
 def _check_depth(file: str, text: str) -> None:
-    """Refuse what composing could not bear: it goes as deep as the file."""
+    """Refuse deeply nested files: composing recurses as deep as the file."""
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         if isinstance(event, yaml.CollectionStartEvent):
@@ -187,16 +187,16 @@ def _check_depth(file: str, text: str) -> None:
             raise MapFileError([Finding(file, line, "", f"nested more than {MAX_DEPTH} levels deep")])
 
 
-def _content(path: Path) -> str:
+def _read_text(path: Path) -> str:
     def refuse(message: str) -> MapFileError:
         return MapFileError([Finding(str(path), None, "", message)])
 
     try:
-        about = path.stat()
-        if not stat.S_ISREG(about.st_mode):
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
             raise refuse("is not an ordinary file")
-        if about.st_size > MAX_BYTES:
-            raise refuse(f"has {about.st_size} bytes and was not read; the limit is {MAX_BYTES}")
+        if status.st_size > MAX_BYTES:
+            raise refuse(f"has {status.st_size} bytes and was not read; the limit is {MAX_BYTES}")
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError as error:
         raise refuse("there is no such file") from error

@@ -1,4 +1,4 @@
-"""What an adapter counts."""
+"""The counters of an adapter."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Counts:
-    """Since the adapter started. Keys are (RMF's lift name or empty, word)."""
+    """Counters since the adapter started. Keys are (RMF's lift name or empty, label value)."""
 
     requests: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Requests by what was done with them: `granted`, `updated`, `repeated`, `ended`, or why one was ignored (`contract.Ignored`)."""
+    """Requests by what was done with them, a value of `contract.Disposition`."""
     states: Counter[str] = field(default_factory=Counter)
-    """LiftStates published, by lift."""
+    """Published LiftStates, by lift."""

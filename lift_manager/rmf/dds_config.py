@@ -1,6 +1,6 @@
-"""The configuration of Cyclone DDS that finds what ROS 2 finds with the same settings.
+"""The configuration of Cyclone DDS for the same discovery as ROS 2 with the same settings.
 
-After rmw_cyclonedds (`rmw_node.cpp`, iron and later); what differs says why.
+Follows rmw_cyclonedds (`rmw_node.cpp`, iron and later); differences are explained.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ _MOST_PARTICIPANTS = 32
 """Programs of one domain on one machine that find each other without multicast; rmw_cyclonedds has the same number."""
 
 _LINGER_MS = 200
-"""How long leaving waits until all who listen have what was said last. Chosen: Cyclone's own is a second, in which the
+"""How long leaving waits until all readers have the last messages. Chosen: Cyclone's own value is a second, in which the
 manager around it would do nothing else."""
 
 _PATIENCE = "<SPDPInterval>2 s</SPDPInterval><InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
-"""Peers are looked for every 2 s (chosen; Cyclone's own is 8 s) and for ever: 11.0.1 would give them up after 30 s, and
-a supervisor that starts later, and has no peers itself, would never be found."""
+"""Search for peers every 2 s (chosen; Cyclone's own value is 8 s) and without end: 11.0.1 would give up after 30 s, and
+never find a supervisor that starts later and has no peers itself."""
 _INTERNAL = f"<Internal><WriterLingerDuration>{_LINGER_MS} ms</WriterLingerDuration></Internal>"
 
 
 def config_of(settings: RosSettings, process: int) -> str:
-    """Return the XML for a domain, with the user's own configuration after it, so that the user has the last word.
+    """Return the XML for a domain, followed by the user's own configuration, which takes precedence.
 
-    `process` is the process id: with the range OFF it makes a tag that nobody else has.
+    `process` is the process id, which makes a unique tag for the range OFF.
     """
     own = "" if settings.discovery_range == "SYSTEM_DEFAULT" else _xml(settings, process)
     return ",".join(part for part in (own, settings.cyclonedds_uri) if part)
@@ -34,7 +34,7 @@ def _xml(settings: RosSettings, process: int) -> str:
 
 
 def _general(settings: RosSettings) -> str:
-    """LOCALHOST without peers is kept to the loopback interface, so that nobody on the network can call a lift."""
+    """Restrict LOCALHOST without peers to the loopback interface, so that nobody on the network can call a lift."""
     if settings.discovery_range == "SUBNET":
         return ""
     only_loopback = settings.discovery_range == "LOCALHOST" and not settings.peers
@@ -47,7 +47,7 @@ def _discovery(settings: RosSettings, process: int) -> str:
         tag = f"<Tag>ros_discovery_off_{process}</Tag>"
         return f"<Discovery><ParticipantIndex>none</ParticipantIndex>{tag}</Discovery>"
     local = ("127.0.0.1",) if settings.discovery_range == "LOCALHOST" else ()
-    # Nothing in them needs quoting: RosSettings takes addresses only
+    # nothing in them needs quoting: RosSettings accepts addresses only
     peers = "".join(f'<Peer address="{peer}"/>' for peer in (*local, *settings.peers))
     return (
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"

@@ -1,7 +1,7 @@
-"""The messages as Cyclone DDS writes them: names, field order and type hashes of ROS 2 (open-rmf 5.1 to 5.3).
+"""The messages for Cyclone DDS, with the names, field order and type hashes of ROS 2 (open-rmf 5.1 to 5.3).
 
-Structs are @final and encoded as XCDR1, the one form that every ROS 2 reads. Annotations are read while a class is made,
-hence no `from __future__`.
+Structs are @final and encoded as XCDR1, the only form that every ROS 2 can read. Annotations are evaluated when a class is
+created, hence no `from __future__`.
 """
 
 from collections.abc import Sequence
@@ -84,7 +84,7 @@ TYPE_HASHES: dict[type[IdlStruct], str] = {
     WireEmergencySignal: "RIHS01_2bcead0701ac71c292f12ba705ad9164b796b2660ae48cbf74204515fe5156e0",
     WireClock: "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
 }
-"""Told to ROS in USER_DATA. Advice only: a wrong one is a warning in its log, never a refusal."""
+"""Published to ROS in USER_DATA. Advisory: a wrong hash causes a warning in its log, never a refusal."""
 
 
 def request_of(wire: WireLiftRequest) -> LiftRequest:

@@ -9,8 +9,8 @@ END_SESSION, AGV_MODE, HUMAN_MODE = 0, 1, 2
 REQUEST_TYPES = (END_SESSION, AGV_MODE, HUMAN_MODE)
 
 DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN = 0, 1, 2
-"""LiftState.door_state; a LiftRequest knows no 1."""
-ASKED_DOORS = (DOOR_CLOSED, DOOR_OPEN)
+"""LiftState.door_state; a LiftRequest never has 1."""
+REQUEST_DOORS = (DOOR_CLOSED, DOOR_OPEN)
 
 MOTION_STOPPED, MOTION_UP, MOTION_DOWN, MOTION_UNKNOWN = 0, 1, 2, 3
 """LiftState.motion_state."""
@@ -30,7 +30,7 @@ class Time:
 
     @classmethod
     def of(cls, seconds: float) -> Time:
-        """Return it to the nanosecond; what the message cannot hold (before 1970, after 2038) is its nearest end."""
+        """Convert to the nanosecond. Times that the message cannot hold (before 1970, after 2038) are clamped."""
         whole = max(0, min(round(seconds * _NS), (2**31 - 1) * _NS))
         return cls(whole // _NS, whole % _NS)
 

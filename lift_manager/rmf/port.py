@@ -1,4 +1,4 @@
-"""The manager as an adapter sees it: what it is asked, what it answers. `beside` speaks HTTP, `inside` calls it."""
+"""The manager as an adapter sees it: its requests and answers. `remote_manager` uses HTTP, `local_manager` direct calls."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 
 
 @dataclass(frozen=True)
 class SessionDemand:
-    """RMF's session wants the lift at a floor: the first one opens it, each further one changes or repeats what is wanted."""
+    """RMF's session demands the lift at a floor: the first one opens the session, each further one changes or repeats the demand."""
 
     lift: str
     """The site's name, like `floor`."""
@@ -19,14 +19,14 @@ class SessionDemand:
     """RMF's session id."""
     floor: str
     hold_door: bool
-    """Hold the door open there until another floor is wanted or the session ends."""
+    """Hold the door open there until another floor is demanded or the session ends."""
     adapter: str = ""
-    """The id of the adapter that asks: other adapters at the same manager have other sessions, even of the same id."""
+    """The id of the requesting adapter: sessions of another adapter at the same manager are different ones, even with the same id."""
 
 
 @dataclass(frozen=True)
 class EndOfSession:
-    """RMF's session is over. Door hold and robot mode stay for `grace_s`, unless the same session wants the lift again within it."""
+    """RMF's session has ended. Door hold and robot mode stay on for `grace_s`, unless the same session demands the lift again before."""
 
     lift: str
     session: str
@@ -34,54 +34,54 @@ class EndOfSession:
     adapter: str = ""
 
 
-Asked = SessionDemand | EndOfSession
+ManagerRequest = SessionDemand | EndOfSession
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the manager said to one of these; answers come one for one, in order for each lift."""
+    """The manager's answer to one request; for each lift the answers come in the order of the requests."""
 
-    asked: Asked
-    yes: bool
-    """It is decided so. Of `SessionDemand`: the session holds the lift; acceptance is not arrival."""
+    request: ManagerRequest
+    accepted: bool
+    """The manager has decided so. For a `SessionDemand` the session then holds the lift; acceptance is not arrival."""
     code: str = ""
-    """Why not, in a word of `web/ERRORS.md`; `unreachable` where no manager answered: then nobody knows whether it was heard."""
+    """Why it was refused, a problem code; `unreachable` if no manager answered: then it is unknown whether the request arrived."""
     reason: str = ""
-    """The same in a sentence."""
+    """The refusal as a sentence."""
     boot: str = ""
     event: int = 0
-    """Of `yes`: a `Site` of this boot with a lower number does not show it yet."""
+    """If accepted: a `SiteView` of this boot with a lower number does not include it yet."""
 
 
 UNREACHABLE = "unreachable"
 NOT_SENT = "not_sent"
-"""The code of a wish that never left: the manager has not heard of it."""
+"""The code of a request that was never sent."""
 
 
 Deliver = Callable[[Callable[[], None]], object]
-"""Has a callable called in the adapter's own thread, in the order given, as `loop.call_soon_threadsafe` does: never before it returns,
-never waiting, and from any thread."""
+"""Schedules a callable in the adapter's own thread, in order, like `loop.call_soon_threadsafe`: it never waits, never calls before it
+returns, and may be used from any thread."""
 
 
 class Manager(Protocol):
-    """Takes what is asked without waiting; the answer comes to `ManagerListener.answered`."""
+    """Takes requests without waiting; the answer comes to `ManagerListener.on_answer`."""
 
-    def ask(self, asked: Asked) -> None:
-        """Pass it on. Never called again for a lift whose last answer has not come."""
+    def send(self, request: ManagerRequest) -> None:
+        """Pass a request on. Never called for a lift whose last answer has not come."""
         ...
 
 
 class ManagerListener(Protocol):
-    """What of the adapter a way to the manager calls, always in the adapter's own thread. Times are monotonic seconds."""
+    """The callbacks of an adapter for the manager, always called in the adapter's own thread. Times are monotonic seconds."""
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
-        """Take a whole answer; `asked_at` is when the question for it left, from which its ages count."""
+    def on_site(self, site: SiteView, sent_at: float, now: float) -> None:
+        """Take over a complete answer; `sent_at` is when its request was sent, from which its ages count."""
         ...
 
-    def answered(self, answer: Answer, now: float) -> None:
-        """Take what became of something asked."""
+    def on_answer(self, answer: Answer, now: float) -> None:
+        """Process the answer to a request."""
         ...
 
-    def lost(self, reason: str, now: float) -> None:
-        """The manager cannot be heard."""
+    def on_manager_lost(self, reason: str, now: float) -> None:
+        """React to a manager that does not answer."""
         ...

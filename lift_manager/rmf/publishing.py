@@ -1,4 +1,4 @@
-"""What is told to RMF about a lift, and when. Pure."""
+"""The state of a lift for RMF, and when it is published. Pure."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from lift_manager.rmf.messages import (
 
 PERIOD_S = 0.5
 """2 Hz: most waits in RMF last until the next LiftState, and humble's supervisor sends only in answer to one (open-rmf 1.6.10, 7)."""
-AT_LEAST_S = 0.02
-"""Chosen: between two messages of one lift, so that changes of one moment are one message."""
+MIN_GAP_S = 0.02
+"""Between two messages about one lift, so that simultaneous changes share a message. Chosen."""
 
 NO_CLOCK_S = 5.0
-"""So long without /clock where RMF's time is simulated, and a person is told once; what is published has the time 0 until then."""
+"""How long /clock may be missing in simulated time before a warning is logged; `lift_time` is 0 until it arrives."""
 
 AVAILABLE_MODES = (MODE_HUMAN, MODE_AGV)
 _MOTIONS: Mapping[str, int] = {"stopped": MOTION_STOPPED, "up": MOTION_UP, "down": MOTION_DOWN}
@@ -47,18 +47,18 @@ _MODES: Mapping[str, int] = {
     "emergency": MODE_EMERGENCY,
     "out_of_service": MODE_OFFLINE,
 }
-"""RMF has no word for a lift that persons have taken for themselves but HUMAN."""
+"""RMF's only mode for a lift that people have reserved for themselves is HUMAN."""
 
 
-def message(contract: LiftContract, asked_at: float, now: float, ros_time: float) -> LiftState:
-    """Return the state of a lift as RMF may have it now.
+def make_state(contract: LiftContract, sent_at: float, now: float, ros_time: float) -> LiftState:
+    """Return the state of a lift as RMF may see it now.
 
-    `asked_at` is when the question for the contract's view left, `ros_time` RMF's clock in seconds; `lift_time` is that clock
-    less the age of the data, and 0 where there never was a reading.
+    `sent_at` is when the request for the contract's view was sent, `ros_time` RMF's clock in seconds. `lift_time` is that clock
+    minus the age of the data, or 0 before the first reading.
     """
     view = contract.view
-    age = age_s(view.age_s, asked_at, now)
-    live = not contract.lost and view.live and not is_too_old(age, view.max_age_s)
+    age = age_s(view.age_s, sent_at, now)
+    live = not contract.manager_lost and view.live and not is_too_old(age, view.max_age_s)
     floor = _floor(contract, view) if live else ""
     return LiftState(
         lift_time=Time() if age is None else Time.of(ros_time - age),
@@ -74,13 +74,13 @@ def message(contract: LiftContract, asked_at: float, now: float, ros_time: float
     )
 
 
-def stale_at(view: LiftView, asked_at: float) -> float:
-    """Return when nothing may be concluded from a view any more; infinite where nothing may already."""
-    return math.inf if not view.live or view.age_s is None else asked_at + view.max_age_s - view.age_s
+def stale_at(view: LiftView, sent_at: float) -> float:
+    """Return when a view goes stale; infinite if it is stale already."""
+    return math.inf if not view.live or view.age_s is None else sent_at + view.max_age_s - view.age_s
 
 
-def offline(state: LiftState) -> LiftState:
-    """Return a state as it is told when nobody will tell more."""
+def as_offline(state: LiftState) -> LiftState:
+    """Return a state as it is published when no further one will follow."""
     return replace(
         state,
         current_floor="",
@@ -91,13 +91,13 @@ def offline(state: LiftState) -> LiftState:
     )
 
 
-def same_but_for_time(one: LiftState, other: LiftState) -> bool:
+def equal_except_time(one: LiftState, other: LiftState) -> bool:
     """Whether two states differ in nothing but their time."""
-    return _but_for_time(one) == _but_for_time(other)
+    return _fields_except_time(one) == _fields_except_time(other)
 
 
-def _but_for_time(state: LiftState) -> tuple[object, ...]:
-    """Every field but the first: making another message of it takes ten times as long, and this is done for every lift at every change."""
+def _fields_except_time(state: LiftState) -> tuple[object, ...]:
+    """Return every field but the first. `replace` takes ten times as long, and this runs for every lift at every change."""
     return (
         state.lift_name,
         state.available_floors,
@@ -112,71 +112,76 @@ def _but_for_time(state: LiftState) -> tuple[object, ...]:
 
 
 class Cadence:
-    """When the next state of a lift is due: twice a second, each lift at another moment, and at once when something has changed."""
+    """When the next state of a lift is due: twice a second, staggered over the lifts, and at once after a change."""
 
-    def __init__(self, place: int, places: int, now: float) -> None:
-        """`place` of `places` lifts: some readers keep one message only (open-rmf 1.3)."""
-        self._due = now + PERIOD_S * place / places
-        self._last = -math.inf
-        self._sent: LiftState | None = None
+    def __init__(self, index: int, count: int, now: float) -> None:
+        """`index` of `count` lifts: some readers keep one message only (open-rmf 1.3)."""
+        self._due_at = now + PERIOD_S * index / count
+        self._sent_at = -math.inf
+        self._sent_state: LiftState | None = None
 
-    def due(self, state: LiftState, now: float) -> bool:
+    def is_due(self, state: LiftState, now: float) -> bool:
         """Whether this state is to be published now."""
-        if now >= self._due:
+        if now >= self._due_at:
             return True
-        changed = self._sent is None or not same_but_for_time(state, self._sent)
-        return changed and now >= self._last + AT_LEAST_S
+        changed = self._sent_state is None or not equal_except_time(state, self._sent_state)
+        return changed and now >= self._sent_at + MIN_GAP_S
 
-    def sent(self, state: LiftState, now: float) -> None:
-        """Note that it was published. The beat is kept: a change in between moves none of what follows."""
-        self._sent, self._last = state, now
-        if now >= self._due:
-            self._due += PERIOD_S * (1 + math.floor((now - self._due) / PERIOD_S))
+    def mark_sent(self, state: LiftState, now: float) -> None:
+        """Record that it was published. A change in between does not shift the regular times."""
+        self._sent_state, self._sent_at = state, now
+        if now >= self._due_at:
+            self._due_at += PERIOD_S * (1 + math.floor((now - self._due_at) / PERIOD_S))
 
-    def next(self, state: LiftState) -> float:
-        """Return when to look again, if nothing happens before."""
-        changed = self._sent is None or not same_but_for_time(state, self._sent)
-        return min(self._due, self._last + AT_LEAST_S) if changed else self._due
+    def next_at(self, state: LiftState) -> float:
+        """Return when the next state is due if nothing changes."""
+        changed = self._sent_state is None or not equal_except_time(state, self._sent_state)
+        return min(self._due_at, self._sent_at + MIN_GAP_S) if changed else self._due_at
 
 
 def _floor(contract: LiftContract, view: LiftView) -> str:
-    """Return where the car is, but not where it only passes for whoever wants to go there.
+    """Return where the car is, but not the demanded floor while the car is still passing it.
 
-    Iron takes its destination in `current_floor` for the arrival, whatever the door says (open-rmf 1.6.3), and the manager hides
-    only what it was told already.
+    Iron takes its destination in `current_floor` for the arrival, whatever the door state is (open-rmf 1.6.3), and the manager hides
+    the floor only for demands that it knows already.
     """
-    passes = contract.granted and contract.wish is not None and contract.wish.floor == view.floor and not view.standing
-    return "" if passes or view.floor is None else view.floors.get(view.floor, "")
+    is_passing = (
+        contract.is_granted
+        and contract.demand is not None
+        and contract.demand.floor == view.floor
+        and not view.standing
+    )
+    return "" if is_passing or view.floor is None else view.floors.get(view.floor, "")
 
 
 def _door(contract: LiftContract, view: LiftView, now: float) -> int:
-    """OPEN is what a robot drives on: only with the lift held for it and nobody else, or with no session told at all."""
+    """Return OPEN, on which a robot drives, only if the lift is held for the published session, or if no session is published."""
     if view.door == "closed":
         return DOOR_CLOSED
-    nobodys = not contract.granted and contract.foreign is None and not contract.undelivered_end(now)
-    return DOOR_OPEN if view.door == "open" and (nobodys or contract.settled) else DOOR_MOVING
+    unheld = not contract.is_granted and contract.foreign_holder is None and not contract.undelivered_session(now)
+    return DOOR_OPEN if view.door == "open" and (unheld or contract.is_settled) else DOOR_MOVING
 
 
 def _session(contract: LiftContract, now: float) -> str:
-    if contract.granted:
+    if contract.is_granted:
         return contract.session
-    if session := contract.undelivered_end(now):
+    if session := contract.undelivered_session(now):
         return session
-    return "" if contract.foreign is None else str(contract.foreign)
+    return "" if contract.foreign_holder is None else str(contract.foreign_holder)
 
 
 def _destination(contract: LiftContract, floor: str) -> str:
-    """Return what the session wants: a supervisor repeats for ever where it reads another one (open-rmf 1.6.4)."""
+    """Return the demanded floor: a supervisor repeats its request for as long as it reads another one (open-rmf 1.6.4)."""
     floors = contract.view.floors
-    if contract.granted and contract.wish is not None:
-        return floors.get(contract.wish.floor, "")
-    wanted = contract.view.destination
-    held = contract.granted or contract.foreign is not None
-    return floors.get(wanted, floor) if held and wanted is not None else floor
+    if contract.is_granted and contract.demand is not None:
+        return floors.get(contract.demand.floor, "")
+    destination = contract.view.destination
+    held = contract.is_granted or contract.foreign_holder is not None
+    return floors.get(destination, floor) if held and destination is not None else floor
 
 
 def _mode(contract: LiftContract, view: LiftView) -> int:
-    """A lift in normal mode is in the mode that was asked for as long as RMF holds it: in AGV mode its door stands open when it has stopped."""
-    if view.mode == "normal" and contract.settled and view.robot_mode_on is not False:
-        return MODE_HUMAN if contract.human else MODE_AGV
+    """Return the requested mode for a lift in normal mode that RMF holds: in AGV mode its door is open whenever it has stopped."""
+    if view.mode == "normal" and contract.is_settled and view.robot_mode_on is not False:
+        return MODE_HUMAN if contract.human_mode else MODE_AGV
     return _MODES.get(view.mode, MODE_UNKNOWN)

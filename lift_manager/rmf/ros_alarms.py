@@ -1,4 +1,4 @@
-"""A fire, told to RMF over ROS."""
+"""Publishes fire alarms over ROS."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 class Publisher(Protocol):
-    """What is used of a publisher of rclpy."""
+    """The part of a publisher of rclpy that is used here."""
 
     def publish(self, message: Any) -> None:
         """Send it."""
@@ -25,15 +25,15 @@ class Publisher(Protocol):
 
 @dataclass(frozen=True)
 class Publishers:
-    """Makes and ends publishers that are RELIABLE and TRANSIENT_LOCAL and keep one message."""
+    """Creates and destroys publishers that are RELIABLE and TRANSIENT_LOCAL and keep one message."""
 
     make: Callable[[type[Any], str], Publisher]
-    """Of a type of messages, on a topic."""
+    """For a type of messages, on a topic."""
     end: Callable[[Publisher], object]
 
 
 class RosAlarms:
-    """Both topics. Implements `alarms.AlarmOut`; nothing is offered before the site wants it."""
+    """Both alarm topics. Implements `alarms.AlarmPublisher`; a topic is opened only if the site uses it."""
 
     def __init__(self, publishers: Publishers, fire_topic: str, emergency_topic: str) -> None:
         self._publishers = publishers
@@ -46,15 +46,15 @@ class RosAlarms:
         self._told_missing = False
 
     def offer(self, alarms: Alarms) -> None:
-        """Be found by those who listen."""
+        """Open the topics, so that readers find them."""
         self._alarms = alarms
         if alarms.fire_alarm and self._fire is None:
             self._fire = self._publishers.make(Bool, self._fire_topic)
         if alarms.emergency_signal and self._emergency is None:
             self._emergency = self._offer_emergency()
 
-    def say(self, alarms: Alarms, *, on: bool) -> None:
-        """Publish that there is a fire, or that it is over, on the topics that the site wants."""
+    def publish_alarms(self, alarms: Alarms, *, on: bool) -> None:
+        """Publish that there is a fire, or that it is over, on the topics that the site uses."""
         self.offer(alarms)
         if alarms.fire_alarm and self._fire is not None:
             self._fire.publish(Bool(data=on))
@@ -62,7 +62,7 @@ class RosAlarms:
             self._emergency.publish(self._signal(fleet_names=list(alarms.emergency_fleets), is_emergency=on))
 
     def forget(self) -> None:
-        """End both publishers with what they keep, and make them anew."""
+        """Destroy both publishers with their history, and create them again."""
         for publisher in filter(None, (self._fire, self._emergency)):
             self._publishers.end(publisher)
         self._fire = self._emergency = None
@@ -74,7 +74,7 @@ class RosAlarms:
         if not self._told_missing:
             self._told_missing = True
             _log.error(
-                "the site wants emergency_signal, and the rmf_fleet_msgs of this distribution has no EmergencySignal"
-                " (kilted and later have it); fire_alarm of the site file is known to all of them"
+                "the site file has emergency_signal, but rmf_fleet_msgs of this distribution has no EmergencySignal"
+                " (kilted and later have it); fire_alarm of the site file works with all of them"
             )
         return None

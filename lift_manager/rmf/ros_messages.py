@@ -1,4 +1,4 @@
-"""The two messages of rmf_lift_msgs as ROS has them, and as the adapter does."""
+"""Converts the two messages of rmf_lift_msgs between ROS and the adapter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lift_manager.rmf.messages import LiftRequest, LiftState, Time
 
 
 def request_of(message: RosLiftRequest) -> LiftRequest:
-    """Return what a message says, whatever it is."""
+    """Convert a request from ROS, with any content."""
     return LiftRequest(
         lift_name=message.lift_name,
         request_time=Time(message.request_time.sec, message.request_time.nanosec),
@@ -21,7 +21,7 @@ def request_of(message: RosLiftRequest) -> LiftRequest:
 
 
 def state_of(message: RosLiftState) -> LiftState:
-    """Return what a message says."""
+    """Convert a state from ROS."""
     return LiftState(
         lift_time=Time(message.lift_time.sec, message.lift_time.nanosec),
         lift_name=message.lift_name,
@@ -37,7 +37,7 @@ def state_of(message: RosLiftState) -> LiftState:
 
 
 def message_of(state: LiftState) -> RosLiftState:
-    """Return the message that says it."""
+    """Convert a state to ROS."""
     message = RosLiftState(
         lift_name=state.lift_name,
         available_floors=list(state.available_floors),

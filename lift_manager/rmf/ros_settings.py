@@ -1,4 +1,4 @@
-"""Where RMF is to be found: domain, namespace, topics and discovery, as ROS 2 names them. Standard library only."""
+"""Settings for reaching RMF: domain, namespace, topics and discovery, named as in ROS 2. Standard library only."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 DEFAULT_DOMAIN = 0
 HIGHEST_DOMAIN = 232
-"""Above it the ports of discovery do not exist (7400 + 250 x domain; to 101 is safe everywhere, open-rmf 5.4)."""
+"""Higher domains have no discovery ports (7400 + 250 x domain; up to 101 is safe everywhere, open-rmf 5.4)."""
 RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 """ROS_AUTOMATIC_DISCOVERY_RANGE."""
 
@@ -19,35 +19,35 @@ _PEER = re.compile(r"[A-Za-z0-9._:%\[\]-]+", re.ASCII)
 
 _ID = re.compile(r"[A-Za-z0-9._/-]*", re.ASCII)
 _ID_LIMIT = 300
-"""As the manager takes it (`domain.rmf.ADAPTER_ID`)."""
+"""As the manager accepts it (`lift.rmf.ADAPTER_ID_LIMIT`)."""
 
 
 class BadSettings(ValueError):
-    """A setting that cannot be used; the message names it, its value and what it may be."""
+    """A setting is invalid; the message names it, its value and what it may be."""
 
 
 @dataclass(frozen=True)
 class RosSettings:
-    """How to reach RMF. Raises BadSettings where a value cannot be used."""
+    """How to reach RMF. Raises BadSettings for an invalid value."""
 
     domain: int = DEFAULT_DOMAIN
     namespace: str = ""
-    """Before both topics, as `/building1`; empty for none. A topic that begins with `/` has no namespace before it."""
+    """Put before the topics, such as `/building1`; empty for none. A topic that begins with `/` ignores it."""
     states_topic: str = "lift_states"
     requests_topic: str = "lift_requests"
     adapter_requests_topic: str = "adapter_lift_requests"
-    """What fleets send to the lift supervisor, which decides whose turn it is (open-rmf 1.2). Of it the adapter takes END_SESSION alone, where
+    """Requests of fleets to the lift supervisor, which decides whose turn it is (open-rmf 1.2). The adapter only uses their END_SESSION, if
     the supervisor does not pass it on."""
     fire_topic: str = "fire_alarm_trigger"
     emergency_topic: str = "emergency_signal"
     discovery_range: str = "SUBNET"
     peers: tuple[str, ...] = ()
-    """Where to look for RMF without multicast. Not used with the ranges OFF and SYSTEM_DEFAULT, as in ROS."""
+    """Addresses at which to look for RMF without multicast. Not used with the ranges OFF and SYSTEM_DEFAULT, as in ROS."""
     cyclonedds_uri: str = ""
-    """CYCLONEDDS_URI: XML, or the path of a file. It has the last word, as in rmw_cyclonedds. Not for rclpy."""
+    """CYCLONEDDS_URI: XML, or the path of a file. It takes precedence, as in rmw_cyclonedds. Not for rclpy."""
     use_sim_time: bool = False
     adapter_id: str = ""
-    """The adapter's id at the manager; made of domain and namespace where it is empty."""
+    """The adapter's id at the manager; derived from domain and namespace if empty."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.domain <= HIGHEST_DOMAIN:
@@ -72,9 +72,9 @@ class RosSettings:
 
     @classmethod
     def of(cls, environment: Mapping[str, str]) -> RosSettings:
-        """Return what the variables say that ROS 2 reads too, and CYCLONEDDS_URI. Raises BadSettings.
+        """Read the environment variables of ROS 2 and CYCLONEDDS_URI. Raises BadSettings.
 
-        With ROS_LOCALHOST_ONLY=1, ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS are not read, as in ROS.
+        ROS_LOCALHOST_ONLY=1 overrides ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS, as in ROS.
         """
         localhost_only = environment.get("ROS_LOCALHOST_ONLY", "") == "1"
         peers = "" if localhost_only else environment.get("ROS_STATIC_PEERS", "")
@@ -87,7 +87,7 @@ class RosSettings:
 
     @property
     def adapter(self) -> str:
-        """The id of the adapter at the manager, the same after each start."""
+        """The adapter's id at the manager, the same after each start."""
         return self.adapter_id or id_of_adapter(self.domain, self.resolved(self.requests_topic))
 
     def resolved(self, topic: str) -> str:
@@ -98,9 +98,9 @@ class RosSettings:
 
 
 def id_of_adapter(domain: int, requests_topic: str) -> str:
-    """Return the id of an adapter that was given none: domain and namespace, so that adapters in two RMFs have two.
+    """Derive the id of an adapter from domain and namespace, so that the adapters of two RMFs have different ids.
 
-    Empty in domain 0 without a namespace, as in the time when adapters had no ids.
+    Empty in domain 0 without a namespace, as before adapters had ids.
     """
     namespace, _, last = requests_topic.strip("/").rpartition("/")
     place = namespace if last == RosSettings.requests_topic else requests_topic.strip("/")
@@ -108,7 +108,7 @@ def id_of_adapter(domain: int, requests_topic: str) -> str:
 
 
 def check_adapter_id(text: str) -> None:
-    """Raise BadSettings where it is none."""
+    """Raise BadSettings if the text is not an adapter id."""
     if len(text) > _ID_LIMIT or not _ID.fullmatch(text):
         raise BadSettings(
             f"the adapter's id is {text!r:.80}; it is made of letters, digits and . _ / -, at most {_ID_LIMIT} of them"
@@ -132,8 +132,8 @@ def _domain(text: str) -> int:
 
 
 def _range(environment: Mapping[str, str]) -> str:
-    """Only capitals count in ROS, which takes any other word for LOCALHOST: that would be a silent difference."""
-    said = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
-    if said and said not in RANGES:
-        raise BadSettings(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {said!r}; it is one of {', '.join(RANGES)}, in capitals")
-    return said or "SUBNET"
+    """Require capitals: ROS silently takes any other spelling for LOCALHOST."""
+    value = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "")
+    if value and value not in RANGES:
+        raise BadSettings(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {value!r}; it is one of {', '.join(RANGES)}, in capitals")
+    return value or "SUBNET"

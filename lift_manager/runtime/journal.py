@@ -36,8 +36,7 @@ from lift_manager.lift.record import DurableRecord
 from lift_manager.lift.refusals import Refused
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import Restrictions
-from lift_manager.plain.counted import counted
-from lift_manager.plain.seconds import without_seconds
+from lift_manager.plain.text import counted, without_seconds
 from lift_manager.runtime.recorder import Recorder
 from register_maps.words import Mode
 

@@ -9,15 +9,15 @@ from lift_manager.plain import rmf
 from lift_manager.runtime.site import Site
 
 
-def rmf_site(site: Site) -> rmf.Site:
+def rmf_site(site: Site) -> rmf.SiteView:
     """Return every lift as it is: everything up to the newest event is in it."""
     return rmf_site_of(site, (rmf_lift(site.state(name), site.config(name)) for name in site.lift_names()))
 
 
-def rmf_site_of(site: Site, lifts: Iterable[rmf.LiftView]) -> rmf.Site:
+def rmf_site_of(site: Site, lifts: Iterable[rmf.LiftView]) -> rmf.SiteView:
     """Return the site with these lifts, which are as they are at its newest event."""
     rules = site.rmf
-    return rmf.Site(
+    return rmf.SiteView(
         boot=site.boot,
         event=site.newest,
         lifts=tuple(lifts),

@@ -15,7 +15,7 @@ from typing import Protocol, TypeVar
 
 from drivers.thread import Worker
 from lift_manager.lift.journal import Json, Row, RowKind
-from lift_manager.plain.counted import counted
+from lift_manager.plain.text import counted
 from lift_manager.runtime.recorder import Clock, SavedLift, wall_clock
 from lift_manager.store.errors import CommitFailed
 from lift_manager.store.outage import (

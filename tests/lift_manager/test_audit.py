@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from lift_manager.cli.audit_text import Sheet, shown, write_csv, write_jsonl
+from lift_manager.cli.audit_text import RowTable, escape_unprintable, write_csv, write_jsonl
 from lift_manager.cli.main import app
 from lift_manager.lift.journal import Json, Row, RowKind
 from lift_manager.store.chain import StoredRow
@@ -155,7 +155,7 @@ def test_where_no_row_is_wanted_it_says_so_and_names_the_lifts(used: Building) -
     done = called("audit", str(used.file), "--lift", "west")
     assert (done.exit_code, done.stdout) == (0, "")
     assert done.stderr.strip() == "no row is of a lift 'west'; the lifts of this site are east-wing"
-    assert called("audit", str(used.file), "--find", "nothing").stderr.strip() == "no row is like that"
+    assert called("audit", str(used.file), "--find", "nothing").stderr.strip() == "no row matches"
     assert numbers(used.audit("--lift", "old lift")) == [4]
 
 
@@ -444,7 +444,7 @@ ROWS = [
 def table(width: int) -> list[str]:
     file = io.StringIO()
     console = Console(file=file, width=width, force_terminal=True, color_system=None, emoji=False)
-    sheet = Sheet(console, ZoneInfo("Asia/Singapore"), ROWS, ["east"])
+    sheet = RowTable(console, ZoneInfo("Asia/Singapore"), ROWS, ["east"])
     sheet.show(ROWS[:1])
     sheet.show(ROWS[1:])
     return [line.rstrip() for line in file.getvalue().splitlines()]
@@ -475,10 +475,10 @@ def test_a_narrow_terminal_gets_it_too() -> None:
 
 def test_what_is_seen_is_shown_as_it_is_and_the_rest_as_its_number() -> None:
     assert (
-        shown("Türantrieb 電梯 \u0645\u06cc\u200c\u062e a\u00a0b")
+        escape_unprintable("Türantrieb 電梯 \u0645\u06cc\u200c\u062e a\u00a0b")
         == "Türantrieb 電梯 \u0645\u06cc\u200c\u062e a\u00a0b"
     )
-    assert shown("\x00\x07\x7f\x9b\n\u2028\u202e\U000e0041\ud800") == (
+    assert escape_unprintable("\x00\x07\x7f\x9b\n\u2028\u202e\U000e0041\ud800") == (
         "\\u0000\\u0007\\u007f\\u009b\\u000a\\u2028\\u202e\\udb40\\udc41\\ud800"
     )
 
@@ -506,6 +506,6 @@ def test_a_wide_terminal_has_a_column_of_events(building: Building) -> None:
         rows = list(reader.rows())
     for width, there in ((140, True), (139, False)):
         console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
-        Sheet(console, ZoneInfo("UTC"), rows, ()).show(rows)
+        RowTable(console, ZoneInfo("UTC"), rows, ()).show(rows)
         assert isinstance(console.file, io.StringIO)
         assert ("mi9x1k2a-42" in console.file.getvalue()) is there

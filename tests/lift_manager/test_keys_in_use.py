@@ -100,7 +100,7 @@ def test_the_first_key_says_what_it_does_to_a_robot_that_rides_without_one(tmp_p
 @each_row(
     ("words", "said"),
     [
-        (("--name", "amr", "--role", "robot"), "say which lifts this key may command: east-wing"),
+        (("--name", "amr", "--role", "robot"), "name the lifts that this key may command: east-wing"),
         (("--name", "amr", "--role", "robot", "--lift", "west"), "no lift 'west'; there is east-wing"),
         (("--name", "amr", "--role", "viewer", "--lift", LIFT), "is for every lift"),
         (("--name", "a:b", "--role", "viewer"), "letters, digits, spaces, points and hyphens"),
@@ -133,7 +133,7 @@ def site_file(folder: Path, **api: object) -> Path:
 def test_no_other_address_is_served_without_a_key_or_a_word_why(tmp_path: Path) -> None:
     file = site_file(tmp_path)
     said = command("serve", file, "--port", "0", code=1)
-    assert "others can reach 0.0.0.0, and there is no key to tell them by" in said
+    assert "others can reach 0.0.0.0, and there is no key to identify callers" in said
     assert "`api: {without_keys: ...}`" in said
     checked = command("check", file, code=2)
     assert f"{file}: api.host: {said}" in checked, "check and serve have the same words for it"

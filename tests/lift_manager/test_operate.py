@@ -171,7 +171,7 @@ def test_without_a_manager_the_command_line_says_how_to_get_one() -> None:
     done = call("ack", LIFT, "--by", "M. Weber", "--manager", f"http://127.0.0.1:{free_port()}")
     assert done.returncode == 1
     assert "no manager answers at http://127.0.0.1:" in done.stderr
-    assert "start it with `lift-manager serve SITE`, or say where it runs with --manager ADDRESS" in done.stderr
+    assert "start it with `lift-manager serve SITE`, or give its address with --manager ADDRESS" in done.stderr
 
 
 @contextmanager
@@ -205,12 +205,12 @@ def test_another_program_at_that_address_is_not_taken_for_a_manager(body: bytes)
 @each_row(
     ("words", "wrong"),
     [
-        (("lockout", LIFT, "--by", "A"), "say why"),
-        (("drain", LIFT, "--by", "A"), "say why"),
+        (("lockout", LIFT, "--by", "A"), "give the reason"),
+        (("drain", LIFT, "--by", "A"), "give the reason"),
         (("drain", "--by", "A", "--reason", "x"), "name one lift"),
         (("drain", LIFT, "--all", "--by", "A", "--reason", "x"), "name one lift"),
         (("drain", LIFT, "--by", "A", "--reason", "x", "--end"), "needs no reason"),
-        (("lockout", LIFT, "--by", "A", "--reason", " "), "say why"),
+        (("lockout", LIFT, "--by", "A", "--reason", " "), "give the reason"),
         (("lockout", LIFT, "--by", "A", "--reason", "x", "--end"), "needs no reason"),
         (("lockout", LIFT, "--reason", "x"), "--by"),
         (("ack", LIFT), "--by"),

@@ -45,27 +45,27 @@ def state(lift: str = "lift1", floor: str = "L1", floors: tuple[str, ...] = ("L1
 
 @dataclass
 class Heard:
-    """Implements DdsHears: everything in order, as (what, with what)."""
+    """Implements DdsListener: everything in order, as (what, with what)."""
 
     events: list[tuple[str, Any]] = field(default_factory=list)
     changed: threading.Condition = field(default_factory=threading.Condition)
 
-    def requested(self, request: LiftRequest) -> None:
+    def on_request(self, request: LiftRequest) -> None:
         self._note("requested", request)
 
-    def fleet_requested(self, request: LiftRequest) -> None:
+    def on_fleet_request(self, request: LiftRequest) -> None:
         self._note("fleet requested", request)
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         self._note("broken", text)
 
-    def request_writer_matched(self) -> None:
+    def on_request_writer(self) -> None:
         self._note("matched", None)
 
-    def rival(self, lift_name: str) -> None:
+    def on_rival(self, lift_name: str) -> None:
         self._note("rival", lift_name)
 
-    def clock(self, seconds: float) -> None:
+    def on_clock(self, seconds: float) -> None:
         self._note("clock", seconds)
 
     def of(self, what: str) -> list[Any]:
@@ -93,9 +93,9 @@ def at_once(call: Callable[[], None]) -> None:
 
 @contextmanager
 def adapter(settings: RosSettings, heard: Heard | None = None) -> Iterator[tuple[Dds, Heard]]:
-    hears = heard or Heard()
-    dds = Dds(settings, hears, at_once)
+    listener = heard or Heard()
+    dds = Dds(settings, listener, at_once)
     try:
-        yield dds, hears
+        yield dds, listener
     finally:
         dds.close()

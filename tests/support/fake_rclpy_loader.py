@@ -11,8 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
-from lift_manager.rmf.port import Asked
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
+from lift_manager.rmf.port import ManagerRequest
 
 FOLDER = Path(__file__).parent / "fake_rclpy"
 DISTROS = ("humble", "iron", "jazzy", "kilted", "rolling")
@@ -24,9 +24,9 @@ _LOADED = ("lift_manager.rmf.ros_node", "lift_manager.rmf.ros_messages", "lift_m
 class Asking:
     """A manager that keeps what it is asked and never answers by itself."""
 
-    asked: list[Asked] = field(default_factory=list)
+    asked: list[ManagerRequest] = field(default_factory=list)
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self.asked.append(asked)
 
 
@@ -63,8 +63,8 @@ class Ros:
     def hear(self, view: LiftView, alarms: Alarms | None = None, event: int = 1) -> None:
         """Let the manager answer."""
         now = self.world.monotonic()
-        site = Site("boot", event, (view,), 3.0, alarms or Alarms())
-        self.shell.deliver(lambda: self.shell.heard(site, now, self.world.monotonic()))
+        site = SiteView("boot", event, (view,), 3.0, alarms or Alarms())
+        self.shell.deliver(lambda: self.shell.on_site(site, now, self.world.monotonic()))
         self.spin(0.01)
 
     def offer(

@@ -192,7 +192,7 @@ _FORKS = """
 import gc, json, os, runpy, signal, sys
 
 import lift_manager.cli.main, typer.rich_utils
-from lift_manager.cli import audit, keys, lifts, maps, network, operate, ride, scenario, serving, trying
+from lift_manager.cli import audit, check, keys, lab, lifts, maps, network, operate, ride, scenario, serve
 
 gc.freeze()  # else every child copies what it only looks through
 folder = sys.argv[1]

@@ -43,7 +43,7 @@ def test_changes_are_followed(lift_site: LiftSite) -> None:
         code, _ = following.stop(signal.SIGINT)
         assert code == 0
         # on a busy computer the manager may be late
-        assert set(following.err.splitlines()) <= {"the manager is not heard; this goes on by itself once it is"}
+        assert set(following.err.splitlines()) <= {"the manager does not answer; this continues once it does"}
 
 
 def test_without_a_manager_one_sentence_says_so(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from itertools import chain, repeat
 import httpx
 import pytest
 
-from lift_manager.cli.keyboard import Answer, pressed
+from lift_manager.cli.keyboard import EnterResult, wait_for_enter
 from lift_manager.cli.ride import SIGNALS, Rider
 from lift_manager.client import LiftManagerClient, Step
 from lift_manager.rides.ride import Guidance, Phase
@@ -177,18 +177,18 @@ def typed(terminal: tuple[int, int], keys: bytes) -> None:
 @pytest.mark.parametrize(
     ("before", "keys", "answer"),
     [
-        (b"", b"\n", Answer.PRESSED),
-        (b"", b"inside\n", Answer.PRESSED),
-        (b"", b"\x04", Answer.ENDED),
-        (b"\n\n", b"", Answer.WITHDRAWN),
-        (b"\n\n", b"\n", Answer.PRESSED),
+        (b"", b"\n", EnterResult.PRESSED),
+        (b"", b"inside\n", EnterResult.PRESSED),
+        (b"", b"\x04", EnterResult.ENDED),
+        (b"\n\n", b"", EnterResult.WITHDRAWN),
+        (b"\n\n", b"\n", EnterResult.PRESSED),
         # Ctrl-D behind other keys sends them, and is no ENTER
-        (b"", b"x\x04", Answer.WITHDRAWN),
-        (b"", b"", Answer.WITHDRAWN),
+        (b"", b"x\x04", EnterResult.WITHDRAWN),
+        (b"", b"", EnterResult.WITHDRAWN),
     ],
 )
 def test_only_enter_after_the_question_is_an_answer(
-    terminal: tuple[int, int], before: bytes, keys: bytes, answer: Answer
+    terminal: tuple[int, int], before: bytes, keys: bytes, answer: EnterResult
 ) -> None:
     looks = 0
 
@@ -201,7 +201,7 @@ def test_only_enter_after_the_question_is_an_answer(
 
     if before:
         typed(terminal, before)
-    assert asyncio.run(pressed("press ENTER", stands, terminal[1])) is answer
+    assert asyncio.run(wait_for_enter("press ENTER", stands, terminal[1])) is answer
 
 
 def test_enter_that_comes_when_the_question_stands_no_more_is_not_taken(terminal: tuple[int, int]) -> None:
@@ -214,14 +214,14 @@ def test_enter_that_comes_when_the_question_stands_no_more_is_not_taken(terminal
             typed(terminal, b"\n")
         return looks == 1
 
-    assert asyncio.run(pressed("press ENTER", stands, terminal[1])) is Answer.WITHDRAWN
+    assert asyncio.run(wait_for_enter("press ENTER", stands, terminal[1])) is EnterResult.WITHDRAWN
     assert looks == 2
 
 
 def test_a_terminal_that_was_closed_answers_nothing() -> None:
     keyboard, read = pty.openpty()
     os.close(keyboard)
-    assert asyncio.run(pressed("press ENTER", lambda: True, read)) is Answer.ENDED
+    assert asyncio.run(wait_for_enter("press ENTER", lambda: True, read)) is EnterResult.ENDED
     os.close(read)
 
 

@@ -13,7 +13,7 @@ from drivers.model import Command, CommandKind, Outcome, Proof, Result
 from lift_manager.lift.events import Alarm, CommandEnded, SessionEnded, SessionOpened
 from lift_manager.lift.session import EndReason, Holder
 from lift_manager.lift.state import LiftState, Quality, Restrictions
-from lift_manager.metrics.lag import Lags
+from lift_manager.metrics.lag import ProcessLag
 from lift_manager.rides.inputs import RideChanged
 from lift_manager.rides.ride import Guidance, Phase, Ride
 from lift_manager.runtime.bus import Event, Occurrence, StateChanged
@@ -301,14 +301,14 @@ def test_a_loop_that_was_held_up_is_told_with_how_long() -> None:
 
 def test_the_lag_of_an_event_ends_when_all_who_were_woken_have_had_their_turn() -> None:
     async def main() -> None:
-        lags, readers = Lags(), list[float]()
+        lags, readers = ProcessLag(), list[float]()
         loop = asyncio.get_running_loop()
 
         def counted() -> float | None:
             return lags.registry.get_sample_value("lift_manager_event_lag_seconds_count")
 
-        lags.hear(Occurrence("boot-1", loop.time(), Alarm("lift", "first")))
-        lags.hear(Occurrence("boot-2", loop.time(), Alarm("lift", "second")))
+        lags.measure_event(Occurrence("boot-1", loop.time(), Alarm("lift", "first")))
+        lags.measure_event(Occurrence("boot-2", loop.time(), Alarm("lift", "second")))
         loop.call_soon(lambda: readers.append(counted() or 0.0))
         await asyncio.sleep(0)
         assert readers == [0.0]

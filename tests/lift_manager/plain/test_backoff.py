@@ -28,5 +28,5 @@ def test_something_heard_begins_anew() -> None:
     backoff = Backoff(random.Random(1), first_s=0.25)
     for _ in range(5):
         backoff.next_s()
-    backoff.worked()
+    backoff.reset()
     assert backoff.next_s() <= 0.25

@@ -41,7 +41,7 @@ def client() -> Iterator[Client]:
 
 
 def ask(connection: Connection, within_s: float = WITHIN_S) -> Reply:
-    return connection.ask("POST", "/x", {"a": 1}, within_s=within_s)
+    return connection.request("POST", "/x", {"a": 1}, within_s=within_s)
 
 
 # where and with what
@@ -100,7 +100,7 @@ def test_a_password_in_an_address_is_refused_and_not_shown(text: str) -> None:
 
 @each_row("key", ["lm_secret\n", "lm_secret\r\nx: y", "lm_secret ", "lm_secr\u00e9t", "lm_secret\x7f"])
 def test_a_key_that_cannot_be_one_is_refused_and_not_shown(key: str) -> None:
-    with pytest.raises(BadAddress, match="copy it anew") as refused:
+    with pytest.raises(BadAddress, match="copy it again") as refused:
         Server(Address("lifts", 1), key)
     assert "secr" not in str(refused.value)
 
@@ -113,7 +113,7 @@ def test_a_server_shows_itself_without_its_key() -> None:
 
 def test_a_ca_file_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "ca.pem").write_text("no certificate", "utf-8")
-    with pytest.raises(BadAddress, match=r"ca\.pem cannot be used: it holds no certificate in PEM form"):
+    with pytest.raises(BadAddress, match=r"ca\.pem cannot be used: it contains no certificate in PEM form"):
         Server(Address("lifts", 1, tls=True), ca_file=tmp_path / "ca.pem")
     with pytest.raises(BadAddress, match=r"none\.pem cannot be used: No such file"):
         Server(Address("lifts", 1, tls=True), ca_file=tmp_path / "none.pem")
@@ -126,7 +126,7 @@ def test_a_ca_file_that_is_none_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_a_request_carries_path_body_and_key_and_the_answer_comes_back(client: Client) -> None:
     with Scripted(answers(409, {"code": "held"}, "application/problem+json; charset=utf-8")) as server:
-        reply = client.at(server.port, prefix="/behind").ask(
+        reply = client.at(server.port, prefix="/behind").request(
             "POST", "/a%2Fb", {"floor": "Gr\u00fcn"}, within_s=WITHIN_S
         )
     assert reply == Reply(409, "application/problem+json", b'{"code": "held"}')
@@ -338,9 +338,9 @@ def test_a_stream_is_heard_as_it_comes_until_it_ends(client: Client) -> None:
 
     with Scripted(script) as server:
         stream = client.at(server.port).open("/events", "text/event-stream", within_s=WITHIN_S)
-        assert (stream.status, stream.kind, stream.more(WITHIN_S)) == (200, "text/event-stream", b"abc")
+        assert (stream.status, stream.kind, stream.read_piece(WITHIN_S)) == (200, "text/event-stream", b"abc")
         heard.set()
-        assert (stream.more(WITHIN_S), stream.more(WITHIN_S)) == (b"de", b"")
+        assert (stream.read_piece(WITHIN_S), stream.read_piece(WITHIN_S)) == (b"de", b"")
         stream.close()
     assert (server.asked[0].headers["accept"], server.asked[0].headers["cache-control"]) == (
         "text/event-stream",
@@ -359,7 +359,7 @@ def test_a_stream_that_falls_silent_or_breaks_is_no_answer(client: Client, scrip
     with Scripted(script) as server:
         stream = client.at(server.port).open("/events", "text/event-stream", within_s=WITHIN_S)
         with pytest.raises(NoAnswer, match=why):  # noqa: PT012  how many pieces come before is not said
-            while stream.more(SOON_S):
+            while stream.read_piece(SOON_S):
                 pass
         stream.close()
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lift_manager.plain.rmf import Alarms, BadAnswer, HeldBy, LiftView, Site, decision_of, site_of
-from tests.lift_manager.rmf.beside_rig import LIFT, SITE
+from lift_manager.plain.rmf import Alarms, BadAnswer, HeldBy, LiftView, SiteView, parse_decision, parse_site
+from tests.lift_manager.rmf.remote_rig import LIFT, SITE
 from tests.support.rows import each_row
 
 TEXT = st.text(max_size=8)
@@ -37,7 +37,7 @@ LIFTS = st.builds(
     keeps_off=TEXT,
 )
 SITES = st.builds(
-    Site,
+    SiteView,
     boot=TEXT,
     event=st.integers(0, 2**63 - 1),
     lifts=st.lists(LIFTS, max_size=3).map(tuple),
@@ -52,19 +52,19 @@ SITES = st.builds(
 )
 
 
-def as_sent(site: Site, **more: Any) -> Any:
+def as_sent(site: SiteView, **more: Any) -> Any:
     return json.loads(json.dumps({**asdict(site), **more}))
 
 
 @given(SITES)
 @settings(max_examples=30)
-def test_what_a_site_says_is_what_is_read(site: Site) -> None:
-    assert site_of(as_sent(site)) == site
+def test_what_a_site_says_is_what_is_read(site: SiteView) -> None:
+    assert parse_site(as_sent(site)) == site
 
 
 def test_floors_keep_their_order() -> None:
     site = replace(SITE, lifts=(replace(LIFT, floors={"L2": "second", "L1": "first"}),))
-    assert list(site_of(as_sent(site)).lifts[0].floors) == ["L2", "L1"]
+    assert list(parse_site(as_sent(site)).lifts[0].floors) == ["L2", "L1"]
 
 
 def test_what_a_later_manager_adds_is_passed_over() -> None:
@@ -72,7 +72,7 @@ def test_what_a_later_manager_adds_is_passed_over() -> None:
     said["lifts"][0]["weight"] = 7
     said["lifts"][0]["holder"]["since_s"] = 7
     said["alarms"]["bells"] = True
-    assert site_of(said) == SITE
+    assert parse_site(said) == SITE
 
 
 def spoil(place: str, value: object) -> Any:
@@ -86,7 +86,7 @@ def spoil(place: str, value: object) -> Any:
     return said
 
 
-PARTS = {"": Site, "alarms/": Alarms, "lifts/0/": LiftView, "lifts/0/holder/": HeldBy}
+PARTS = {"": SiteView, "alarms/": Alarms, "lifts/0/": LiftView, "lifts/0/holder/": HeldBy}
 KEYS = [f"{place}{field.name}" for place, form in PARTS.items() for field in fields(form)]
 LATER = "lifts/0/holder/adapter"
 """A manager from before adapters had ids does not say it."""
@@ -95,7 +95,7 @@ LATER = "lifts/0/holder/adapter"
 def test_a_manager_that_knows_no_adapters_has_one() -> None:
     said = as_sent(SITE)
     del said["lifts"][0]["holder"]["adapter"]
-    (lift,) = site_of(said).lifts
+    (lift,) = parse_site(said).lifts
     assert lift.holder == HeldBy("rmf", "fleet/amr-7")
 
 
@@ -108,14 +108,14 @@ def test_a_key_that_is_missing_is_named(place: str) -> None:
         part = part[int(step) if isinstance(part, list) else step]
     del part[last]
     with pytest.raises(BadAnswer, match=rf"lacks `{last}`$"):
-        site_of(said)
+        parse_site(said)
 
 
 @each_row("place", KEYS)
 @each_row("value", [[[]], {"a": 1}, float("nan"), -1, 10**400])
 def test_a_value_of_another_kind_is_refused_with_its_place(place: str, value: object) -> None:
     with pytest.raises(BadAnswer, match=r"^(the answer|lifts\[0\]).* (is .* (no|neither) |lacks)"):
-        site_of(spoil(place, value))
+        parse_site(spoil(place, value))
 
 
 @each_row(
@@ -139,22 +139,22 @@ def test_a_value_of_another_kind_is_refused_with_its_place(place: str, value: ob
 )
 def test_it_says_what_is_wrong_and_where(place: str, value: object, why: str) -> None:
     with pytest.raises(BadAnswer) as refused:
-        site_of(spoil(place, value))
+        parse_site(spoil(place, value))
     assert str(refused.value) == why
 
 
 @each_row("said", [None, [], "x", 7, True])
 def test_what_is_no_object_is_no_answer(said: object) -> None:
-    for read in (site_of, decision_of):
+    for read in (parse_site, parse_decision):
         with pytest.raises(BadAnswer, match=r"^the answer is .* and no object$"):
             read(said)
 
 
 def test_a_decision_is_a_boot_and_a_number() -> None:
-    assert decision_of({"boot": "a", "event": 3, "more": 1}) == ("a", 3)
+    assert parse_decision({"boot": "a", "event": 3, "more": 1}) == ("a", 3)
     for said in ({"boot": "a"}, {"event": 3}, {"boot": 1, "event": 3}, {"boot": "a", "event": "3"}):
         with pytest.raises(BadAnswer):
-            decision_of(said)
+            parse_decision(said)
 
 
 def test_a_holder_reads_as_face_and_name() -> None:

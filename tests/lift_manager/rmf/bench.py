@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import AGV_MODE, DOOR_CLOSED, DOOR_OPEN, END_SESSION, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, Asked, EndOfSession, SessionDemand
-from lift_manager.rmf.publishing import AT_LEAST_S
+from lift_manager.rmf.port import NOT_SENT, UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
+from lift_manager.rmf.publishing import MIN_GAP_S
 
 A, B = "fleet_a/robot1", "fleet_b/robot2"
 EPOCH = 1_700_000_000.0
@@ -50,7 +50,7 @@ def ends(session: str, floor: str = "", lift: str = "lift_rmf") -> LiftRequest:
 
 
 @dataclass
-class AlarmEar:
+class RecordedAlarms:
     """What RMF was told of fires."""
 
     offered: list[Alarms] = field(default_factory=list)
@@ -61,7 +61,7 @@ class AlarmEar:
     def offer(self, alarms: Alarms) -> None:
         self.offered.append(alarms)
 
-    def say(self, alarms: Alarms, *, on: bool) -> None:
+    def publish_alarms(self, alarms: Alarms, *, on: bool) -> None:
         assert alarms in self.offered
         self.said.append(on)
 
@@ -78,14 +78,14 @@ class Bench:
     alarms: Alarms = field(default_factory=Alarms)
     boot: str = "first"
     event: int = 0
-    refuses: str = ""
-    """The code of a refusal of all wishes; `unreachable` where nobody answers."""
-    asked: list[Asked] = field(default_factory=list)
-    sent: list[LiftState] = field(default_factory=list)
-    alarm: AlarmEar = field(default_factory=AlarmEar)
-    waiting: list[Asked] = field(default_factory=list)
+    refusal_code: str = ""
+    """The code with which all demands are refused; `unreachable` if nobody answers."""
+    sent_requests: list[ManagerRequest] = field(default_factory=list)
+    published: list[LiftState] = field(default_factory=list)
+    alarm: RecordedAlarms = field(default_factory=RecordedAlarms)
+    waiting: list[ManagerRequest] = field(default_factory=list)
     slow: bool = False
-    """Answers are given when `answers` is called."""
+    """Answers are given when `answer_all` is called."""
     adapter_id: str = ""
 
     def __post_init__(self) -> None:
@@ -96,85 +96,85 @@ class Bench:
         self.waiting.clear()
 
     def _adapter(self) -> Adapter:
-        out = RmfOutput(self.sent.append, self.alarm)
+        out = RmfOutput(self.published.append, self.alarm)
         return Adapter(self, out, lambda: EPOCH + self.now, adapter_id=self.adapter_id)
 
-    def ask(self, asked: Asked) -> None:
-        assert asked.lift not in [one.lift for one in self.waiting], "asked again before it was answered"
-        self.asked.append(asked)
-        self.waiting.append(asked)
+    def send(self, request: ManagerRequest) -> None:
+        assert request.lift not in [one.lift for one in self.waiting], "asked again before it was answered"
+        self.sent_requests.append(request)
+        self.waiting.append(request)
 
-    def answers(self) -> None:
-        for asked in [self.waiting.pop(0) for _ in range(len(self.waiting))]:
-            self.adapter.answered(self._decide(asked), self.now)
+    def answer_all(self) -> None:
+        for request in [self.waiting.pop(0) for _ in range(len(self.waiting))]:
+            self.adapter.on_answer(self._decide(request), self.now)
 
-    def _decide(self, asked: Asked) -> Answer:
-        view = self.views.get(asked.lift)
+    def _decide(self, request: ManagerRequest) -> Answer:
+        view = self.views.get(request.lift)
         if view is None:
-            return Answer(asked, yes=False, code="unknown_lift", reason="there is no such lift")
-        ours = HeldBy("rmf", asked.session, asked.adapter)
-        if self.refuses in (UNREACHABLE, NOT_SENT, "stopping"):
-            return Answer(asked, yes=False, code=self.refuses, reason="nobody answers")
-        if isinstance(asked, SessionDemand):
-            if self.refuses or view.holder not in (None, ours):
-                return Answer(asked, yes=False, code=self.refuses or "held", reason="held by another")
-            self.views[asked.lift] = replace(view, holder=ours, ending=False, destination=asked.floor)
+            return Answer(request, accepted=False, code="unknown_lift", reason="there is no such lift")
+        ours = HeldBy("rmf", request.session, request.adapter)
+        if self.refusal_code in (UNREACHABLE, NOT_SENT, "stopping"):
+            return Answer(request, accepted=False, code=self.refusal_code, reason="nobody answers")
+        if isinstance(request, SessionDemand):
+            if self.refusal_code or view.holder not in (None, ours):
+                return Answer(request, accepted=False, code=self.refusal_code or "held", reason="held by another")
+            self.views[request.lift] = replace(view, holder=ours, ending=False, destination=request.floor)
         elif view.holder not in (None, ours):
-            return Answer(asked, yes=False, code="held", reason="held by another")
+            return Answer(request, accepted=False, code="held", reason="held by another")
         elif view.holder == ours:
-            self.views[asked.lift] = replace(view, ending=True)
+            self.views[request.lift] = replace(view, ending=True)
         self.event += 1
-        return Answer(asked, yes=True, boot=self.boot, event=self.event)
+        return Answer(request, accepted=True, boot=self.boot, event=self.event)
 
     def turn(self) -> None:
         """Let everything that is due happen, questions, answers and changes included."""
         for _ in range(10):
-            before = len(self.asked), len(self.sent)
+            before = len(self.sent_requests), len(self.published)
             self.adapter.tick(self.now)
             if not self.slow:
-                self.answers()
-            self.now += AT_LEAST_S
+                self.answer_all()
+            self.now += MIN_GAP_S
             self.adapter.tick(self.now)
-            if (len(self.asked), len(self.sent)) == before:
+            if (len(self.sent_requests), len(self.published)) == before:
                 return
         raise AssertionError("it does not come to rest")
 
-    def hear(self) -> None:
+    def report_site(self) -> None:
         """Bring the manager's newest answer."""
         self.event += 1
-        self.adapter.heard(self.site(), self.now, self.now)
+        self.adapter.on_site(self.site(), self.now, self.now)
         self.turn()
 
-    def site(self) -> Site:
+    def site(self) -> SiteView:
         """Return the manager's answer as it is now."""
-        return Site(self.boot, self.event, tuple(self.views.values()), 3.0, self.alarms)
+        return SiteView(self.boot, self.event, tuple(self.views.values()), 3.0, self.alarms)
 
     def change(self, name: str = "lift", **changes: object) -> None:
         """Change a lift, and let the adapter hear it."""
         self.views[name] = replace(self.views[name], **changes)  # type: ignore[arg-type]
-        self.hear()
+        self.report_site()
 
     def over(self, name: str = "lift") -> None:
         """The manager lets a session go."""
         self.change(name, holder=None, ending=False, destination=None)
 
-    def say(self, *requests: LiftRequest) -> None:
+    def receive(self, *requests: LiftRequest) -> None:
         """RMF sends these at one moment."""
         for request in requests:
-            self.adapter.requested(request, self.now)
+            self.adapter.on_request(request, self.now)
         self.turn()
         self.step(0.0)
 
     def fleet(self, *requests: LiftRequest) -> None:
         """A fleet sends these to its lift supervisor at one moment."""
         for request in requests:
-            self.adapter.fleet_requested(request, self.now)
+            self.adapter.on_fleet_request(request, self.now)
         self.turn()
 
     def step(self, seconds: float = 0.1) -> None:
         """Let a short time pass; the manager is heard at its end."""
         self.now += seconds
-        self.hear()
+        self.report_site()
 
     def elapse(self, seconds: float) -> None:
         """Let time pass, the manager heard ten times a second."""
@@ -184,27 +184,27 @@ class Bench:
     @property
     def state(self) -> LiftState:
         """What was published last."""
-        return self.sent[-1]
+        return self.published[-1]
 
-    def wanted(self) -> list[tuple[str, str]]:
+    def demands(self) -> list[tuple[str, str]]:
         """Session and floor of everything wanted so far."""
-        return [(one.session, one.floor) for one in self.asked if isinstance(one, SessionDemand)]
+        return [(one.session, one.floor) for one in self.sent_requests if isinstance(one, SessionDemand)]
 
-    def ended(self) -> list[str]:
-        return [one.session for one in self.asked if isinstance(one, EndOfSession)]
+    def ended_sessions(self) -> list[str]:
+        return [one.session for one in self.sent_requests if isinstance(one, EndOfSession)]
 
 
 def bench(**changes: object) -> Bench:
     """An adapter that has heard its manager."""
     made = Bench(**changes)  # type: ignore[arg-type]
-    made.hear()
+    made.report_site()
     return made
 
 
 def riding(**changes: object) -> Bench:
     """The lift stands at L2 with its door open and held for A."""
     made = bench(**changes)
-    made.say(wants(A, "Level 2"))
+    made.receive(wants(A, "Level 2"))
     made.change(floor="L2", door="open")
     made.step()
     return made

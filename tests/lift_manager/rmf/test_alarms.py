@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from lift_manager.plain.rmf import Alarms, LiftView
-from lift_manager.rmf.alarms import AGAIN_S, FORGET_S
+from lift_manager.rmf.alarms import FORGET_S, REPEAT_S
 from lift_manager.rmf.messages import MODE_FIRE
 from tests.lift_manager.rmf.bench import Bench, bench, lift
 
@@ -46,7 +46,7 @@ def test_a_fire_is_told_while_it_lasts_and_cleared_once_by_a_person_and_only_whe
     ride.change(mode="normal")
     ride.elapse(5)
     assert set(ride.alarm.said) == {True}, "it is over when a person says so"
-    assert len(ride.alarm.said) == pytest.approx((ride.now - begun) / AGAIN_S, abs=1)
+    assert len(ride.alarm.said) == pytest.approx((ride.now - begun) / REPEAT_S, abs=1)
     told = len(ride.alarm.said)
     ride.change(fire_latched=False)
     ride.elapse(60)
@@ -78,14 +78,14 @@ def test_a_fire_that_is_latched_is_told_again_after_a_restart_of_the_adapter() -
     ride = bench(alarms=WANTED)
     ride.change(fire_latched=True)
     ride.restart_adapter()
-    ride.hear()
+    ride.report_site()
     assert ride.alarm.said == [True, True]
 
 
 def test_a_manager_that_is_lost_clears_no_alarm() -> None:
     ride = bench(alarms=CLEARED)
     ride.change(fire_latched=True)
-    ride.adapter.lost("connection refused", ride.now)
+    ride.adapter.on_manager_lost("connection refused", ride.now)
     for _ in range(100):
         ride.now += 0.1
         ride.adapter.tick(ride.now)
@@ -107,9 +107,9 @@ def test_a_fire_that_the_site_tells_no_more_is_forgotten_and_not_cleared(caplog:
     ride.change(fire_latched=True)
     told = len(ride.alarm.said)
     ride.boot, ride.alarms = "second", Alarms()
-    ride.hear()
+    ride.report_site()
     assert ride.alarm.forgotten_after == [told]
-    assert caplog.messages[-1].startswith("the site tells RMF of fires in another way")
+    assert caplog.messages[-1].startswith("the site file now announces fires to RMF on other topics")
     ride.elapse(10)
     ride.change(fire_latched=False)
     ride.elapse(60)
@@ -121,7 +121,7 @@ def test_a_fire_that_the_site_tells_in_one_way_less_is_forgotten_there_and_goes_
     ride.change(fire_latched=True)
     told = len(ride.alarm.said)
     ride.alarms = WANTED
-    ride.hear()
+    ride.report_site()
     assert (ride.alarm.offered[-1], ride.alarm.forgotten_after) == (WANTED, [told])
     assert ride.alarm.said[told:] == [True], "forgetting takes both back"
     ride.elapse(10)
@@ -135,7 +135,7 @@ def test_a_site_that_begins_to_tell_of_fires_while_there_is_one_tells_of_it() ->
     ride.elapse(5)
     told = len(ride.alarm.said)
     ride.alarms = WANTED
-    ride.hear()
+    ride.report_site()
     assert ride.alarm.said[told:] == [True]
 
 
@@ -147,15 +147,15 @@ def test_who_reads_the_log_finds_why_robots_left(caplog: pytest.LogCaptureFixtur
     ride.change(fire_latched=False)
     ride.elapse(10)
     assert [text for text in caplog.messages if "fire" in text] == [
-        "there was a fire, in lift_rmf: RMF is told",
-        "the fire was acknowledged: RMF is told that it is over",
+        "fire in lift_rmf: announced to RMF",
+        "the fire was acknowledged: the alarm in RMF is cleared",
     ]
 
 
 def test_the_adapter_wakes_to_tell_again() -> None:
     ride = Bench(views={}, alarms=WANTED)
     ride.views["lift"] = lift(fire_latched=True)
-    ride.hear()
+    ride.report_site()
     now = ride.now
     for _ in range(20):
         now = ride.adapter.tick(now)

@@ -95,7 +95,7 @@ def only(found: Comparison) -> str:
 
 def test_a_site_with_the_names_of_the_map_has_nothing_to_mend(compared: Compare) -> None:
     found = compared(graph=GRAPH)
-    assert (found.mistakes, found.notes, list(found.block())) == ([], [], [])
+    assert (found.mistakes, found.notes, list(found.site_file_lines())) == ([], [], [])
 
 
 def test_a_lift_whose_name_differs_in_case_and_spaces_is_named_with_what_to_write(compared: Compare) -> None:
@@ -104,7 +104,7 @@ def test_a_lift_whose_name_differs_in_case_and_spaces_is_named_with_what_to_writ
         "map.building.yaml:17: lifts.Lift1: is called 'lift 1' by the site, and RMF compares exactly;"
         " write `rmf: {name: Lift1}` for lift main"
     )
-    assert list(found.block()) == ["lifts:", "  main:", "    rmf:", "      name: Lift1"]
+    assert list(found.site_file_lines()) == ["lifts:", "  main:", "    rmf:", "      name: Lift1"]
 
 
 def test_floors_that_differ_in_case_are_suggested_together_with_the_lift(compared: Compare) -> None:
@@ -115,7 +115,7 @@ def test_floors_that_differ_in_case_are_suggested_together_with_the_lift(compare
         "lifts.Lift1.level_doors.L1",
         "lifts.Lift1.level_doors.L2",
     ]
-    assert list(found.block())[3:] == ["      name: Lift1", "      floors: {l1: L1, 'l2 ': L2}"]
+    assert list(found.site_file_lines())[3:] == ["      name: Lift1", "      floors: {l1: L1, 'l2 ': L2}"]
 
 
 def test_floors_of_other_names_are_paired_by_height_and_the_suggestion_says_that_it_is_a_guess(
@@ -125,14 +125,14 @@ def test_floors_of_other_names_are_paired_by_height_and_the_suggestion_says_that
     found = compared(site)
     assert "is perhaps 'G' by the site" in told(found)[0]
     assert "write `rmf: {floors: {First: L2}}` for lift main" in told(found)[1]
-    assert "lowest floor upwards" in list(found.block())[4]
-    assert list(found.block())[5] == "      floors: {G: L1, First: L2}"
+    assert "lowest floor upwards" in list(found.site_file_lines())[4]
+    assert list(found.site_file_lines())[5] == "      floors: {G: L1, First: L2}"
 
 
 def test_a_name_that_is_alike_to_two_is_paired_with_none_of_them(compared: Compare) -> None:
     twice = BUILDING.replace("name: hospital", "  LIFT1: {level_doors: {L1: [a]}, doors: {a: {}}}")
     found = compared(replace(SITE, name="lift1"), building=twice)
-    assert list(found.block()) == []
+    assert list(found.site_file_lines()) == []
     assert len(found.mistakes) == 2
 
 
@@ -144,23 +144,23 @@ def test_a_level_that_is_listed_without_a_door_is_not_served(compared: Compare) 
     )
     assert found.mistakes == []
     assert found.notes == [
-        "main: in the map this is lift Lift1, without a door there, so no robot of RMF will ask for floor L1"
+        "main: in the map this is lift Lift1, without a door there, so no robot of RMF will request floor L1"
     ]
 
 
 def test_a_suggestion_keeps_what_is_right_already(compared: Compare) -> None:
     found = compared(replace(SITE, floors={"L1": "L1", "L2": "l2"}))
-    assert list(found.block())[3:] == ["      name: Lift1"]
+    assert list(found.site_file_lines())[3:] == ["      name: Lift1"]
     found = compared(SiteLift("Lift1", "Lift1", {"L1": "L1", "L2": "l2"}, SITE.doors))
-    assert list(found.block()) == ["lifts:", "  Lift1:", "    rmf: {}"]
+    assert list(found.site_file_lines()) == ["lifts:", "  Lift1:", "    rmf: {}"]
     found = compared(SiteLift("main", "lift1", {"G": "L1", "L2": "l2"}, {"G": ("a",), "L2": ("a", "b")}))
-    assert list(found.block())[3:] == ["      name: Lift1", "      floors: {G: L1}"]
+    assert list(found.site_file_lines())[3:] == ["      name: Lift1", "      floors: {G: L1}"]
 
 
 def test_nothing_is_guessed_where_the_map_says_of_no_level_how_high_it_is(compared: Compare) -> None:
     site = SiteLift("main", "Lift1", {"G": "G", "First": "First"}, {"G": ("front",), "First": ("front", "rear")})
     found = compared(site, building=BUILDING.replace("elevation: 8", "elevation: 0"))
-    assert list(found.block()) == []
+    assert list(found.site_file_lines()) == []
     assert "no floor of lift main is called 'L1'; it has 'G', 'First'" in told(found)[0]
 
 
@@ -171,7 +171,7 @@ def test_a_lift_of_the_map_that_the_site_has_not_is_a_note_because_another_adapt
     found = compared(building=other)
     assert found.mistakes == []
     assert found.notes == [
-        "Goods: is on the map and not on this site; a robot that asks for it waits for another adapter"
+        "Goods: is on the map and not on this site; a robot that requests it waits for another adapter"
     ]
     assert compared(building=other.replace("[a]", "[]")).notes == []
 
@@ -187,13 +187,13 @@ def test_a_lift_of_the_map_is_a_mistake_where_a_lift_of_the_site_may_be_the_same
 
 def test_the_last_lift_on_either_side_is_suggested_whatever_it_is_called(compared: Compare) -> None:
     found = compared(replace(SITE, name="A"))
-    assert list(found.block())[-1] == "      name: Lift1"
+    assert list(found.site_file_lines())[-1] == "      name: Lift1"
 
 
 def test_a_lift_of_the_site_that_the_map_has_not_is_only_noted(compared: Compare) -> None:
     found = compared(SITE, SiteLift("goods", "goods", {"L1": "L1"}, {"L1": ("front",)}))
     assert found.mistakes == []
-    assert found.notes == ["goods: no robot of RMF will ask for it, because the map has no lift 'goods'"]
+    assert found.notes == ["goods: no robot of RMF will request it, because the map has no lift 'goods'"]
 
 
 def test_a_floor_that_the_site_has_not_is_a_mistake_and_one_that_the_map_has_not_a_note(compared: Compare) -> None:
@@ -203,7 +203,7 @@ def test_a_floor_that_the_site_has_not_is_a_mistake_and_one_that_the_map_has_not
     found = compared(more)
     assert found.mistakes == []
     assert found.notes == [
-        "main: in the map this is lift Lift1, that does not serve 'L3', so no robot of RMF will ask for floor L3"
+        "main: in the map this is lift Lift1, that does not serve 'L3', so no robot of RMF will request floor L3"
     ]
 
 
@@ -261,9 +261,7 @@ def test_a_graph_without_lifts_and_a_level_without_a_vertex_are_noted(compared: 
     found = compared(graph=graph)
     assert found.mistakes == []
     assert "has no `lifts`" in found.notes[0]
-    assert found.notes[1].endswith(
-        "has no vertex in lift Lift1 at L2, so the robots of this graph do not ride to there"
-    )
+    assert found.notes[1].endswith("has no vertex in lift Lift1 at L2, so the robots of this graph do not ride there")
 
 
 def test_names_are_the_text_in_the_file_even_where_yaml_reads_numbers_and_words_of_its_own(compared: Compare) -> None:
@@ -274,7 +272,7 @@ def test_names_are_the_text_in_the_file_even_where_yaml_reads_numbers_and_words_
     wrong = compared(
         SiteLift("main", "Lift1", {"no": "NO", "02": "02"}, {"no": ("a",), "02": ("a", "b")}), building=numbers
     )
-    assert list(wrong.block())[-1] == "      floors: {'no': '1'}"
+    assert list(wrong.site_file_lines())[-1] == "      floors: {'no': '1'}"
 
 
 @each_row(

@@ -159,11 +159,11 @@ def test_a_navigation_graph_is_compared_too(files: Path) -> None:
         ("rmf --manager-address=my|lifts", 2, "'my lifts' is no address"),
         ("rmf --adapter-id a@b", 2, "the adapter's id is 'a@b'"),
         ("rmf --key-file none", 1, "none cannot be read"),
-        ("rmf request Lift1", 2, "say a floor, or --end without one"),
-        ("rmf request Lift1 L1 --end", 2, "say a floor, or --end without one"),
+        ("rmf request Lift1", 2, "give a floor, or --end without one"),
+        ("rmf request Lift1 L1 --end", 2, "give a floor, or --end without one"),
         ("rmf request Lift1 L1 --closed", 2, "add --human"),
-        ("rmf request Lift1 L1 --direct --instead-of fleet/r2", 2, "asks the supervisor"),
-        ("rmf request Lift1 --end --instead-of fleet/r2", 2, "asks the supervisor"),
+        ("rmf request Lift1 L1 --direct --instead-of fleet/r2", 2, "sends to the supervisor"),
+        ("rmf request Lift1 --end --instead-of fleet/r2", 2, "sends to the supervisor"),
         ("rmf request Lift1 L1 --session", 2, "requires an argument"),
     ],
 )
@@ -217,7 +217,7 @@ def test_a_lift_moves_when_rmf_asks_for_it_and_is_offline_for_rmf_when_its_adapt
         done = call("rmf", "request", "Lift1", "L2", "--direct", "--session", "fleet/r1", *NAMESPACE)
         assert done.returncode == 0, done.stdout + done.stderr
         assert done.stdout.splitlines()[-2] == "Lift1: at L2, door open, stopped, AGV, held by fleet/r1"
-        looking.says(r"\d\d:\d\d:\d\d\.\d{3} Lift1: fleet/r1 wants L2, door open \(AGV\), to the lift")
+        looking.says(r"\d\d:\d\d:\d\d\.\d{3} Lift1: fleet/r1 requests L2, door open \(AGV\), to the lift")
         looking.says("Lift1: at L2, door open, stopped, AGV, held by fleet/r1")
         with urllib.request.urlopen(f"{url}/metrics", timeout=HANGS_S) as answer:
             assert 'lift_manager_rmf_requests_total{lift="Lift1",result="begun"} 1' in answer.read().decode()
@@ -230,7 +230,7 @@ def test_an_adapter_beside_a_manager_that_is_not_there_says_so_goes_on_and_ends_
     metrics = free_port()
     with running("rmf", "--manager-port", str(free_port()), "--metrics-port", str(metrics)) as adapter:
         adapter.says("Open-RMF lift adapter: ROS domain")
-        adapter.logs("the manager cannot be heard: no manager answers")
+        adapter.logs("the manager does not answer: no manager answers")
         with urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=HANGS_S) as answer:
             assert b"lift_manager_rmf_requests" in answer.read()
         code, took = adapter.stop()
@@ -239,5 +239,5 @@ def test_an_adapter_beside_a_manager_that_is_not_there_says_so_goes_on_and_ends_
 
 def test_the_log_of_the_adapter_can_be_read_by_programs(domain: None) -> None:
     with running("rmf", "--manager-port", str(free_port()), "--log-format", "json") as adapter:
-        line = adapter.logs(r"(\{.*cannot be heard.*\})")[1]
+        line = adapter.logs(r"(\{.*does not answer.*\})")[1]
         assert json.loads(line)["level"] == "warning"

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from lift_manager.rmf.dds import Dds, DdsFailed, Onlooker
+from lift_manager.rmf.dds import Dds, DdsFailed, Monitor
 from lift_manager.rmf.dds_inbox import MOST_CALLS
 from lift_manager.rmf.messages import END_SESSION, LiftRequest, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
@@ -122,7 +122,7 @@ class UntilLast(Heard):
         self.requests: list[LiftRequest] = []
         self.last = threading.Event()
 
-    def requested(self, request: LiftRequest) -> None:
+    def on_request(self, request: LiftRequest) -> None:
         self.requests.append(request)
         if request.lift_name == "last":
             self.last.set()
@@ -173,8 +173,8 @@ def test_more_than_the_reader_can_keep_is_told_of_and_counted(
         go_on()
         assert heard.last.wait(LIMIT_S)
     assert [record.getMessage() for record in caplog.records] == [
-        "messages of RMF come faster than they can be taken: the oldest are given up unread",
-        "at least 1 messages of RMF were given up unread in all",
+        "messages of RMF arrive faster than they can be processed: the oldest are dropped unread",
+        "at least 1 messages of RMF were dropped unread in total",
     ]
 
 
@@ -290,9 +290,9 @@ def test_what_is_heard_comes_in_the_thread_of_the_loop(settings: RosSettings) ->
         loop, done = asyncio.get_running_loop(), asyncio.Event()
 
         class InLoop(Heard):
-            def requested(self, request: LiftRequest) -> None:
+            def on_request(self, request: LiftRequest) -> None:
                 threads.append(threading.current_thread())
-                super().requested(request)
+                super().on_request(request)
                 done.set()
 
         heard = InLoop()
@@ -367,19 +367,19 @@ def test_nothing_is_delivered_after_closing(settings: RosSettings) -> None:
 
 
 class Looked:
-    """Implements OnlookerHears."""
+    """Implements MonitorListener."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[str, Any]] = []
         self.changed = threading.Condition()
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         self._note("state", state)
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         self._note(topic, request)
 
-    def broken(self, text: str) -> None:
+    def on_unreadable(self, text: str) -> None:
         self._note("broken", text)
 
     def wait_for(self, count: int) -> list[tuple[str, Any]]:
@@ -395,7 +395,7 @@ class Looked:
 
 def test_an_onlooker_hears_all_that_is_said(settings: RosSettings) -> None:
     looked = Looked()
-    onlooker = Onlooker(settings, looked, at_once)
+    monitor = Monitor(settings, looked, at_once)
     partner = Partner(settings.domain)
     for topic, kind, data in (
         ("rt/adapter_lift_requests", "request", ORACLE.request(request("asked"))),
@@ -412,30 +412,30 @@ def test_an_onlooker_hears_all_that_is_said(settings: RosSettings) -> None:
     assert ("lift_requests", request("passed on")) in seen
     assert ("state", state()) in seen
     partner.close()
-    onlooker.close()
+    monitor.close()
 
 
 @pytest.mark.parametrize("supervisor", [Offer(transient=True), Offer(transient=False)], ids=["iron to main", "humble"])
 def test_a_request_of_an_onlooker_reaches_the_supervisor(settings: RosSettings, supervisor: Offer) -> None:
-    onlooker = Onlooker(settings, Looked(), at_once)
+    monitor = Monitor(settings, Looked(), at_once)
     partner = Partner(settings.domain)
-    assert (onlooker.listeners(), onlooker.listeners(direct=True)) == (1, 1), "itself, looking on"
+    assert (monitor.count_readers(), monitor.count_readers(direct=True)) == (1, 1), "itself, looking on"
     ear = partner.hear("rt/adapter_lift_requests", "request", supervisor)
-    assert onlooker.listeners() == 2
-    onlooker.request(request())
+    assert monitor.count_readers() == 2
+    monitor.send_request(request())
     assert ear.wait_for(bool) == [padded(ORACLE.request(request()))]
     partner.close()
-    onlooker.close()
+    monitor.close()
 
 
 def test_a_direct_request_of_an_onlooker_reaches_the_adapter(settings: RosSettings) -> None:
-    onlooker = Onlooker(settings, Looked(), at_once)
+    monitor = Monitor(settings, Looked(), at_once)
     partner = Partner(settings.domain)
     ear = partner.hear(REQUESTS, "request", Offer())
-    onlooker.request(request(), direct=True)
+    monitor.send_request(request(), direct=True)
     assert ear.wait_for(bool) == [padded(ORACLE.request(request()))]
     partner.close()
-    onlooker.close()
+    monitor.close()
 
 
 OPEN_WITHOUT = """
@@ -474,7 +474,7 @@ def test_without_the_package_it_says_what_to_install(tmp_path: Path, package: st
 @pytest.mark.parametrize(
     ("uri", "message"),
     [
-        ("<broken", r"domain \d+ cannot be joined: Cyclone DDS said why on the error output.*'<broken'"),
+        ("<broken", r"domain \d+ cannot be joined: Cyclone DDS wrote the reason to the error output.*'<broken'"),
         ("file:///nowhere/at/all.xml", r"a wrong configuration.*CYCLONEDDS_URI is 'file:///nowhere/at/all.xml'"),
         ("file:///größe.xml", r"CYCLONEDDS_URI is 'file:///größe.xml': Cyclone DDS takes ASCII letters only"),
     ],

@@ -80,7 +80,7 @@ def test_an_adapter_that_starts_again_is_found_and_hears_nothing_of_before(setti
                 supervisor.write(REQUESTS, ORACLE.request(request(floor=f"turn{turn}")))
                 assert heard.wait_for("requested") == [request(floor=f"turn{turn}")]
                 tell(supervisor, dds, state(floor=f"first words {turn}"))
-                dds.alarm.say(Alarms(fire_alarm=True), on=turn == 1)
+                dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=turn == 1)
                 dds.publish(state(floor=f"last words {turn}"))
             supervisor.heard(STATES, padded(ORACLE.state(state(floor=f"last words {turn}"))))
             supervisor.heard(FIRE, padded(ORACLE.encoded(BOOL, turn == 1)))
@@ -119,5 +119,5 @@ def test_a_subscriber_that_stands_still_holds_up_nobody(
     link.close()
     assert failures == []
     assert [record.getMessage() for record in caplog.records] == [
-        "lift_states: the network does not take it as fast as it comes: some of it is left out"
+        "lift_states: the network is too slow for it: some messages are skipped"
     ]

@@ -74,7 +74,10 @@ def test_a_publisher_that_only_does_its_best_is_not_heard_and_the_log_says_why(
     partner.offer(REQUESTS, "request", Offer())
     partner.write(REQUESTS, ORACLE.request(request("reliable")))
     assert [one.lift_name for one in heard.wait_for("requested")] == ["reliable"]
-    assert "lift_requests: somebody publishes it in a way that cannot be heard: its reliability" in caplog.text
+    assert (
+        "lift_requests: another program publishes it with an incompatible reliability, so it cannot be received"
+        in caplog.text
+    )
 
 
 def test_a_burst_for_fifty_lifts_arrives_whole_and_in_order(joined: tuple[Dds, Heard, Partner]) -> None:
@@ -115,7 +118,7 @@ def test_the_states_of_fifty_lifts_are_heard_by_a_subscriber_with_depth_100(
 
 def test_a_subscriber_that_joins_late_is_told_of_the_fire(joined: tuple[Dds, Heard, Partner]) -> None:
     dds, _, partner = joined
-    dds.alarm.say(Alarms(fire_alarm=True, emergency_signal=True, emergency_fleets=("blue", "red")), on=True)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True, emergency_signal=True, emergency_fleets=("blue", "red")), on=True)
     fire = partner.hear(FIRE, "alarm", Offer(transient=True))
     emergency = partner.hear(EMERGENCY, "emergency", Offer(transient=True))
     assert fire.wait_for(bool) == [ON]
@@ -126,15 +129,15 @@ def test_a_subscriber_that_joins_late_is_told_of_the_fire(joined: tuple[Dds, Hea
 def test_a_volatile_subscriber_hears_the_alarm_and_its_end(joined: tuple[Dds, Heard, Partner]) -> None:
     dds, _, partner = joined
     ear = partner.hear(FIRE, "alarm", Offer())
-    dds.alarm.say(Alarms(fire_alarm=True), on=True)
-    dds.alarm.say(Alarms(fire_alarm=True), on=False)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=True)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=False)
     assert ear.wait_for(lambda samples: len(samples) == 2) == [ON, OFF]
 
 
 def test_a_late_subscriber_hears_only_the_last_word_about_the_fire(joined: tuple[Dds, Heard, Partner]) -> None:
     dds, _, partner = joined
-    dds.alarm.say(Alarms(fire_alarm=True), on=True)
-    dds.alarm.say(Alarms(fire_alarm=True), on=False)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=True)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=False)
     ear = partner.hear(FIRE, "alarm", Offer(transient=True))
     assert ear.wait_for(bool) == [OFF]
 
@@ -145,7 +148,7 @@ def test_a_volatile_subscriber_that_found_us_before_the_fire_hears_the_first_wor
     dds, _, partner = joined
     dds.alarm.offer(Alarms(fire_alarm=True))
     ear = partner.hear(FIRE, "alarm", Offer())
-    dds.alarm.say(Alarms(fire_alarm=True), on=True)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=True)
     assert ear.wait_for(bool) == [ON]
 
 
@@ -153,20 +156,20 @@ def test_a_fire_that_is_forgotten_is_no_history_for_who_joins_and_the_next_one_i
     joined: tuple[Dds, Heard, Partner],
 ) -> None:
     dds, _, partner = joined
-    dds.alarm.say(Alarms(fire_alarm=True), on=True)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=True)
     early = partner.hear(FIRE, "alarm", Offer(transient=True))
     assert early.wait_for(bool) == [ON]
     dds.alarm.forget()
     late = partner.hear(FIRE, "alarm", Offer(transient=True))
-    dds.alarm.say(Alarms(fire_alarm=True), on=False)
+    dds.alarm.publish_alarms(Alarms(fire_alarm=True), on=False)
     assert late.wait_for(bool) == [OFF]
     assert early.wait_for(lambda samples: len(samples) == 2) == [ON, OFF]
 
 
 def test_what_a_site_does_not_want_is_not_even_offered(joined: tuple[Dds, Heard, Partner]) -> None:
     dds, _, partner = joined
-    dds.alarm.say(Alarms(), on=True)
-    dds.alarm.say(Alarms(emergency_signal=True), on=True)
+    dds.alarm.publish_alarms(Alarms(), on=True)
+    dds.alarm.publish_alarms(Alarms(emergency_signal=True), on=True)
     assert {end.topic_name for what, end in partner.endpoints() if what == "writer"} == {STATES, EMERGENCY}
 
 
@@ -190,7 +193,7 @@ ENDPOINTS = {
 def test_everything_has_the_names_types_hashes_and_qos_of_ros() -> None:
     settings = settings_of_test(use_sim_time=True)
     with adapter(settings) as (dds, _):
-        dds.alarm.say(Alarms(fire_alarm=True, emergency_signal=True), on=True)
+        dds.alarm.publish_alarms(Alarms(fire_alarm=True, emergency_signal=True), on=True)
         partner = Partner(settings.domain)
         ends = {(what, end.topic_name): end for what, end in partner.endpoints() if end.topic_name.startswith("rt/")}
         partner.close()
@@ -213,7 +216,7 @@ def test_everything_has_the_names_types_hashes_and_qos_of_ros() -> None:
 def test_a_state_that_could_not_be_delivered_in_a_second_never_is(settings: RosSettings) -> None:
     """After a break of the network all of its states came at once, and one that says OPEN sends a robot in (open-rmf 1.5)."""
     with adapter(settings) as (dds, _):
-        dds.alarm.say(Alarms(fire_alarm=True, emergency_signal=True), on=True)
+        dds.alarm.publish_alarms(Alarms(fire_alarm=True, emergency_signal=True), on=True)
         partner = Partner(settings.domain)
         ends = [end for what, end in partner.endpoints() if what == "writer" and end.topic_name.startswith("rt/")]
         partner.close()

@@ -8,7 +8,7 @@ import pytest
 
 from lift_manager.plain.rmf import HeldBy
 from lift_manager.rmf.messages import DOOR_CLOSED, DOOR_MOVING, DOOR_OPEN, HUMAN_MODE, LiftState, Time
-from lift_manager.rmf.publishing import PERIOD_S, same_but_for_time, stale_at
+from lift_manager.rmf.publishing import PERIOD_S, equal_except_time, stale_at
 from tests.lift_manager.rmf.bench import EPOCH, A, B, Bench, bench, ends, lift, riding, wants
 from tests.support.rows import each_row
 
@@ -88,7 +88,7 @@ def test_a_lift_that_rmf_holds_is_in_agv_mode_unless_it_says_that_it_is_not(
     ride = riding()
     ride.change(robot_mode_on=robot_mode_on)
     assert ride.state.current_mode == mode
-    ride.say(ends(A))
+    ride.receive(ends(A))
     ride.over()
     assert ride.state.current_mode == HUMAN
 
@@ -97,25 +97,25 @@ def test_a_lift_that_rmf_holds_is_in_agv_mode_unless_it_says_that_it_is_not(
 def test_a_lift_that_was_asked_for_in_human_mode_is_in_human_mode(door: int) -> None:
     ride = riding()
     assert ride.state.current_mode == AGV
-    ride.say(wants(A, "Level 2", request_type=HUMAN_MODE, door_state=door))
+    ride.receive(wants(A, "Level 2", request_type=HUMAN_MODE, door_state=door))
     assert (ride.state.session_id, ride.state.current_mode) == (A, HUMAN)
-    ride.say(wants(A, "Level 2"))
+    ride.receive(wants(A, "Level 2"))
     assert ride.state.current_mode == AGV
 
 
 def test_the_mode_of_a_session_ends_with_it() -> None:
     ride = bench()
-    ride.say(wants(A, "Level 2", request_type=HUMAN_MODE))
+    ride.receive(wants(A, "Level 2", request_type=HUMAN_MODE))
     assert ride.state.current_mode == HUMAN
-    ride.say(ends(A))
+    ride.receive(ends(A))
     ride.over()
-    ride.say(wants(B, "Level 2"))
+    ride.receive(wants(B, "Level 2"))
     assert (ride.state.session_id, ride.state.current_mode) == (B, AGV)
 
 
 def test_a_lift_that_says_itself_that_it_is_in_robot_mode_is_told_as_that() -> None:
     ride = bench()
-    ride.say(wants(A, "Level 2", request_type=HUMAN_MODE))
+    ride.receive(wants(A, "Level 2", request_type=HUMAN_MODE))
     ride.change(mode="robot")
     assert ride.state.current_mode == AGV
 
@@ -132,12 +132,12 @@ def test_a_lift_that_cannot_be_read_is_offline_and_its_door_is_not_open() -> Non
 def test_a_state_becomes_too_old_by_itself() -> None:
     """M4: the last state was kept for ever, and a dead lift looked alive."""
     ride = riding()
-    sent, heard = len(ride.sent), ride.now
+    published, heard = len(ride.published), ride.now
     while ride.now < heard + 1.0:
         ride.now += 0.01
         ride.adapter.tick(ride.now)
     assert ride.state.door_state == DOOR_MOVING
-    first = next(state for state in ride.sent[sent:] if state.door_state == DOOR_MOVING)
+    first = next(state for state in ride.published[published:] if state.door_state == DOOR_MOVING)
     assert first.current_mode == OFFLINE
     assert stale_at(ride.views["lift"], heard) == pytest.approx(heard + 0.9)
 
@@ -147,10 +147,10 @@ def test_the_adapter_wakes_when_a_state_becomes_too_old() -> None:
     now = ride.now
     for _ in range(4):
         now = ride.adapter.tick(now)
-    states = [state for state in ride.sent if state.current_mode == OFFLINE]
+    states = [state for state in ride.published if state.current_mode == OFFLINE]
     assert states
     told = states[0].lift_time
-    assert told == ride.sent[-1].lift_time, "the time of the last good data"
+    assert told == ride.published[-1].lift_time, "the time of the last good data"
 
 
 @each_row("field", [field.name for field in fields(LiftState)])
@@ -161,7 +161,7 @@ def test_a_change_of_any_field_but_the_time_is_a_change(field: str) -> None:
         "motion_state": 2, "current_mode": 5,
     }  # fmt: skip
     changed = replace(told, **{field: other.get(field, "another")})  # type: ignore[arg-type]
-    assert same_but_for_time(told, changed) is (field == "lift_time")
+    assert equal_except_time(told, changed) is (field == "lift_time")
 
 
 def test_a_floor_that_nobody_reports_is_an_empty_text() -> None:
@@ -173,7 +173,7 @@ def test_a_floor_that_nobody_reports_is_an_empty_text() -> None:
 def test_the_destination_stays_what_was_asked_for() -> None:
     """Any other value makes the supervisor repeat for ever (open-rmf 1.6.4)."""
     ride = bench()
-    ride.say(wants(A, "Level 3"))
+    ride.receive(wants(A, "Level 3"))
     for view in ({"floor": "L2", "destination": "L2"}, {"floor": "L3", "destination": None, "door": "open"}):
         ride.change(**view)
         assert ride.state.destination_floor == "Level 3"
@@ -183,14 +183,14 @@ def test_the_destination_stays_what_was_asked_for() -> None:
 def test_a_floor_that_is_only_passed_is_not_told_to_whoever_wants_to_go_there(session: str) -> None:
     """Iron takes its destination in `current_floor` for the arrival, whatever the door says (open-rmf 1.6.3)."""
     ride = bench()
-    ride.say(wants(A, "Level 3"))
+    ride.receive(wants(A, "Level 3"))
     ride.change(floor="L2", motion="up", standing=False, destination="L3")
     assert ride.state.current_floor == "Level 2"
     if session == B:
-        ride.say(ends(A))
-    sent = len(ride.sent)
-    ride.say(wants(session, "Level 2"))
-    told = [state for state in ride.sent[sent:] if state.session_id == session]
+        ride.receive(ends(A))
+    published = len(ride.published)
+    ride.receive(wants(session, "Level 2"))
+    told = [state for state in ride.published[published:] if state.session_id == session]
     assert {(state.current_floor, state.destination_floor) for state in told[-1:]} == {("", "Level 2")}
     assert not [state for state in told if state.current_floor == state.destination_floor]
     ride.change(motion="stopped", standing=True)
@@ -205,34 +205,34 @@ def test_an_idle_lift_with_an_open_door_is_told_as_it_is() -> None:
 
 def test_each_lift_is_told_twice_a_second_and_no_two_at_one_moment() -> None:
     ride = Bench(views={f"lift{number}": lift(f"lift{number}") for number in range(10)})
-    ride.hear()
-    ride.sent.clear()
+    ride.report_site()
+    ride.published.clear()
     moments: dict[float, int] = {}
     begun = ride.now
     while ride.now < begun + 10:
-        before = len(ride.sent)
+        before = len(ride.published)
         ride.now += 0.005
-        ride.adapter.heard(ride.site(), ride.now, ride.now)
+        ride.adapter.on_site(ride.site(), ride.now, ride.now)
         ride.adapter.tick(ride.now)
-        moments[ride.now] = len(ride.sent) - before
+        moments[ride.now] = len(ride.published) - before
     assert max(moments.values()) == 1
     for number in range(10):
-        mine = [state for state in ride.sent if state.lift_name == f"lift{number}_rmf"]
+        mine = [state for state in ride.published if state.lift_name == f"lift{number}_rmf"]
         assert len(mine) == pytest.approx(10 / PERIOD_S, abs=1)
 
 
 def test_a_change_is_told_at_once_and_a_request_that_changes_nothing_never_is() -> None:
     """One state for each request would spin at the speed of the wire (open-rmf 1.5)."""
     ride = riding()
-    sent, begun = len(ride.sent), ride.now
+    published, begun = len(ride.published), ride.now
     for _ in range(1000):
-        ride.adapter.requested(wants(A, "Level 2"), ride.now)
+        ride.adapter.on_request(wants(A, "Level 2"), ride.now)
         ride.now += 0.001
         ride.adapter.tick(ride.now)
-    assert len(ride.sent) - sent <= (ride.now - begun) / PERIOD_S + 2
-    sent = len(ride.sent)
+    assert len(ride.published) - published <= (ride.now - begun) / PERIOD_S + 2
+    published = len(ride.published)
     ride.change(door="closed")
-    assert [state.door_state for state in ride.sent[sent:]] == [DOOR_CLOSED]
+    assert [state.door_state for state in ride.published[published:]] == [DOOR_CLOSED]
 
 
 def test_the_last_word_of_an_adapter_is_that_its_lifts_are_offline() -> None:
@@ -244,51 +244,51 @@ def test_the_last_word_of_an_adapter_is_that_its_lifts_are_offline() -> None:
 def test_a_lift_of_a_manager_that_was_never_heard_is_not_told_at_all() -> None:
     """A1 died of it."""
     ride = Bench()
-    ride.adapter.requested(wants(A, "Level 2"), ride.now)
-    ride.adapter.lost("connection refused", ride.now)
+    ride.adapter.on_request(wants(A, "Level 2"), ride.now)
+    ride.adapter.on_manager_lost("connection refused", ride.now)
     ride.adapter.tick(ride.now)
-    assert ride.sent == []
+    assert ride.published == []
     assert ride.adapter.counts.requests == {("", "no_manager"): 1}
 
 
 def test_a_lift_that_left_the_site_file_is_told_no_more() -> None:
     ride = Bench(views={"east": lift("east"), "west": lift("west")})
-    ride.hear()
+    ride.report_site()
     del ride.views["west"]
     ride.step()
-    sent = len(ride.sent)
+    published = len(ride.published)
     ride.elapse(2)
-    assert {state.lift_name for state in ride.sent[sent:]} == {"east_rmf"}
+    assert {state.lift_name for state in ride.published[published:]} == {"east_rmf"}
 
 
 def test_the_last_word_about_a_lift_that_left_the_site_file_is_that_it_is_offline() -> None:
     """It would be OPEN for ever to whoever keeps the last state, as rmf-web does."""
     ride = riding(views={"lift": lift(), "other": lift("other")})
     del ride.views["lift"]
-    ride.hear()
-    told = [state for state in ride.sent if state.lift_name == "lift_rmf"]
+    ride.report_site()
+    told = [state for state in ride.published if state.lift_name == "lift_rmf"]
     assert (told[-2].door_state, told[-2].session_id) == (DOOR_OPEN, A)
     assert (told[-1].door_state, told[-1].current_mode, told[-1].session_id) == (DOOR_MOVING, OFFLINE, A)
 
 
 def test_an_end_of_a_lift_that_left_the_site_file_is_let_go_of_with_a_word(caplog: pytest.LogCaptureFixture) -> None:
     ride = riding(views={"lift": lift(), "other": lift("other")})
-    ride.adapter.lost("connection refused", ride.now)
-    ride.adapter.requested(ends(A), ride.now)
+    ride.adapter.on_manager_lost("connection refused", ride.now)
+    ride.adapter.on_request(ends(A), ride.now)
     del ride.views["lift"]
     caplog.clear()
     ride.elapse(10)
-    assert ride.ended() == []
+    assert ride.ended_sessions() == []
     assert [text for text in caplog.messages if A in text] == [
-        f"lift_rmf: the manager has not answered that '{A}' has ended its session; with the lift that is forgotten"
+        f"lift_rmf: the manager has not confirmed the end of the session of '{A}', which is forgotten with the lift"
     ]
 
 
 def test_another_writer_of_a_lift_is_warned_of_once(caplog: pytest.LogCaptureFixture) -> None:
     ride = bench()
     for _ in range(10):
-        ride.adapter.rival("lift_rmf", ride.now)
-        ride.adapter.rival("some_other_lift", ride.now)
+        ride.adapter.on_rival("lift_rmf", ride.now)
+        ride.adapter.on_rival("some_other_lift", ride.now)
     assert [record.getMessage().split(";")[0] for record in caplog.records if record.levelname == "WARNING"] == [
         "another program publishes the state of lift_rmf too"
     ]

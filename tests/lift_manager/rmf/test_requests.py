@@ -28,17 +28,17 @@ def test_a_robot_that_waits_is_told_of_once(caplog: pytest.LogCaptureFixture) ->
     caplog.set_level(logging.INFO)
     lift = riding()
     for _ in range(300):
-        lift.say(wants(A, "Level 2"), wants(B, "Level 3"))
+        lift.receive(wants(A, "Level 2"), wants(B, "Level 3"))
         lift.step(0.5)
-    assert len([text for text in caplog.messages if "wants it" in text]) == 1
+    assert len([text for text in caplog.messages if "requests the lift" in text]) == 1
 
 
 def test_sessions_that_come_and_go_at_once_fill_no_log(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     lift = bench()
     for number in range(500):
-        lift.adapter.requested(wants(f"f/{number}", "Level 2"), lift.now)
-        lift.adapter.requested(ends(f"f/{number}"), lift.now)
+        lift.adapter.on_request(wants(f"f/{number}", "Level 2"), lift.now)
+        lift.adapter.on_request(ends(f"f/{number}"), lift.now)
     assert len(caplog.messages) < 10
 
 
@@ -63,8 +63,8 @@ def test_nonsense_is_counted_and_nothing_is_asked(
 ) -> None:
     lift = bench()
     for _ in range(20):
-        lift.say(bad)
-    assert lift.asked == []
+        lift.receive(bad)
+    assert lift.sent_requests == []
     assert lift.adapter.counts.requests == {("lift_rmf", cause): 20}
     lines = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     assert len(lines) == 1
@@ -75,7 +75,7 @@ def test_an_unknown_lift_is_told_of_once_and_its_name_is_kept_nowhere(caplog: py
     """A6: it was dropped without a line."""
     lift = bench()
     for number in range(20):
-        lift.say(wants(A, "Level 2", lift=f"elevator{number}"), wants(A, "Level 2", lift="x" * 1_000_000))
+        lift.receive(wants(A, "Level 2", lift=f"elevator{number}"), wants(A, "Level 2", lift="x" * 1_000_000))
     assert lift.adapter.counts.requests == {("", "unknown_lift"): 40}
     assert len([record for record in caplog.records if record.levelname == "WARNING"]) == 1
 
@@ -83,10 +83,10 @@ def test_an_unknown_lift_is_told_of_once_and_its_name_is_kept_nowhere(caplog: py
 def test_the_numbers_of_a_request_are_not_those_of_a_mode() -> None:
     """QuikSync took AGV for END: request_type has AGV 1 and HUMAN 2, current_mode has them the other way round."""
     lift = bench()
-    lift.say(LiftRequest("lift_rmf", Time(), A, 1, "Level 2", 2))
+    lift.receive(LiftRequest("lift_rmf", Time(), A, 1, "Level 2", 2))
     assert (AGV_MODE, HUMAN_MODE, END_SESSION) == (1, 2, 0)
     assert lift.state.session_id == A
-    lift.say(LiftRequest("lift_rmf", Time(), A, 0, "", 0))
+    lift.receive(LiftRequest("lift_rmf", Time(), A, 0, "", 0))
     assert lift.state.session_id == ""
 
 
@@ -101,8 +101,8 @@ def test_the_numbers_of_a_request_are_not_those_of_a_mode() -> None:
 )
 def test_in_agv_mode_the_door_is_open_and_in_human_mode_as_asked(kind: int, door: int, holds: bool) -> None:
     lift = bench()
-    lift.say(wants(A, "Level 2", request_type=kind, door_state=door))
-    assert lift.asked == [SessionDemand("lift", A, "L2", hold_door=holds)]
+    lift.receive(wants(A, "Level 2", request_type=kind, door_state=door))
+    assert lift.sent_requests == [SessionDemand("lift", A, "L2", hold_door=holds)]
 
 
 def test_what_was_done_with_a_request_has_a_word_of_its_own() -> None:

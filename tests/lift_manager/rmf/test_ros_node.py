@@ -45,10 +45,10 @@ def test_topics_types_and_quality_of_service_are_those_of_the_contract(ros: Ros)
         ros.world.topics[name] for name in ("/lift_states", "/lift_requests", "/adapter_lift_requests")
     )
     # one that could not be delivered in a second says what is over, and OPEN would be believed
-    offer, wish = ros.offer(depth=100, lifespan_s=1.0), ros.offer(depth=10_000)
+    offer, demand = ros.offer(depth=100, lifespan_s=1.0), ros.offer(depth=10_000)
     assert [(one.kind, one.offer) for one in states.writers] == [(ros.lift_msgs.LiftState, offer)]
-    assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, wish)]
-    assert [(one.kind, one.offer) for one in fleets.readers] == [(ros.lift_msgs.LiftRequest, wish)]
+    assert [(one.kind, one.offer) for one in requests.readers] == [(ros.lift_msgs.LiftRequest, demand)]
+    assert [(one.kind, one.offer) for one in fleets.readers] == [(ros.lift_msgs.LiftRequest, demand)]
     assert not states.readers
     assert not requests.writers
     assert not fleets.writers
@@ -59,7 +59,7 @@ def test_numbers_are_those_of_the_messages(jazzy: Ros) -> None:
     assert (request.REQUEST_END_SESSION, request.REQUEST_AGV_MODE, request.REQUEST_HUMAN_MODE) == (
         messages.REQUEST_TYPES
     )
-    assert (request.DOOR_CLOSED, request.DOOR_OPEN) == messages.ASKED_DOORS
+    assert (request.DOOR_CLOSED, request.DOOR_OPEN) == messages.REQUEST_DOORS
     for name in ("DOOR_CLOSED", "DOOR_MOVING", "DOOR_OPEN"):
         assert getattr(state, name) == getattr(messages, name)
     for name in ("UNKNOWN", "HUMAN", "AGV", "FIRE", "OFFLINE", "EMERGENCY"):
@@ -95,7 +95,9 @@ def test_a_request_of_rmf_reaches_the_manager_and_its_answer_rmf(ros: Ros) -> No
     ros.spin(0.01)
     assert ros.manager.asked == [SessionDemand("east", "fleet/robot1", "first", hold_door=True)]
     asked = ros.manager.asked[0]
-    ros.shell.deliver(lambda: ros.shell.answered(Answer(asked, yes=True, boot="boot", event=2), ros.world.monotonic()))
+    ros.shell.deliver(
+        lambda: ros.shell.on_answer(Answer(asked, accepted=True, boot="boot", event=2), ros.world.monotonic())
+    )
     ros.hear(lift(holder=held("fleet/robot1"), destination="first"), event=2)
     ros.spin(0.05)
     state = reader.got[-1]

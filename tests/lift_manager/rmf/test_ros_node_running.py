@@ -18,12 +18,12 @@ from typing import Any
 import pytest
 
 from lift_manager.plain.paths import RMF
-from lift_manager.plain.rmf import Site
+from lift_manager.plain.rmf import SiteView
 from lift_manager.rmf.messages import DOOR_MOVING, DOOR_OPEN, MODE_OFFLINE
 from tests.support.fake_rclpy_loader import FOLDER, Ros, installed, lift
 
 HOME = Path(__file__).resolve().parents[3]
-ANSWER = json.dumps(dataclasses.asdict(Site("boot", 1, (lift(),), 3.0)))
+ANSWER = json.dumps(dataclasses.asdict(SiteView("boot", 1, (lift(),), 3.0)))
 MAIN = "import sys; from lift_manager.rmf.ros_node import main; sys.exit(main())"
 
 

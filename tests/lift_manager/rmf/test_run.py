@@ -8,12 +8,12 @@ from dataclasses import replace
 import pytest
 
 from lift_manager.lab.virtual_time import elapse, run_virtual
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView
 from lift_manager.rmf.dds import DdsListener
 from lift_manager.rmf.messages import AGV_MODE, DOOR_OPEN, END_SESSION, MODE_OFFLINE, LiftRequest, LiftState, Time
-from lift_manager.rmf.port import Answer, Asked, Deliver, EndOfSession, ManagerListener, SessionDemand
-from lift_manager.rmf.run import AGAIN_S, RunningAdapter
-from tests.lift_manager.rmf.bench import AlarmEar
+from lift_manager.rmf.port import Answer, Deliver, EndOfSession, ManagerListener, ManagerRequest, SessionDemand
+from lift_manager.rmf.run import RESTART_PAUSE_S, RunningAdapter
+from tests.lift_manager.rmf.bench import RecordedAlarms
 
 REQUEST = LiftRequest("Lift1", Time(), "fleet/robot1", AGV_MODE, "L2", DOOR_OPEN)
 
@@ -46,10 +46,10 @@ def view(holder: HeldBy | None = None, **other: object) -> LiftView:
 class FakeRmf:
     """RMF's side: what was published when."""
 
-    def __init__(self, hears: DdsListener, deliver: Deliver) -> None:
-        self.hears, self.deliver = hears, deliver
+    def __init__(self, listener: DdsListener, deliver: Deliver) -> None:
+        self.listener, self.deliver = listener, deliver
         self.states: list[tuple[float, LiftState]] = []
-        self.alarm = AlarmEar()
+        self.alarm = RecordedAlarms()
         self.closed = False
 
     def publish(self, state: LiftState) -> None:
@@ -60,47 +60,47 @@ class FakeRmf:
         self.closed = True
 
     def send(self, request: LiftRequest) -> None:
-        self.deliver(lambda: self.hears.requested(request))
+        self.deliver(lambda: self.listener.on_request(request))
 
     def send_of_fleet(self, request: LiftRequest) -> None:
-        self.deliver(lambda: self.hears.fleet_requested(request))
+        self.deliver(lambda: self.listener.on_fleet_request(request))
 
 
 class FakeWay:
     """A manager that says yes at once, and tells how its lift is five times a second."""
 
     def __init__(self) -> None:
-        self.asked: list[Asked] = []
+        self.asked: list[ManagerRequest] = []
         self.view = view()
         self.alarms = Alarms()
         self.closed = False
         self._number = 0
 
-    def start(self, hears: ManagerListener, deliver: Deliver) -> None:
-        self.hears, self._deliver = hears, deliver
+    def start(self, listener: ManagerListener, deliver: Deliver) -> None:
+        self.listener, self._deliver = listener, deliver
         self._tell()
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self.asked.append(asked)
         if isinstance(asked, SessionDemand):
             self.view = view(HeldBy("rmf", asked.session))
         self._number += 1
-        answer = Answer(asked, yes=True, boot="boot", event=self._number)
-        self._deliver(lambda: self.hears.answered(answer, asyncio.get_running_loop().time()))
+        answer = Answer(asked, accepted=True, boot="boot", event=self._number)
+        self._deliver(lambda: self.listener.on_answer(answer, asyncio.get_running_loop().time()))
 
     def close(self) -> None:
         self.closed = True
 
     def lose(self) -> None:
-        self._deliver(lambda: self.hears.lost("it is switched off", asyncio.get_running_loop().time()))
+        self._deliver(lambda: self.listener.on_manager_lost("it is switched off", asyncio.get_running_loop().time()))
 
-    def tell(self, site: Site) -> None:
+    def tell(self, site: SiteView) -> None:
         now = asyncio.get_running_loop().time()
-        self._deliver(lambda: self.hears.heard(site, now, now))
+        self._deliver(lambda: self.listener.on_site(site, now, now))
 
     def _tell(self) -> None:
         if not self.closed:
-            self.tell(Site("boot", self._number, (self.view,), 3.0, self.alarms))
+            self.tell(SiteView("boot", self._number, (self.view,), 3.0, self.alarms))
             asyncio.get_running_loop().call_later(0.2, self._tell)
 
 
@@ -112,8 +112,8 @@ class Stage:
         self.ways: list[FakeWay] = []
         self.running = RunningAdapter(self._rmf, self._way, use_sim_time=use_sim_time)
 
-    def _rmf(self, hears: DdsListener, deliver: Deliver) -> FakeRmf:
-        self.rmfs.append(FakeRmf(hears, deliver))
+    def _rmf(self, listener: DdsListener, deliver: Deliver) -> FakeRmf:
+        self.rmfs.append(FakeRmf(listener, deliver))
         return self.rmfs[-1]
 
     def _way(self) -> FakeWay:
@@ -213,10 +213,10 @@ def test_at_its_end_it_says_that_the_lift_is_offline_and_leaves_both() -> None:
     assert stage.ways[0].closed
 
 
-def test_one_that_is_hushed_says_at_once_that_the_lift_is_offline_and_nothing_more() -> None:
+def test_going_offline_publishes_the_lift_as_offline_at_once_and_nothing_more() -> None:
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
-        stage.running.hush()
+        stage.running.go_offline()
         assert stage.last().current_mode == MODE_OFFLINE
         told = len(stage.rmfs[0].states)
         stage.rmfs[0].send(REQUEST)
@@ -228,14 +228,14 @@ def test_one_that_is_hushed_says_at_once_that_the_lift_is_offline_and_nothing_mo
     assert len(play(scene).rmfs) == 1
 
 
-def test_a_hush_that_fails_is_logged_and_raises_nothing(caplog: pytest.LogCaptureFixture) -> None:
+def test_going_offline_with_an_error_is_logged_and_raises_nothing(caplog: pytest.LogCaptureFixture) -> None:
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         stage.rmfs[0].closed = True  # publishing fails from here on
-        stage.running.hush()
+        stage.running.go_offline()
 
     play(scene)
-    assert "did not end as it should" in caplog.text
+    assert "did not close properly" in caplog.text
 
 
 def test_one_that_was_opened_and_never_run_leaves_rmf_too() -> None:
@@ -249,7 +249,7 @@ def test_one_that_was_opened_and_never_run_leaves_rmf_too() -> None:
 
 
 def test_what_prevents_joining_rmf_is_raised_by_open() -> None:
-    def refuse(hears: DdsListener, deliver: Deliver) -> FakeRmf:
+    def refuse(listener: DdsListener, deliver: Deliver) -> FakeRmf:
         raise OSError("no network")
 
     async def main() -> None:
@@ -259,7 +259,7 @@ def test_what_prevents_joining_rmf_is_raised_by_open() -> None:
     run_virtual(main)
 
 
-def test_a_bug_is_logged_and_everything_begins_anew(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_bug_is_logged_and_everything_restarts(caplog: pytest.LogCaptureFixture) -> None:
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         first = stage.rmfs[0]
@@ -270,7 +270,7 @@ def test_a_bug_is_logged_and_everything_begins_anew(caplog: pytest.LogCaptureFix
         assert stage.last().current_mode == MODE_OFFLINE
         told = len(first.states)
         first.send(REQUEST)
-        await elapse(AGAIN_S)
+        await elapse(RESTART_PAUSE_S)
         assert len(first.states) == told
         assert stage.ways[0].asked == []
         assert stage.rmfs[1].states
@@ -282,7 +282,7 @@ def test_a_bug_is_logged_and_everything_begins_anew(caplog: pytest.LogCaptureFix
     assert (len(stage.rmfs), len(stage.ways)) == (2, 2)
     assert stage.ways[0].closed
     assert "IndexError" in caplog.text
-    assert "begins anew" in caplog.text
+    assert "it restarts in" in caplog.text
 
 
 def test_an_end_in_the_pause_after_a_bug_is_an_end() -> None:
@@ -302,7 +302,7 @@ def test_a_part_that_does_not_end_as_it_should_keeps_nobody_from_ending(caplog: 
 
     stage = play(scene)
     assert stage.ways[0].closed
-    assert "did not end as it should" in caplog.text
+    assert "did not close properly" in caplog.text
 
 
 def test_it_says_which_lift_is_which_once_and_again_when_that_changes(caplog: pytest.LogCaptureFixture) -> None:
@@ -343,7 +343,7 @@ def test_time_is_what_clock_says_in_a_simulation_and_its_age_is_taken_off() -> N
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         assert stage.last().lift_time == Time()
-        stage.rmfs[0].deliver(lambda: stage.rmfs[0].hears.clock(100.0))
+        stage.rmfs[0].deliver(lambda: stage.rmfs[0].listener.on_clock(100.0))
         await elapse(1.0)
         assert stage.last().lift_time.sec == 99
 
@@ -357,7 +357,7 @@ def test_a_simulation_without_clock_is_told_of_once_and_lifts_are_published_all_
     async def scene(stage: Stage) -> None:
         await elapse(1.0)
         if heard:
-            stage.rmfs[0].deliver(lambda: stage.rmfs[0].hears.clock(1.0))
+            stage.rmfs[0].deliver(lambda: stage.rmfs[0].listener.on_clock(1.0))
         await elapse(60.0)
 
     stage = play(scene, use_sim_time=True)

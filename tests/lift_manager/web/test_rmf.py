@@ -15,7 +15,7 @@ from lift_manager.lift.refusals import Refusal, Refused
 from lift_manager.lift.rmf import RmfRules, rmf_holder, rmf_session
 from lift_manager.lift.session import Holder
 from lift_manager.lift.state import Quality, Restrictions
-from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, Site, site_of
+from lift_manager.plain.rmf import Alarms, HeldBy, LiftView, SiteView, parse_site
 from lift_manager.runtime.rmf import rmf_site
 from register_maps.words import Mode, Motion
 from tests.lift_manager.web.changes import refused
@@ -71,11 +71,11 @@ def post(site: FakeSite, what: str, **more: Any) -> httpx.Response:
     return ask(site, "POST", f"{LIFT}/{what}", **more)
 
 
-def told(site: FakeSite) -> Site:
+def told(site: FakeSite) -> SiteView:
     answer = ask(site, "GET", "/api/v1/rmf")
     assert answer.status_code == 200
     assert answer.headers["cache-control"] == "no-store"
-    return site_of(answer.json())
+    return parse_site(answer.json())
 
 
 def test_a_manager_that_ends_does_not_say_that_its_sessions_are_over() -> None:
@@ -86,7 +86,7 @@ def test_a_manager_that_ends_does_not_say_that_its_sessions_are_over() -> None:
 def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
     site = Named({"goods": RIDING, "lift": LOST}, newest=7, rmf=RULES)
     answer = told(site)
-    assert answer == Site(
+    assert answer == SiteView(
         boot="b0",
         event=7,
         lifts=answer.lifts,
@@ -124,7 +124,7 @@ def test_the_whole_site_is_told_as_an_adapter_reads_it() -> None:
 
 def test_the_keys_are_the_fields_that_an_adapter_knows() -> None:
     said = ask(FakeSite({"goods": RIDING}), "GET", "/api/v1/rmf").json()
-    assert list(said) == [field.name for field in fields(Site)]
+    assert list(said) == [field.name for field in fields(SiteView)]
     assert list(said["lifts"][0]) == [field.name for field in fields(LiftView)]
     assert list(said["lifts"][0]["holder"]) == [field.name for field in fields(HeldBy)]
     assert list(said["alarms"]) == [field.name for field in fields(Alarms)]

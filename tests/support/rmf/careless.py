@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Protocol
 
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.messages import DOOR_OPEN, END_SESSION, MODE_FIRE, MODE_OFFLINE, LiftRequest, LiftState
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, EndOfSession, Manager, SessionDemand
+from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, Manager, ManagerRequest, SessionDemand
 
 Clock = Callable[[], float]
 TOGETHER_S = 0.05
@@ -35,9 +35,9 @@ class _Says(Adapter):
 
         super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
         (self._view,) = site.lifts
-        super().heard(site, asked_at, now)
+        super().on_site(site, asked_at, now)
 
 
 HOLDS_FOR = 1
@@ -48,30 +48,34 @@ class _Asks(Adapter):
     """Asks the manager something else than it should, one thing after the other; it takes the last answer for its own."""
 
     def __init__(
-        self, manager: Manager, out: RmfOutput, ros_time: Clock, change: Callable[[Asked], tuple[Asked, ...]]
+        self,
+        manager: Manager,
+        out: RmfOutput,
+        ros_time: Clock,
+        change: Callable[[ManagerRequest], tuple[ManagerRequest, ...]],
     ) -> None:
         self._real = manager
         self._change = change
-        self._asked: Asked | None = None
-        self._still: list[Asked] = []
+        self._asked: ManagerRequest | None = None
+        self._still: list[ManagerRequest] = []
         super().__init__(self, out, ros_time)
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self._asked = asked
         first, *self._still = self._change(asked)
-        self._real.ask(first)
+        self._real.send(first)
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         if self._still and answer.code != UNREACHABLE:
-            self._real.ask(self._still.pop(0))
+            self._real.send(self._still.pop(0))
         elif self._asked is not None:
-            super().answered(replace(answer, asked=self._asked), now)
+            super().on_answer(replace(answer, request=self._asked), now)
 
 
 class ExecutesStaleFloors(Adapter):
     """Sends every floor of a replay to the lift."""
 
-    def request_writer_matched(self, now: float) -> None:
+    def on_request_writer(self, now: float) -> None:
         pass
 
 
@@ -88,8 +92,8 @@ class PublishesPerRequest(Adapter):
         self._say = out.publish
         super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
-        super().requested(request, now)
+    def on_request(self, request: LiftRequest, now: float) -> None:
+        super().on_request(request, now)
         if self._last is not None:
             self._say(self._last)
 
@@ -101,18 +105,18 @@ class DropsEndBeforeRequest(Adapter):
         self._end: tuple[LiftRequest, float] | None = None
         super().__init__(manager, out, ros_time)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type == END_SESSION and request.session_id:
             self._end = request, now + TOGETHER_S
             return
         if self._end is not None and request.session_id != self._end[0].session_id:
             self._end = None
-        super().requested(request, now)
+        super().on_request(request, now)
 
     def tick(self, now: float) -> float:
         if self._end is not None and now >= self._end[1]:
             (request, _), self._end = self._end, None
-            super().requested(request, now)
+            super().on_request(request, now)
         due = super().tick(now)
         return due if self._end is None else min(due, self._end[1])
 
@@ -125,16 +129,16 @@ class EndMovesTheCar(_Asks):
         self._end: LiftRequest | None = None
         super().__init__(manager, out, ros_time, self._with_floor)
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
         self._floors = {rmf: floor for floor, rmf in site.lifts[0].floors.items()}
-        super().heard(site, asked_at, now)
+        super().on_site(site, asked_at, now)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type == END_SESSION and request.destination_floor in self._floors:
             self._end = request
-        super().requested(request, now)
+        super().on_request(request, now)
 
-    def _with_floor(self, asked: Asked) -> tuple[Asked, ...]:
+    def _with_floor(self, asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         if isinstance(asked, EndOfSession) and self._end is not None and self._end.session_id == asked.session:
             floor, self._end = self._floors[self._end.destination_floor], None
             return SessionDemand(asked.lift, asked.session, floor, hold_door=False), asked
@@ -144,9 +148,9 @@ class EndMovesTheCar(_Asks):
 class IgnoresEndWithoutFloor(Adapter):
     """Checks the floor of an END, as the workshop's adapter does."""
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type != END_SESSION or request.destination_floor:
-            super().requested(request, now)
+            super().on_request(request, now)
 
 
 class TakesAnyEnd(Adapter):
@@ -156,12 +160,12 @@ class TakesAnyEnd(Adapter):
         self._session = ""
         super().__init__(manager, out, ros_time)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type != END_SESSION:
             self._session = self._session or request.session_id
         elif self._session:
             request, self._session = replace(request, session_id=self._session), ""
-        super().requested(request, now)
+        super().on_request(request, now)
 
 
 class ForgetsWhoComesNext(Adapter):
@@ -171,13 +175,13 @@ class ForgetsWhoComesNext(Adapter):
         self._deaf_until = -math.inf
         super().__init__(manager, out, ros_time)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type == END_SESSION:
             if request.session_id:
                 self._deaf_until = now + DEAF_S
         elif now < self._deaf_until:
             return
-        super().requested(request, now)
+        super().on_request(request, now)
 
 
 class LetsAnybodySteal(Adapter):
@@ -187,45 +191,45 @@ class LetsAnybodySteal(Adapter):
         self._session = ""
         super().__init__(manager, out, ros_time)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type != END_SESSION and request.session_id != self._session:
             if self._session:
-                super().requested(replace(request, session_id=self._session, request_type=END_SESSION), now)
+                super().on_request(replace(request, session_id=self._session, request_type=END_SESSION), now)
             self._session = request.session_id
-        super().requested(request, now)
+        super().on_request(request, now)
 
 
 class DoesNotReadAlong(Adapter):
     """Takes what a supervisor passes on, and nothing that fleets send to it."""
 
-    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+    def on_fleet_request(self, request: LiftRequest, now: float) -> None:
         pass
 
 
 class TakesWhatFleetsWant(Adapter):
     """Does what fleets ask of their supervisor, as LCI does."""
 
-    def fleet_requested(self, request: LiftRequest, now: float) -> None:
-        self.requested(request, now)
+    def on_fleet_request(self, request: LiftRequest, now: float) -> None:
+        self.on_request(request, now)
 
 
 class EndsWhatGoesOn(Adapter):
     """Ends a session after an END of its fleet that was not passed on, though the fleet has asked for it since."""
 
-    def fleet_requested(self, request: LiftRequest, now: float) -> None:
+    def on_fleet_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type == END_SESSION:
-            super().fleet_requested(request, now)
+            super().on_fleet_request(request, now)
 
 
 class TakesAnotherRmf(Adapter):
     """Takes a session of another RMF for one of its own."""
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
         lifts = tuple(
             lift if lift.holder is None else replace(lift, holder=replace(lift.holder, adapter=""))
             for lift in site.lifts
         )
-        super().heard(replace(site, lifts=lifts), asked_at, now)
+        super().on_site(replace(site, lifts=lifts), asked_at, now)
 
 
 class ForgetsWhatIsUndelivered(Adapter):
@@ -239,12 +243,12 @@ class ForgetsWhatIsUndelivered(Adapter):
 
         super().__init__(manager, RmfOutput(publish, out.alarm), ros_time)
 
-    def requested(self, request: LiftRequest, now: float) -> None:
+    def on_request(self, request: LiftRequest, now: float) -> None:
         if request.request_type == END_SESSION:
             self._over.add(request.session_id)
         else:
             self._over.discard(request.session_id)
-        super().requested(request, now)
+        super().on_request(request, now)
 
 
 def _cleared_on_arrival(state: LiftState, view: LiftView | None) -> LiftState:
@@ -332,7 +336,7 @@ def _says(make: Callable[[], _Speaks]) -> Callable[[Manager, RmfOutput, Clock], 
 
 
 def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
-    def change(asked: Asked) -> tuple[Asked, ...]:
+    def change(asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         return (replace(asked, grace_s=0.0) if isinstance(asked, EndOfSession) else asked,)
 
     return _Asks(manager, out, ros_time, change)
@@ -341,7 +345,7 @@ def _without_grace(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter
 def _lets_go_of_the_door(manager: Manager, out: RmfOutput, ros_time: Clock) -> Adapter:
     wanted: list[SessionDemand] = []
 
-    def change(asked: Asked) -> tuple[Asked, ...]:
+    def change(asked: ManagerRequest) -> tuple[ManagerRequest, ...]:
         if not isinstance(asked, SessionDemand):
             return (asked,)
         wanted[:] = [*(one for one in wanted if one == asked), asked]

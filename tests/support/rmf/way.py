@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable
 from random import Random
 
-from lift_manager.plain.rmf import Site
-from lift_manager.rmf.port import UNREACHABLE, Answer, Asked, Manager, ManagerListener
+from lift_manager.plain.rmf import SiteView
+from lift_manager.rmf.port import UNREACHABLE, Answer, Manager, ManagerListener, ManagerRequest
 from tests.support.rmf.network import Channel
 
 GIVES_UP_S = 0.3
@@ -24,13 +24,13 @@ class Way:
         """`most_s` 0: the manager is in the same process."""
         self._dice = dice
         self._most_s = most_s
-        self.hears: ManagerListener | None = None
+        self.listener: ManagerListener | None = None
         """The adapter; None while there is none."""
         self._manager: Manager | None = None
-        self._up: Channel[Asked] = Channel(dice, most_s, self._pass_on)
+        self._up: Channel[ManagerRequest] = Channel(dice, most_s, self._pass_on)
         self._down: Channel[Callable[[], None]] = Channel(dice, most_s, _call)
         self._cut = ""
-        self._unanswered: list[Asked] = []
+        self._unanswered: list[ManagerRequest] = []
         self.asked = 0
 
     def connect(self, manager: Manager) -> None:
@@ -43,8 +43,8 @@ class Way:
         self._down.cut()
         if self._dice.random() < 0.5:
             self._up.cut()
-        if self.hears is not None:
-            self.hears.lost(reason, _now())
+        if self.listener is not None:
+            self.listener.on_manager_lost(reason, _now())
             for asked in self._unanswered:
                 self._fail(asked)
         self._unanswered.clear()
@@ -55,13 +55,13 @@ class Way:
 
     def forget(self) -> None:
         """Lose the adapter with all that was under way to it."""
-        self.hears = None
+        self.listener = None
         self._down.cut()
         self._unanswered.clear()
 
     # -- the adapter's side
 
-    def ask(self, asked: Asked) -> None:
+    def send(self, asked: ManagerRequest) -> None:
         self.asked += 1
         if self._cut:
             self._fail(asked)
@@ -74,25 +74,25 @@ class Way:
 
     # -- the manager's side
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
-        self._back(lambda: None if self.hears is None else self.hears.heard(site, asked_at, _now()))
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
+        self._back(lambda: None if self.listener is None else self.listener.on_site(site, asked_at, _now()))
 
-    def answered(self, answer: Answer, now: float) -> None:
-        if answer.asked not in self._unanswered:
+    def on_answer(self, answer: Answer, now: float) -> None:
+        if answer.request not in self._unanswered:
             return  # it was asked by an adapter that is no more, or given up
         self._back(lambda: self._deliver(answer))
 
-    def lost(self, reason: str, now: float) -> None:
-        self._back(lambda: None if self.hears is None else self.hears.lost(reason, _now()))
+    def on_manager_lost(self, reason: str, now: float) -> None:
+        self._back(lambda: None if self.listener is None else self.listener.on_manager_lost(reason, _now()))
 
     def _deliver(self, answer: Answer) -> None:
-        if self.hears is not None and answer.asked in self._unanswered:
-            self._unanswered.remove(answer.asked)
-            self.hears.answered(answer, _now())
+        if self.listener is not None and answer.request in self._unanswered:
+            self._unanswered.remove(answer.request)
+            self.listener.on_answer(answer, _now())
 
-    def _pass_on(self, asked: Asked) -> None:
+    def _pass_on(self, asked: ManagerRequest) -> None:
         if self._manager is not None:
-            self._manager.ask(asked)
+            self._manager.send(asked)
 
     def _back(self, call: Callable[[], None]) -> None:
         if self._cut:
@@ -102,12 +102,14 @@ class Way:
         else:
             call()
 
-    def _fail(self, asked: Asked) -> None:
-        hears = self.hears
+    def _fail(self, asked: ManagerRequest) -> None:
+        listener = self.listener
 
         def say() -> None:
-            if hears is not None and hears is self.hears:
-                hears.answered(Answer(asked, yes=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now())
+            if listener is not None and listener is self.listener:
+                listener.on_answer(
+                    Answer(asked, accepted=False, code=UNREACHABLE, reason=self._cut or "no answer"), _now()
+                )
 
         asyncio.get_running_loop().call_later(self._dice.uniform(0.0, GIVES_UP_S), say)
 

@@ -13,7 +13,7 @@ from lift_manager.config.load import LoadedSite
 from lift_manager.lab.virtual_time import elapse
 from lift_manager.lab.world.reviewed import shown_by
 from lift_manager.lab.world.world import World
-from lift_manager.plain.rmf import Alarms, Site
+from lift_manager.plain.rmf import Alarms, SiteView
 from lift_manager.rmf.adapter import Adapter, RmfOutput
 from lift_manager.rmf.local_manager import LocalManager
 from lift_manager.rmf.messages import LiftRequest, LiftState
@@ -35,11 +35,11 @@ LEAST_S = 0.001
 class AnyAdapter(ManagerListener, Protocol):
     """The adapter, or one that breaks a rule."""
 
-    def requested(self, request: LiftRequest, now: float) -> None: ...
+    def on_request(self, request: LiftRequest, now: float) -> None: ...
 
-    def fleet_requested(self, request: LiftRequest, now: float) -> None: ...
+    def on_fleet_request(self, request: LiftRequest, now: float) -> None: ...
 
-    def request_writer_matched(self, now: float) -> None: ...
+    def on_request_writer(self, now: float) -> None: ...
 
     def tick(self, now: float) -> float: ...
 
@@ -149,7 +149,7 @@ class RmfWorld:
     def start_adapter(self) -> None:
         """Start one that knows nothing."""
         adapter = self.adapter = self._make_adapter(self.way, RmfOutput(self._publish, _NoAlarm()), lambda: self.now)
-        self.way.hears = _Ears(adapter, self._soon)
+        self.way.listener = _Ears(adapter, self._soon)
         self.site.adapter_is_back()
         self._leave_manager()
         self._reach_manager()
@@ -204,18 +204,18 @@ class RmfWorld:
     def _requested(self, request: LiftRequest) -> None:
         if self.adapter is not None:
             self.judge.arrived(self.now, request)
-            self.adapter.requested(request, self.now)
+            self.adapter.on_request(request, self.now)
             self._soon()
 
     def _fleet_requested(self, request: LiftRequest) -> None:
         if self.adapter is not None:
             self.judge.fleet_sent(self.now, request)
-            self.adapter.fleet_requested(request, self.now)
+            self.adapter.on_fleet_request(request, self.now)
             self._soon()
 
     def _matched(self) -> None:
         if self.adapter is not None:
-            self.adapter.request_writer_matched(self.now)
+            self.adapter.on_request_writer(self.now)
             self._soon()
 
     def _publish(self, state: LiftState) -> None:
@@ -246,16 +246,16 @@ class _Ears:
         self._adapter = adapter
         self._then = then
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
-        self._adapter.heard(site, asked_at, now)
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
+        self._adapter.on_site(site, asked_at, now)
         self._then()
 
-    def answered(self, answer: Answer, now: float) -> None:
-        self._adapter.answered(answer, now)
+    def on_answer(self, answer: Answer, now: float) -> None:
+        self._adapter.on_answer(answer, now)
         self._then()
 
-    def lost(self, reason: str, now: float) -> None:
-        self._adapter.lost(reason, now)
+    def on_manager_lost(self, reason: str, now: float) -> None:
+        self._adapter.on_manager_lost(reason, now)
         self._then()
 
 
@@ -268,6 +268,6 @@ class _NoAlarm:
 
     def offer(self, alarms: Alarms) -> None: ...
 
-    def say(self, alarms: Alarms, *, on: bool) -> None: ...
+    def publish_alarms(self, alarms: Alarms, *, on: bool) -> None: ...
 
     def forget(self) -> None: ...

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from lift_manager.lift.refusals import Refusal
 from lift_manager.lift.rmf import RmfRules
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
-from lift_manager.rmf.local_manager import BETWEEN_S, LocalManager
-from lift_manager.rmf.port import Answer, Asked, EndOfSession, SessionDemand
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
+from lift_manager.rmf.local_manager import MIN_GAP_S, LocalManager
+from lift_manager.rmf.port import Answer, EndOfSession, ManagerRequest, SessionDemand
 from register_maps.words import Door
 from tests.lift_manager.runtime.scripted import FRONT, OTHER, PLAIN, Bench, on_bench
 from tests.support.virtual_time import elapse
@@ -26,25 +26,25 @@ def soon(what: Callable[[], None]) -> None:
 
 
 @dataclass
-class Ears:
+class RecordingListener:
     """Writes down what an adapter hears."""
 
-    sites: list[Site] = field(default_factory=list)
+    sites: list[SiteView] = field(default_factory=list)
     times: list[tuple[float, float]] = field(default_factory=list)
     """When each was asked for, and when it was heard."""
     answers: list[Answer] = field(default_factory=list)
     lost_for: list[str] = field(default_factory=list)
-    on_answer: Callable[[Answer], None] = _nothing
+    after_answer: Callable[[Answer], None] = _nothing
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
         self.sites.append(site)
         self.times.append((asked_at, now))
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         self.answers.append(answer)
-        self.on_answer(answer)
+        self.after_answer(answer)
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         self.lost_for.append(reason)
 
     @property
@@ -58,58 +58,58 @@ class Both:
     """A manager with one lift, and an adapter inside it."""
 
     bench: Bench
-    inside: LocalManager
-    ears: Ears
+    local: LocalManager
+    listener: RecordingListener
 
-    async def said(self, asked: Asked) -> Answer:
+    async def said(self, asked: ManagerRequest) -> Answer:
         """What is answered, by the end of the turn."""
-        before = len(self.ears.answers)
-        self.inside.ask(asked)
-        assert len(self.ears.answers) == before, "the adapter is not called while it asks"
+        before = len(self.listener.answers)
+        self.local.send(asked)
+        assert len(self.listener.answers) == before, "the adapter is not called while it asks"
         await elapse(0)
-        (answer,) = self.ears.answers[before:]
-        assert answer.asked == asked
+        (answer,) = self.listener.answers[before:]
+        assert answer.request == asked
         return answer
 
 
-def inside(check: Callable[[Both], Awaitable[None]], rules: RmfRules | None = None) -> None:
+def local(check: Callable[[Both], Awaitable[None]], rules: RmfRules | None = None) -> None:
     """Run a check on virtual time."""
 
     async def on(made: Bench) -> None:
         made.site.rmf = rules or RmfRules()
-        both = Both(made, LocalManager(made.site), Ears())
-        both.inside.start(both.ears, soon)
-        assert both.ears.sites == [], "not before it has returned"
+        both = Both(made, LocalManager(made.site), RecordingListener())
+        both.local.start(both.listener, soon)
+        assert both.listener.sites == [], "not before it has returned"
         await elapse(0)
         await check(both)
-        both.inside.close()
+        both.local.close()
 
     on_bench(on, PLAIN)
 
 
 def test_the_lifts_are_told_at_once_with_what_the_site_says() -> None:
     async def check(both: Both) -> None:
-        (site,) = both.ears.sites
+        (site,) = both.listener.sites
         assert site.end_grace_s == 7
-        assert (both.ears.lift.lift, both.ears.lift.live, both.ears.lift.floor) == ("lift", True, "L2")
-        ((asked_at, now),) = both.ears.times
+        assert (both.listener.lift.lift, both.listener.lift.live, both.listener.lift.floor) == ("lift", True, "L2")
+        ((asked_at, now),) = both.listener.times
         assert asked_at == now == asyncio.get_running_loop().time()
 
-    inside(check, RmfRules(end_grace_s=7))
+    local(check, RmfRules(end_grace_s=7))
 
 
-def test_a_wish_is_taken_and_a_site_from_its_event_on_shows_it() -> None:
+def test_a_demand_is_taken_and_a_site_from_its_event_on_shows_it() -> None:
     async def check(both: Both) -> None:
         answer = await both.said(TO_L1)
-        assert answer.yes
-        await elapse(BETWEEN_S)
-        shows = [site for site in both.ears.sites if site.boot == answer.boot and site.event >= answer.event]
+        assert answer.accepted
+        await elapse(MIN_GAP_S)
+        shows = [site for site in both.listener.sites if site.boot == answer.boot and site.event >= answer.event]
         assert shows
         assert {site.lifts[0].holder for site in shows} == {HeldBy("rmf", AMR)}
         await elapse(0.5)
         assert both.bench.presses == ["go_to L1"]
 
-    inside(check)
+    local(check)
 
 
 def test_a_manager_that_ends_takes_no_session_away() -> None:
@@ -118,140 +118,140 @@ def test_a_manager_that_ends_takes_no_session_away() -> None:
         await elapse(1)
         await both.bench.life.stop()
         await elapse(1)
-        assert both.ears.lift.holder == HeldBy("rmf", AMR)
+        assert both.listener.lift.holder == HeldBy("rmf", AMR)
 
-    inside(check)
+    local(check)
 
 
 def test_changes_that_follow_each_other_closely_are_told_together_and_the_last_one_is_told() -> None:
     async def check(both: Both) -> None:
         await elapse(1)
-        told = len(both.ears.sites)
+        told = len(both.listener.sites)
         for floor in ("L1", "L3") * 12:
             both.bench.accept(floor)
             await elapse(0.004)
-        await elapse(BETWEEN_S)
-        assert 3 <= len(both.ears.sites) - told <= 0.12 / BETWEEN_S + 3
-        assert both.ears.lift.destination == "L3"
+        await elapse(MIN_GAP_S)
+        assert 3 <= len(both.listener.sites) - told <= 0.12 / MIN_GAP_S + 3
+        assert both.listener.lift.destination == "L3"
 
-    inside(check)
+    local(check)
 
 
 def test_a_no_has_its_code_and_its_reason() -> None:
     async def check(both: Both) -> None:
         answer = await both.said(replace(TO_L1, floor="L9"))
-        assert (answer.yes, answer.code) == (False, "unknown_floor")
+        assert (answer.accepted, answer.code) == (False, "unknown_floor")
         assert "its floors are L1, L2, L3" in answer.reason
         assert (await both.said(replace(TO_L1, lift="nowhere"))).code == "unknown_lift"
         both.bench.accept("L3", holder=OTHER)
         assert (await both.said(TO_L1)).code == "held"
         assert (await both.said(EndOfSession("lift", AMR, 0))).code == "held"
 
-    inside(check)
+    local(check)
 
 
 def test_an_end_has_its_grace_and_without_a_session_it_is_yes() -> None:
     async def check(both: Both) -> None:
-        assert (await both.said(EndOfSession("lift", AMR, 3))).yes
-        assert (await both.said(TO_L1)).yes
-        assert (await both.said(EndOfSession("lift", AMR, 3))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 3))).accepted
+        assert (await both.said(TO_L1)).accepted
+        assert (await both.said(EndOfSession("lift", AMR, 3))).accepted
         await elapse(2.9)
-        assert both.ears.lift.holder == HeldBy("rmf", AMR)
+        assert both.listener.lift.holder == HeldBy("rmf", AMR)
         await elapse(0.2)
-        assert both.ears.lift.holder is None
+        assert both.listener.lift.holder is None
 
-    inside(check)
+    local(check)
 
 
 def test_an_adapter_may_ask_the_next_thing_while_it_is_answered() -> None:
     async def check(both: Both) -> None:
-        more: list[Asked] = [replace(TO_L1, session="fleet/amr-8"), EndOfSession("lift", AMR, 0)]
+        more: list[ManagerRequest] = [replace(TO_L1, session="fleet/amr-8"), EndOfSession("lift", AMR, 0)]
 
         def ask_on(_: Answer) -> None:
             if more:
-                both.inside.ask(more.pop())
+                both.local.send(more.pop())
 
-        both.ears.on_answer = ask_on
-        both.inside.ask(TO_L1)
+        both.listener.after_answer = ask_on
+        both.local.send(TO_L1)
         await elapse(0.1)
-        assert [answer.yes for answer in both.ears.answers] == [True, True, True]
-        assert both.ears.lift.holder == HeldBy("rmf", "fleet/amr-8")
+        assert [answer.accepted for answer in both.listener.answers] == [True, True, True]
+        assert both.listener.lift.holder == HeldBy("rmf", "fleet/amr-8")
 
-    inside(check)
+    local(check)
 
 
 def test_whatever_changes_in_one_turn_is_told_once_and_what_does_not_change_three_times_within_max_age() -> None:
     async def check(both: Both) -> None:
-        told = len(both.ears.sites)
+        told = len(both.listener.sites)
         for number in range(30):
-            both.inside.ask(replace(TO_L1, floor=f"L{1 + number % 3}"))
+            both.local.send(replace(TO_L1, floor=f"L{1 + number % 3}"))
         await elapse(0)
-        assert len(both.ears.sites) <= told + 2
+        assert len(both.listener.sites) <= told + 2
         await elapse(0.2)
-        told = len(both.ears.sites)
+        told = len(both.listener.sites)
         await elapse(1)
-        assert 3 <= len(both.ears.sites) - told <= 5
+        assert 3 <= len(both.listener.sites) - told <= 5
 
-    inside(check)
+    local(check)
 
 
 def test_a_change_of_the_lift_is_told_in_the_turn_in_which_it_is_known() -> None:
     async def check(both: Both) -> None:
         both.bench.driver.values = replace(both.bench.driver.values, floor="L3", doors={FRONT: Door.CLOSED})
-        told = len(both.ears.sites)
+        told = len(both.listener.sites)
         for _ in range(20):
             await elapse(0.01)
             if both.bench.state.floor == "L3":
                 break
-        assert both.ears.lift.floor == "L3"
-        assert len(both.ears.sites) == told + 1
+        assert both.listener.lift.floor == "L3"
+        assert len(both.listener.sites) == told + 1
 
-    inside(check)
+    local(check)
 
 
 def test_a_lift_that_is_lost_is_told_as_not_live() -> None:
     async def check(both: Both) -> None:
         both.bench.driver.silent = True
         await elapse(1.2)
-        assert not both.ears.lift.live
-        assert "no answer" in both.ears.lift.reason
-        assert both.ears.lift.age_s is not None
-        assert both.ears.lift.age_s > 1
+        assert not both.listener.lift.live
+        assert "no answer" in both.listener.lift.reason
+        assert both.listener.lift.age_s is not None
+        assert both.listener.lift.age_s > 1
         assert (await both.said(TO_L1)).code == Refusal.OFFLINE
 
-    inside(check)
+    local(check)
 
 
 def test_after_close_nothing_is_told_any_more_and_it_may_begin_again() -> None:
     async def check(both: Both) -> None:
-        both.inside.ask(TO_L1)
-        both.inside.close()
-        told = len(both.ears.sites)
+        both.local.send(TO_L1)
+        both.local.close()
+        told = len(both.listener.sites)
         await elapse(5)
-        both.inside.ask(EndOfSession("lift", AMR, 0))
+        both.local.send(EndOfSession("lift", AMR, 0))
         await elapse(1)
-        assert (both.ears.answers, len(both.ears.sites)) == ([], told)
-        both.inside.start(both.ears, soon)
+        assert (both.listener.answers, len(both.listener.sites)) == ([], told)
+        both.local.start(both.listener, soon)
         await elapse(0)
-        assert both.ears.lift.holder is None
+        assert both.listener.lift.holder is None
         await elapse(2)
-        assert 5 < len(both.ears.sites) - told < 9, "three times a second, and not twice so often"
-        assert both.ears.lost_for == []
+        assert 5 < len(both.listener.sites) - told < 9, "three times a second, and not twice so often"
+        assert both.listener.lost_for == []
 
-    inside(check)
+    local(check)
 
 
 def test_two_adapters_inside_have_sessions_of_their_own_even_of_one_name() -> None:
     async def check(both: Both) -> None:
         other = replace(TO_L1, adapter="5")
-        assert (await both.said(other)).yes
-        await elapse(BETWEEN_S)
-        assert both.ears.lift.holder == HeldBy("rmf", AMR, "5")
+        assert (await both.said(other)).accepted
+        await elapse(MIN_GAP_S)
+        assert both.listener.lift.holder == HeldBy("rmf", AMR, "5")
         refused = await both.said(TO_L1)
         assert (refused.code, f"held by rmf:{AMR}@5" in refused.reason) == ("held", True)
         assert (await both.said(EndOfSession("lift", AMR, 0))).code == "held"
-        assert (await both.said(EndOfSession("lift", AMR, 0, adapter="5"))).yes
+        assert (await both.said(EndOfSession("lift", AMR, 0, adapter="5"))).accepted
         await elapse(0.1)
-        assert both.ears.lift.holder is None
+        assert both.listener.lift.holder is None
 
-    inside(check)
+    local(check)

@@ -4,10 +4,9 @@ import threading
 import time
 from dataclasses import replace
 
-from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, SessionDemand
-from lift_manager.rmf.port import Asked as Wish
-from lift_manager.rmf.remote_manager import CARRIERS
-from tests.lift_manager.rmf.beside_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, beside, met
+from lift_manager.rmf.port import UNREACHABLE, Answer, EndOfSession, ManagerRequest, SessionDemand
+from lift_manager.rmf.remote_manager import SENDERS
+from tests.lift_manager.rmf.remote_rig import BRISK, CALM, PATIENT, RARELY, SITE, Manager, connected, scripted_manager
 from tests.support.rows import each_row
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, answers, problem, said
 
@@ -25,10 +24,10 @@ def posts(server: Scripted) -> list[Asked]:
 
 
 def test_what_is_asked_arrives_as_the_manager_expects_it_and_its_answer_comes_back() -> None:
-    with met(Manager()) as (server, way, ears):
+    with scripted_manager(Manager()) as (server, remote, listener):
         for asked in (wanted(), ended()):
-            way.ask(asked)
-            assert ears.next_answer() == Answer(asked, yes=True, boot=SITE.boot, event=SITE.event)
+            remote.send(asked)
+            assert listener.next_answer() == Answer(asked, accepted=True, boot=SITE.boot, event=SITE.event)
         first, second = posts(server)
     assert (first.path, first.json) == (
         "/api/v1/lifts/east/rmf/wanted",
@@ -45,9 +44,9 @@ def test_what_is_asked_arrives_as_the_manager_expects_it_and_its_answer_comes_ba
     [("a/b", "a%2Fb"), ("..", "%2E%2E"), ("lift 1?#%", "lift%201%3F%23%25"), ("Fahrst\u00fchle", "Fahrst%C3%BChle")],
 )
 def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
-    with met(Manager()) as (server, way, ears):
-        way.ask(wanted(lift))
-        assert ears.next_answer().yes
+    with scripted_manager(Manager()) as (server, remote, listener):
+        remote.send(wanted(lift))
+        assert listener.next_answer().accepted
         assert posts(server)[0].path == f"/api/v1/lifts/{path}/rmf/wanted"
 
 
@@ -59,7 +58,7 @@ def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
         (lambda _, wire: wire.send(problem(503, "stopping")), "stopping", "refuses (stopping)"),
         (answers(409, b"<html>", "text/html"), UNREACHABLE, "is no lift manager (HTTP 409, text/html)"),
         (answers(409, {"code": 7, "detail": "x"}), UNREACHABLE, "is no lift manager (HTTP 409, application/json)"),
-        (answers(302, also="location: /\r\n"), UNREACHABLE, "points elsewhere"),
+        (answers(302, also="location: /\r\n"), UNREACHABLE, "redirects elsewhere"),
         (answers(200, b"<html>", "text/html"), UNREACHABLE, "is no lift manager (HTTP 200, text/html)"),
         (answers(200, {"boot": "a", "event": -1}), UNREACHABLE, "is no lift manager"),
         (answers(202, {"boot": "a", "event": 1}), UNREACHABLE, "is no lift manager"),
@@ -70,10 +69,10 @@ def test_a_lift_may_have_any_name(lift: str, path: str) -> None:
 )
 def test_what_is_not_yes_comes_back_with_its_code_and_is_asked_once(script: Script, code: str, reason: str) -> None:
     pace = BRISK if "in time" in reason else CALM
-    with met(Manager(scripts={"wanted": script}), pace) as (server, way, ears):
-        way.ask(wanted())
-        answer = ears.next_answer()
-        assert (answer.yes, answer.code, answer.boot, answer.event) == (False, code, "", 0)
+    with scripted_manager(Manager(scripts={"wanted": script}), pace) as (server, remote, listener):
+        remote.send(wanted())
+        answer = listener.next_answer()
+        assert (answer.accepted, answer.code, answer.boot, answer.event) == (False, code, "", 0)
         assert reason in answer.reason
         assert len(posts(server)) == 1
 
@@ -82,9 +81,9 @@ def test_nobody_there_is_an_answer_too() -> None:
     server = Scripted(Manager())
     with server:
         pass
-    with beside(server.port) as (way, ears):
-        way.ask(ended())
-        answer = ears.next_answer()
+    with connected(server.port) as (remote, listener):
+        remote.send(ended())
+        answer = listener.next_answer()
     assert (answer.code, "nothing listens there" in answer.reason) == (UNREACHABLE, True)
 
 
@@ -96,13 +95,13 @@ def test_the_questions_of_a_lift_keep_their_order_however_slow_the_answers_are()
         wire.send(said(200, {"boot": "a", "event": len(posts(server))}))
 
     lifts = [f"lift{number}" for number in range(6)]
-    asked: list[Wish] = [
-        wish for floor in ("L1", "L2") for lift in lifts for wish in (wanted(lift, floor), ended(lift, floor))
+    asked: list[ManagerRequest] = [
+        demand for floor in ("L1", "L2") for lift in lifts for demand in (wanted(lift, floor), ended(lift, floor))
     ]
-    with met(Manager(scripts={"wanted": script, "ended": script})) as (server, way, ears):
+    with scripted_manager(Manager(scripts={"wanted": script, "ended": script})) as (server, remote, listener):
         for each in asked:
-            way.ask(each)
-        answered = [ears.next_answer().asked for _ in asked]
+            remote.send(each)
+        answered = [listener.next_answer().request for _ in asked]
         arrived = posts(server)
     for lift in lifts:
         mine = [each for each in asked if each.lift == lift]
@@ -119,13 +118,13 @@ def test_a_lift_that_is_stuck_delays_no_other() -> None:
             assert stuck.wait(WITHIN_S)
         wire.send(said(200, {"boot": "a", "event": 1}))
 
-    with met(Manager(scripts={"wanted": script, "ended": script})) as (_, way, ears):
+    with scripted_manager(Manager(scripts={"wanted": script, "ended": script})) as (_, remote, listener):
         for each in (wanted("stuck"), ended("stuck"), wanted("east"), ended("east"), wanted("west")):
-            way.ask(each)
-        others = [ears.next_answer().asked for _ in range(3)]
+            remote.send(each)
+        others = [listener.next_answer().request for _ in range(3)]
         assert sorted(each.lift for each in others) == ["east", "east", "west"]
         stuck.set()
-        assert [ears.next_answer().asked for _ in range(2)] == [wanted("stuck"), ended("stuck")]
+        assert [listener.next_answer().request for _ in range(2)] == [wanted("stuck"), ended("stuck")]
 
 
 def test_no_number_of_lifts_that_are_stuck_delays_the_end_of_a_session() -> None:
@@ -135,17 +134,17 @@ def test_no_number_of_lifts_that_are_stuck_delays_the_end_of_a_session() -> None
         assert stuck.wait(WITHIN_S)
         wire.send(said(200, {"boot": "a", "event": 1}))
 
-    lifts = [f"stuck{number}" for number in range(2 * CARRIERS)]
-    with met(Manager(scripts={"wanted": script})) as (server, way, ears):
+    lifts = [f"stuck{number}" for number in range(2 * SENDERS)]
+    with scripted_manager(Manager(scripts={"wanted": script})) as (server, remote, listener):
         for lift in lifts:
-            way.ask(wanted(lift))
-        for _ in range(CARRIERS - 1):
+            remote.send(wanted(lift))
+        for _ in range(SENDERS - 1):
             server.next("POST")
-        way.ask(ended("east"))
-        assert ears.next_answer().asked == ended("east")
-        assert len(posts(server)) == CARRIERS
+        remote.send(ended("east"))
+        assert listener.next_answer().request == ended("east")
+        assert len(posts(server)) == SENDERS
         stuck.set()
-        assert sorted(ears.next_answer().asked.lift for _ in lifts) == lifts
+        assert sorted(listener.next_answer().request.lift for _ in lifts) == lifts
 
 
 def test_a_connection_that_the_manager_closed_meanwhile_loses_nothing() -> None:
@@ -156,10 +155,10 @@ def test_a_connection_that_the_manager_closed_meanwhile_loses_nothing() -> None:
         else:
             wire.send(said(200, {"boot": "a", "event": 1}))
 
-    with met(Manager(scripts={"ended": script})) as (server, way, ears):
+    with scripted_manager(Manager(scripts={"ended": script})) as (server, remote, listener):
         for _ in range(12):
-            way.ask(ended())
-            assert ears.next_answer().yes
+            remote.send(ended())
+            assert listener.next_answer().accepted
 
 
 def test_the_answer_yes_lets_the_site_be_asked_where_no_event_tells_of_it() -> None:
@@ -168,17 +167,17 @@ def test_the_answer_yes_lets_the_site_be_asked_where_no_event_tells_of_it() -> N
         wire.send(said(200, {"boot": "boot", "event": 8}))
 
     manager = Manager(RARELY, {"wanted": script})
-    with met(manager, PATIENT) as (_, way, ears):
-        assert ears.next_heard().site.event == 7
-        way.ask(wanted())
-        assert ears.next_answer().event == 8
-        assert ears.next_heard().site.event == 8
+    with scripted_manager(manager, PATIENT) as (_, remote, listener):
+        assert listener.next_site().site.event == 7
+        remote.send(wanted())
+        assert listener.next_answer().event == 8
+        assert listener.next_site().site.event == 8
 
 
 def test_what_is_asked_of_a_manager_that_is_lost_is_answered_in_time() -> None:
-    with met(lambda _, __: None, BRISK) as (_, way, ears):
+    with scripted_manager(lambda _, __: None, BRISK) as (_, remote, listener):
         began = time.monotonic()
         for each in (wanted("east"), ended("west")):
-            way.ask(each)
-        assert {ears.next_answer().code for _ in range(2)} == {UNREACHABLE}
+            remote.send(each)
+        assert {listener.next_answer().code for _ in range(2)} == {UNREACHABLE}
         assert time.monotonic() - began < WITHIN_S

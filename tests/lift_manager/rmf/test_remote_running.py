@@ -9,10 +9,10 @@ from urllib.parse import urlsplit
 import pytest
 
 from lift_manager.lab.bench import LiftSite
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.port import Answer, EndOfSession, SessionDemand
 from lift_manager.rmf.remote_manager import Pace, RemoteManager
-from tests.lift_manager.rmf.beside_rig import Ears, Heard, Lost, beside
+from tests.lift_manager.rmf.remote_rig import Lost, Received, RecordingListener, connected
 from tests.support.programs import Program, Started, free_port
 
 LIFT = "goods-1"
@@ -21,28 +21,28 @@ WANTED = SessionDemand(LIFT, SESSION, "L2", hold_door=True)
 PORT = r"127\.0\.0\.1:(\d+)"
 
 
-def until(ears: Ears, wanted: Callable[[LiftView], bool]) -> Site:
+def until(listener: RecordingListener, wanted: Callable[[LiftView], bool]) -> SiteView:
     """Hear on until the lift is so; the test's time limit ends it."""
-    while not wanted((site := ears.next_heard().site).lifts[0]):
+    while not wanted((site := listener.next_site().site).lifts[0]):
         pass
     return site
 
 
-def ride(way: RemoteManager, ears: Ears) -> None:
+def ride(remote: RemoteManager, listener: RecordingListener) -> None:
     """Want the floor again, as RMF does, until the door is open there: a press that was lost is made anew."""
     is_there = False
     while not is_there:
-        way.ask(WANTED)
-        assert holder_once_shown(ears, ears.next_answer()) == HeldBy("rmf", SESSION)
+        remote.send(WANTED)
+        assert holder_once_shown(listener, listener.next_answer()) == HeldBy("rmf", SESSION)
         for _ in range(3):
-            lift = ears.next_heard().site.lifts[0]
+            lift = listener.next_site().site.lifts[0]
             is_there = (lift.door, lift.floor) == ("open", WANTED.floor)
 
 
-def holder_once_shown(ears: Ears, answer: Answer) -> HeldBy | None:
+def holder_once_shown(listener: RecordingListener, answer: Answer) -> HeldBy | None:
     """Return who holds the lift by the first answer that shows what was decided."""
-    assert answer.yes, answer
-    while (site := ears.next_heard().site).event < answer.event:
+    assert answer.accepted, answer
+    while (site := listener.next_site().site).event < answer.event:
         assert site.boot == answer.boot
     return site.lifts[0].holder
 
@@ -56,22 +56,22 @@ class TestALiftThatRuns:
         return port
 
     def test_the_lift_is_as_its_site_says(self, port: int) -> None:
-        with beside(port, Pace(), key="") as (_, ears):
-            lift = until(ears, lambda lift: lift.live).lifts[0]
+        with connected(port, Pace(), key="") as (_, listener):
+            lift = until(listener, lambda lift: lift.live).lifts[0]
         assert (lift.lift, lift.name, lift.floor, lift.holder) == (LIFT, LIFT, "L1", None)
         assert list(lift.floors.items()) == [(floor, floor) for floor in ("L1", "L2", "L3", "L4")]
 
     def test_a_ride_and_its_end_are_shown_by_the_event_of_their_answer(self, port: int) -> None:
-        with beside(port, Pace(), key="") as (way, ears):
-            until(ears, lambda lift: lift.live)
-            ride(way, ears)
-            way.ask(EndOfSession(LIFT, SESSION, 0.0))
-            assert holder_once_shown(ears, ears.next_answer()) is None
-            until(ears, lambda lift: lift.door == "closed")
+        with connected(port, Pace(), key="") as (remote, listener):
+            until(listener, lambda lift: lift.live)
+            ride(remote, listener)
+            remote.send(EndOfSession(LIFT, SESSION, 0.0))
+            assert holder_once_shown(listener, listener.next_answer()) is None
+            until(listener, lambda lift: lift.door == "closed")
 
     def test_what_it_does_not_do_it_refuses_with_a_code(self, port: int) -> None:
-        with beside(port, Pace(), key="") as (way, ears):
-            until(ears, lambda lift: lift.live)
+        with connected(port, Pace(), key="") as (remote, listener):
+            until(listener, lambda lift: lift.live)
             for asked, code in (
                 (SessionDemand("attic", SESSION, "L1", hold_door=True), "unknown_lift"),
                 (SessionDemand(LIFT, SESSION, "L9", hold_door=True), "unknown_floor"),
@@ -79,9 +79,9 @@ class TestALiftThatRuns:
                 (WANTED, ""),
                 (SessionDemand(LIFT, "fleet/amr-8", "L1", hold_door=True), "held"),
             ):
-                way.ask(asked)
-                answer = ears.next_answer()
-                assert (answer.asked, answer.yes, answer.code) == (asked, not code, code), answer
+                remote.send(asked)
+                answer = listener.next_answer()
+                assert (answer.request, answer.accepted, answer.code) == (asked, not code, code), answer
 
 
 class Building:
@@ -108,19 +108,19 @@ class Building:
 def test_a_session_goes_on_over_a_kill_and_a_start_of_the_manager(tmp_path: Path) -> None:
     with Started() as start:
         building = Building(start, tmp_path)
-        with beside(building.port, Pace(), key="") as (way, ears):
-            while isinstance(ears.next(), Lost):
+        with connected(building.port, Pace(), key="") as (remote, listener):
+            while isinstance(listener.next(), Lost):
                 pass  # it is not there yet
-            site = until(ears, lambda lift: lift.live)
-            ride(way, ears)
+            site = until(listener, lambda lift: lift.live)
+            ride(remote, listener)
             building.kill()
-            assert "no manager answers" in ears.next_lost()
-            way.ask(EndOfSession(LIFT, "fleet/amr-8", 3.0))
-            assert ears.next_answer().code == "unreachable"
+            assert "no manager answers" in listener.next_loss()
+            remote.send(EndOfSession(LIFT, "fleet/amr-8", 3.0))
+            assert listener.next_answer().code == "unreachable"
             building.serve()
-            while isinstance(again := ears.next(), Lost):
+            while isinstance(again := listener.next(), Lost):
                 pass  # a connection that ends is another reason than one that is refused
-            assert isinstance(again, Heard)
+            assert isinstance(again, Received)
             assert again.site.boot != site.boot
-            assert until(ears, lambda lift: lift.live).lifts[0].holder == HeldBy("rmf", SESSION)
-            ride(way, ears)
+            assert until(listener, lambda lift: lift.live).lifts[0].holder == HeldBy("rmf", SESSION)
+            ride(remote, listener)

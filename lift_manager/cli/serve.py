@@ -1,4 +1,4 @@
-"""`lift-manager serve`: open what outlives a manager, and run one."""
+"""`lift-manager serve`: open the store of a site, and run its manager."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import typer
 
 from drivers.errors import ControllerTaken, LockUnusable
 from lift_manager import app as running
-from lift_manager.cli.common import SiteFile, fail, loaded_site, out, refused, say, store_path_of
+from lift_manager.cli.common import SiteFile, fail, load_site_or_exit, out, print_lines, report_mistakes, store_path_of
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
-from lift_manager.cli.rmf_options import not_joined, settings_of_site, where_in_rmf
-from lift_manager.cli.servable import lets_in_without_keys, obstacles
+from lift_manager.cli.rmf_options import describe_rmf, report_join_failure, settings_of_site
+from lift_manager.cli.serve_checks import allows_requests_without_keys, obstacles
 from lift_manager.config.load import LoadedSite
-from lift_manager.plain.counted import counted
 from lift_manager.plain.signals import remember_sigterm, stop_on_signals
+from lift_manager.plain.text import counted
 from lift_manager.rmf.dds import DdsError
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.store.committer import Committer
@@ -39,7 +39,7 @@ _log = logging.getLogger("lift_manager")
 
 @dataclass(frozen=True, slots=True)
 class Stores:
-    """What of a site is on the disk."""
+    """The files of a site on the disk."""
 
     committer: Committer
     keys: KeyFile
@@ -53,7 +53,7 @@ def serve(
     *,
     rmf: Annotated[
         bool,
-        typer.Option("--rmf", help="Be the Open-RMF lift adapter of these lifts, too, as `rmf` of the site file says."),
+        typer.Option("--rmf", help="Also run the Open-RMF lift adapter of these lifts, with `rmf` of the site file."),
     ] = False,
     log_format: LogOption = LogFormat.HUMAN,
 ) -> None:
@@ -61,9 +61,9 @@ def serve(
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
     allow_files()
-    loaded = loaded_site(site, for_rmf=rmf)
+    loaded = load_site_or_exit(site, for_rmf=rmf)
     if loaded.unusable:
-        raise refused(MapFileError(loaded.unusable))
+        raise report_mistakes(MapFileError(loaded.unusable))
     for obstacle in obstacles(loaded):
         raise fail(obstacle.message)
     for line in loaded.cautions():
@@ -82,7 +82,7 @@ def serve(
         try:
             released = run(_serve(loaded, sock, stores, settings, stopped_early))
         except* DdsError as group:
-            raise not_joined(group.exceptions[0]) from group
+            raise report_join_failure(group.exceptions[0]) from group
         except* (ControllerTaken, LockUnusable, ListenError) as group:
             raise fail(str(group.exceptions[0])) from group
     if not released:
@@ -90,11 +90,11 @@ def serve(
 
 
 def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
-    """Read the keys of a site, or say why they cannot be used and exit with 1."""
+    """Read the keys of a site, or report why they cannot be used and exit with 1."""
     site, host = loaded.site, sock.getsockname()[0]
     path = keys_path(place)
     try:
-        keys = KeyFile(path, site.name, open_without=lets_in_without_keys(site.api, host))
+        keys = KeyFile(path, site.name, open_without=allows_requests_without_keys(site.api, host))
     except StoreError as error:
         raise fail(str(error)) from error
     live = f"every request needs one of {counted(len(keys.names), 'key')}" if keys.names else "no request needs a key"
@@ -108,7 +108,7 @@ async def _serve(
     stop = asyncio.Event()
     stop_on_signals(stop)
     if stopped_early():
-        # an earlier manager may have left outputs on: they are let go of before this one ends
+        # an earlier manager may have left outputs on: they are released before this one ends
         stop.set()
     host, port = sock.getsockname()[:2]
     scheme = "http" if loaded.site.api.tls is None else "https"
@@ -117,7 +117,7 @@ async def _serve(
         where = f"{scheme}://{host}:{port}/docs"
         out.print(f"{loaded.site.name}: {counted(len(loaded.site.lifts), 'lift')} on {where}", highlight=False)
         if rmf is not None:
-            say([f"Open-RMF lift adapter: {where_in_rmf(rmf)}"])
+            print_lines([f"Open-RMF lift adapter: {describe_rmf(rmf)}"])
 
     faces = running.Faces(stores.keys, rmf)
     return await running.run(loaded, sock, stop=stop, ready=ready, recorder=stores.committer, faces=faces)

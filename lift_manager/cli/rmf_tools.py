@@ -1,4 +1,4 @@
-"""`lift-manager rmf watch` and `rmf request`: see what RMF and the lifts say to each other, and ask for a lift as a robot does."""
+"""`lift-manager rmf watch` and `rmf request`: show the messages between RMF and lifts, and request a lift as a robot does."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from lift_manager.cli.common import say, say_aside
+from lift_manager.cli.common import print_lines, print_stderr
 from lift_manager.cli.loop import run
 from lift_manager.cli.rmf_options import (
     AdapterRequestsTopic,
@@ -19,21 +19,21 @@ from lift_manager.cli.rmf_options import (
     Peers,
     RequestsTopic,
     StatesTopic,
-    joined,
+    describe_rmf,
+    join_rmf,
     ros_settings,
-    where_in_rmf,
 )
 from lift_manager.plain.signals import stop_on_signals
-from lift_manager.rmf.dds import Onlooker
+from lift_manager.rmf.dds import Monitor
 from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.request import Attempt, AttemptEnd, OperatorRequest
 from lift_manager.rmf.ros_settings import RosSettings
 from lift_manager.rmf.watch import Topics, Watch, short
 
 LOOK_S = 0.25
-"""Chosen: between two looks at what only the passing of time shows."""
+"""Between two checks for what only the passing of time shows. Chosen."""
 NOBODY_S = 5.0
-"""So long nothing is heard at all before a person is told where to look."""
+"""How long no message may arrive before the command prints advice."""
 
 
 def watch(
@@ -48,7 +48,7 @@ def watch(
     adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
 ) -> None:
-    """Print who holds what, and every request and change as it happens, until Ctrl-C. Says nothing to anybody."""
+    """Print who holds which lift, and every request and change as it happens, until Ctrl-C. Sends nothing."""
     settings = ros_settings(
         domain=domain,
         namespace=namespace,
@@ -65,14 +65,15 @@ def request(  # noqa: PLR0913  each is an option of the command line
     floor: Annotated[str | None, typer.Argument(metavar="FLOOR", help="The floor by RMF's name.")] = None,
     *,
     session: Annotated[
-        str, typer.Option("--session", metavar="NAME", help="As whom; a robot is called fleet/robot.")
+        str, typer.Option("--session", metavar="NAME", help="The session id; that of a robot is fleet/robot.")
     ] = "lift-manager",
     closed: Annotated[
         bool, typer.Option("--closed", help="With --human: do not hold the door open there; in AGV mode it is held.")
     ] = False,
-    human: Annotated[bool, typer.Option("--human", help="Ask for HUMAN mode; robots ask for AGV mode.")] = False,
+    human: Annotated[bool, typer.Option("--human", help="Request HUMAN mode; robots request AGV mode.")] = False,
     direct: Annotated[
-        bool, typer.Option("--direct", help="Ask the lift adapter itself: a lift supervisor would end the session.")
+        bool,
+        typer.Option("--direct", help="Send it to the lift adapter itself: a lift supervisor would end the session."),
     ] = False,
     end: Annotated[bool, typer.Option("--end", help="End the session instead; takes no floor.")] = False,
     instead_of: Annotated[
@@ -80,7 +81,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
         typer.Option(
             "--instead-of",
             metavar="NAME",
-            help="End this session in the lift supervisor right before: it serves that one and drops what is asked for the one that holds the lift.",
+            help="First end this session, which the lift supervisor serves instead of the one that holds the lift.",
         ),
     ] = None,
     within: Annotated[float, typer.Option("--within", min=1, max=3600, help="Seconds to wait for the lift.")] = 120.0,
@@ -91,9 +92,9 @@ def request(  # noqa: PLR0913  each is an option of the command line
     adapter_lift_requests: AdapterRequestsTopic = RosSettings.adapter_requests_topic,
     peer: Peers = [],  # noqa: B006 - typer makes a new list of it
 ) -> None:
-    """Ask for a lift as a robot of RMF does: of the lift supervisor, or of the lift adapter where there is none. Exit code 1 where it does not come."""
+    """Request a lift as a robot of RMF does: from the lift supervisor, or from the lift adapter if there is none. Exit code 1 if it does not come."""
     if end != (floor is None):
-        raise typer.BadParameter("say a floor, or --end without one", param_hint="FLOOR")
+        raise typer.BadParameter("give a floor, or --end without one", param_hint="FLOOR")
     if closed and not human:
         raise typer.BadParameter(
             "in AGV mode the door is open whenever the lift has stopped; add --human", param_hint="--closed"
@@ -102,7 +103,7 @@ def request(  # noqa: PLR0913  each is an option of the command line
         raise typer.BadParameter("a session without a name ends nothing and holds nothing", param_hint="--session")
     if instead_of is not None and (end or direct or instead_of in ("", session)):
         raise typer.BadParameter(
-            "takes the name of another session, and a floor, and asks the supervisor", param_hint="--instead-of"
+            "takes the name of another session, needs a floor, and sends to the supervisor", param_hint="--instead-of"
         )
     settings = ros_settings(
         domain=domain,
@@ -112,104 +113,104 @@ def request(  # noqa: PLR0913  each is an option of the command line
         adapter_lift_requests=adapter_lift_requests,
         peers=peer,
     )
-    errand = OperatorRequest(
+    requested = OperatorRequest(
         lift, floor, session, open_door=not closed, human=human, direct=direct, instead_of=instead_of
     )
-    if run(_request(settings, errand, within)) is not AttemptEnd.FULFILLED:
+    if run(_request(settings, requested, within)) is not AttemptEnd.FULFILLED:
         raise typer.Exit(1)
 
 
-class _Looking:
-    """Prints what is heard. Implements `dds.OnlookerHears`."""
+class _WatchPrinter:
+    """Prints received messages. Implements `dds.MonitorListener`."""
 
-    def __init__(self, watched: Watch) -> None:
-        self._watch = watched
-        self.heard = False
+    def __init__(self, watch_state: Watch) -> None:
+        self._watch = watch_state
+        self.has_received = False
 
-    def stated(self, state: LiftState) -> None:
-        self.heard = True
-        self.show(self._watch.stated(state, _now()))
+    def on_state(self, state: LiftState) -> None:
+        self.has_received = True
+        self.show(self._watch.report_state(state, _now()))
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
-        self.heard = True
-        self.show(self._watch.asked(topic, request, _now()))
+    def on_request(self, topic: str, request: LiftRequest) -> None:
+        self.has_received = True
+        self.show(self._watch.report_request(topic, request, _now()))
 
-    def broken(self, text: str) -> None:
-        self.show(self._watch.unreadable(text, _now()))
+    def on_unreadable(self, text: str) -> None:
+        self.show(self._watch.report_unreadable(text, _now()))
 
     def show(self, lines: Iterable[str]) -> None:
         clock = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:12]
-        say(f"{clock} {line}" for line in lines)
+        print_lines(f"{clock} {line}" for line in lines)
 
 
 async def _watch(settings: RosSettings, lift: str | None) -> None:
     stop = asyncio.Event()
     stop_on_signals(stop)
     topics = Topics(settings.adapter_requests_topic, settings.requests_topic)
-    watched = Watch(topics, lift)
-    looking = _Looking(watched)
+    watch_state = Watch(topics, lift)
+    printer = _WatchPrinter(watch_state)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
-    onlooker = joined(lambda: Onlooker(settings, looking, deliver))
-    say_aside(f"watching {where_in_rmf(settings)}; Ctrl-C ends it")
+    monitor = join_rmf(lambda: Monitor(settings, printer, deliver))
+    print_stderr(f"watching {describe_rmf(settings)}; Ctrl-C ends it")
     nobody_at = _now() + NOBODY_S
     try:
         while not await _stopped(stop, LOOK_S):
-            looking.show(watched.passed(_now()))
-            if not looking.heard and _now() >= nobody_at:
+            printer.show(watch_state.report_elapsed(_now()))
+            if not printer.has_received and _now() >= nobody_at:
                 nobody_at = float("inf")
-                say_aside(
-                    "nothing is heard: does the adapter run, in the same domain, under the same namespace and topics, and may this"
+                print_stderr(
+                    "no messages: is the adapter running, in the same domain, with the same namespace and topics, and can this"
                     " computer reach it (multicast, or --peer ADDRESS)?"
                 )
     finally:
-        onlooker.close()
-    looking.show(watched.rest(_now()))
+        monitor.close()
+    printer.show(watch_state.report_counts(_now()))
 
 
-class _Asking:
-    """Tells an attempt what is heard. Implements `dds.OnlookerHears`."""
+class _AttemptPrinter:
+    """Passes received messages to an attempt. Implements `dds.MonitorListener`."""
 
     def __init__(self, to_lift: str) -> None:
-        """`to_lift` is the topic on which lift adapters are asked."""
+        """`to_lift` is the topic of requests to lift adapters."""
         self._to_lift = to_lift
         self.attempt: Attempt | None = None
-        self._unreadable_told = False
+        self._has_reported_unreadable = False
 
-    def stated(self, state: LiftState) -> None:
+    def on_state(self, state: LiftState) -> None:
         if self.attempt is not None:
-            say(self.attempt.stated(state, _now()))
+            print_lines(self.attempt.handle_state(state, _now()))
 
-    def asked(self, topic: str, request: LiftRequest) -> None:
+    def on_request(self, topic: str, request: LiftRequest) -> None:
         if self.attempt is not None and topic == self._to_lift:
-            say(self.attempt.passed_on(request))
+            print_lines(self.attempt.handle_relayed_request(request))
 
-    def broken(self, text: str) -> None:
-        """Say it once: it may be anybody's, and may come by the thousand."""
-        if not self._unreadable_told:
-            self._unreadable_told = True
-            say_aside(f"what cannot be read: {short(text)}")
+    def on_unreadable(self, text: str) -> None:
+        """Report only the first one: there may be thousands, from any program."""
+        if not self._has_reported_unreadable:
+            self._has_reported_unreadable = True
+            print_stderr(f"unreadable message: {short(text)}")
 
 
-async def _request(settings: RosSettings, errand: OperatorRequest, within_s: float) -> AttemptEnd | None:
+async def _request(settings: RosSettings, requested: OperatorRequest, within_s: float) -> AttemptEnd | None:
     stop = asyncio.Event()
     stop_on_signals(stop)
-    asking = _Asking(settings.requests_topic)
+    printer = _AttemptPrinter(settings.requests_topic)
     deliver = asyncio.get_running_loop().call_soon_threadsafe
-    onlooker = joined(lambda: Onlooker(settings, asking, deliver))
-    say_aside(f"asking in {where_in_rmf(settings)}")
-    asking.attempt = attempt = Attempt(
-        errand,
-        lambda: onlooker.listeners(direct=True),
-        lambda what, direct: onlooker.request(what, direct=direct),
+    monitor = join_rmf(lambda: Monitor(settings, printer, deliver))
+    print_stderr(f"sending to {describe_rmf(settings)}")
+    printer.attempt = attempt = Attempt(
+        requested,
+        lambda: monitor.count_readers(direct=True),
+        lambda what, direct: monitor.send_request(what, direct=direct),
         within_s=within_s,
         now=_now(),
     )
     try:
         while attempt.end is None and not await _stopped(stop, LOOK_S):
-            say(attempt.look(time.time(), _now()))
+            print_lines(attempt.tick(time.time(), _now()))
     finally:
-        onlooker.close()
-        say(attempt.left())
+        monitor.close()
+        print_lines(attempt.report_open_session())
     return attempt.end
 
 

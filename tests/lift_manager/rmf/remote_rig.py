@@ -1,4 +1,4 @@
-"""What the tests of the way beside the manager begin with: a manager that does what a test says, and an adapter that writes down what it hears."""
+"""A scripted manager and a recording listener for the tests of `remote_manager`."""
 
 import json
 import queue
@@ -9,15 +9,15 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from lift_manager.plain.http import Address, Server
-from lift_manager.plain.rmf import HeldBy, LiftView, Site
+from lift_manager.plain.rmf import HeldBy, LiftView, SiteView
 from lift_manager.rmf.port import Answer
 from lift_manager.rmf.remote_manager import Pace, RemoteManager
 from tests.support.scripted_http import WITHIN_S, Asked, Script, Scripted, Wire, problem, said
 
 KEY = "lm_rmf_abcdefgh"
-CALM = Pace(question_s=WITHIN_S, answer_s=WITHIN_S, first_s=0.01, longest_s=0.02)
+CALM = Pace(poll_timeout_s=WITHIN_S, request_timeout_s=WITHIN_S, first_retry_s=0.01, longest_retry_s=0.02)
 """Nothing is too late, however busy the computer is."""
-BRISK = Pace(question_s=0.3, answer_s=0.3, silent_s=0.3, first_s=0.01, longest_s=0.02)
+BRISK = Pace(poll_timeout_s=0.3, request_timeout_s=0.3, stream_timeout_s=0.3, first_retry_s=0.01, longest_retry_s=0.02)
 """For tests in which something is."""
 
 LIFT = LiftView(
@@ -41,10 +41,10 @@ LIFT = LiftView(
     waiting_for="",
     keeps_off="",
 )
-SITE = Site("boot", 7, (LIFT,), 3.0)
+SITE = SiteView("boot", 7, (LIFT,), 3.0)
 RARELY = replace(SITE, lifts=(replace(LIFT, max_age_s=1e6),))
 """Its lift may be read so rarely that nothing is asked but for news; see `PATIENT`."""
-PATIENT = replace(CALM, at_most_s=1e6, silent_s=WITHIN_S)
+PATIENT = replace(CALM, max_poll_gap_s=1e6, stream_timeout_s=WITHIN_S)
 
 STREAM = b"HTTP/1.1 200 OK\r\ncontent-type: text/event-stream; charset=utf-8\r\n\r\n"
 
@@ -57,7 +57,7 @@ def event(event_id: str) -> bytes:
 class Manager:
     """Answers as a manager does, but where a test puts another script for a path, or for the last part of one."""
 
-    site: Site = SITE
+    site: SiteView = SITE
     scripts: dict[str, Script] = field(default_factory=dict)
 
     def __call__(self, asked: Asked, wire: Wire) -> None:
@@ -73,50 +73,50 @@ class Manager:
 
 
 @dataclass(frozen=True)
-class Heard:
-    """Calls of `heard`."""
+class Received:
+    """Calls of `on_site`."""
 
-    site: Site
+    site: SiteView
     asked_at: float
     now: float
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Calls of `lost`."""
+    """Calls of `on_manager_lost`."""
 
     reason: str
 
 
-class Ears:
-    """Implements `port.Hears`, in the thread of the test: what was handed over is run when the test wants to hear more."""
+class RecordingListener:
+    """Implements `port.ManagerListener`, in the thread of the test: what was handed over is run when the test wants to hear more."""
 
     def __init__(self) -> None:
         self.inbox: queue.Queue[Callable[[], None]] = queue.Queue()
-        self._said: list[Heard | Answer | Lost] = []
+        self._said: list[Received | Answer | Lost] = []
 
-    def heard(self, site: Site, asked_at: float, now: float) -> None:
-        self._said.append(Heard(site, asked_at, now))
+    def on_site(self, site: SiteView, asked_at: float, now: float) -> None:
+        self._said.append(Received(site, asked_at, now))
 
-    def answered(self, answer: Answer, now: float) -> None:
+    def on_answer(self, answer: Answer, now: float) -> None:
         self._said.append(answer)
 
-    def lost(self, reason: str, now: float) -> None:
+    def on_manager_lost(self, reason: str, now: float) -> None:
         self._said.append(Lost(reason))
 
-    def next(self) -> Heard | Answer | Lost:
+    def next(self) -> Received | Answer | Lost:
         while not self._said:
             self.inbox.get(timeout=WITHIN_S)()
         return self._said.pop(0)
 
-    def next_heard(self) -> Heard:
+    def next_site(self) -> Received:
         """Pass over answers, and fail where the manager is lost."""
         while isinstance(found := self.next(), Answer):
             pass
-        assert isinstance(found, Heard), found
+        assert isinstance(found, Received), found
         return found
 
-    def next_lost(self) -> str:
+    def next_loss(self) -> str:
         """Pass over what was heard before."""
         while not isinstance(found := self.next(), Lost):
             pass
@@ -128,7 +128,7 @@ class Ears:
             pass
         return found
 
-    def all_until(self, at: float) -> list[Heard | Answer | Lost]:
+    def all_until(self, at: float) -> list[Received | Answer | Lost]:
         """Return what comes until this monotonic time."""
         while (left := at - time.monotonic()) > 0:
             try:
@@ -140,21 +140,21 @@ class Ears:
 
 
 @contextmanager
-def beside(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[RemoteManager, Ears]]:
+def connected(port: int, pace: Pace = CALM, *, key: str = KEY) -> Iterator[tuple[RemoteManager, RecordingListener]]:
     """An adapter's way to whoever answers at this port, and what is heard over it."""
-    way, ears = RemoteManager(Server(Address("127.0.0.1", port), key), pace), Ears()
-    way.start(ears, ears.inbox.put)
+    remote, listener = RemoteManager(Server(Address("127.0.0.1", port), key), pace), RecordingListener()
+    remote.start(listener, listener.inbox.put)
     try:
-        yield way, ears
+        yield remote, listener
     finally:
-        way.close()
+        remote.close()
 
 
 @contextmanager
-def met(manager: Script, pace: Pace = CALM) -> Iterator[tuple[Scripted, RemoteManager, Ears]]:
+def scripted_manager(manager: Script, pace: Pace = CALM) -> Iterator[tuple[Scripted, RemoteManager, RecordingListener]]:
     """A manager, and an adapter's way to it."""
-    with Scripted(manager) as server, beside(server.port, pace) as (way, ears):
-        yield server, way, ears
+    with Scripted(manager) as server, connected(server.port, pace) as (remote, listener):
+        yield server, remote, listener
 
 
 def spoiled(**changes: Any) -> bytes:

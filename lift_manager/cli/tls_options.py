@@ -1,4 +1,4 @@
-"""The client side of HTTPS: whom the command line believes, and what it shows of itself."""
+"""Options for HTTPS: which CA the command line trusts, and its own certificate."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Ca = Annotated[
     typer.Option(
         "--ca",
         metavar="FILE",
-        help="The CA of the manager's certificate, where it is one of your own.",
+        help="The CA of the manager's certificate, if it is one of your own.",
         show_default=False,
     ),
 ]
 Certificate = Annotated[
     Path | None,
     typer.Option(
-        "--certificate", metavar="FILE", help="Your certificate, where the manager asks for one.", show_default=False
+        "--certificate", metavar="FILE", help="Your certificate, if the manager requires one.", show_default=False
     ),
 ]
 CertificateKey = Annotated[
@@ -30,14 +30,14 @@ CertificateKey = Annotated[
     typer.Option(
         "--certificate-key",
         metavar="FILE",
-        help="The private key of --certificate, where it is not in the same file.",
+        help="The private key of --certificate, if it is not in the same file.",
         show_default=False,
     ),
 ]
 
 
-def verified(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
-    """Return a context that believes `ca`, or without it whom the system believes; one sentence and exit 1 for files that do not fit."""
+def tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
+    """Return a context that trusts `ca`, or by default the CAs of the system; print a sentence and exit with 1 for unusable files."""
     if key is not None and certificate is None:
         raise typer.BadParameter("a key needs its certificate; give --certificate too", param_hint="--certificate-key")
     try:
@@ -48,19 +48,19 @@ def verified(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl
     if certificate is None:
         return context
     try:
-        # a passphrase is asked for at the terminal: here somebody is there to type it
+        # prompts for a passphrase at the terminal: a person is there to type it
         context.load_cert_chain(certificate, key)
     except (OSError, ssl.SSLError) as error:
         raise fail(f"--certificate {certificate} cannot be used: {_why(error)}") from None
     return context
 
 
-def advice(manager: str) -> str:
-    """What may stand behind a manager that does not answer."""
-    text = "start it with `lift-manager serve SITE`, or say where it runs with --manager ADDRESS"
+def connection_advice(manager: str) -> str:
+    """Return advice for a manager that does not answer."""
+    text = "start it with `lift-manager serve SITE`, or give its address with --manager ADDRESS"
     if manager.startswith("https:"):
-        return f"{text}; a CA of your own is named with --ca FILE, and your certificate, where it asks for one, with --certificate FILE"
-    return f"{text}, which begins with https:// where its site file says `tls`"
+        return f"{text}; name a CA of your own with --ca FILE, and your certificate, if the manager requires one, with --certificate FILE"
+    return f"{text}, which begins with https:// if its site file has `tls`"
 
 
 def _why(error: OSError) -> str:

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.plain.answers import refusal
+from lift_manager.plain.answers import describe_refusal
 from lift_manager.plain.http import Address, Reply, Server
 from lift_manager.rmf.port import EndOfSession, SessionDemand
-from lift_manager.rmf.remote_manager import CARRIERS, REASONS, Pace, RemoteManager
-from tests.lift_manager.rmf.beside_rig import (
+from lift_manager.rmf.remote_manager import MAX_REASONS, SENDERS, Pace, RemoteManager
+from tests.lift_manager.rmf.remote_rig import (
     BRISK,
     CALM,
     KEY,
@@ -25,13 +25,13 @@ from tests.lift_manager.rmf.beside_rig import (
     RARELY,
     SITE,
     STREAM,
-    Ears,
-    Heard,
     Lost,
     Manager,
-    beside,
+    Received,
+    RecordingListener,
+    connected,
     event,
-    met,
+    scripted_manager,
     spoiled,
 )
 from tests.support.certificates import Authority
@@ -58,7 +58,9 @@ def nothing(_: Asked, __: Wire) -> None:
 
 
 def own_threads() -> list[threading.Thread]:
-    return [thread for thread in threading.enumerate() if thread.name in {"rmf_watcher", "rmf_listener", "rmf_carrier"}]
+    return [
+        thread for thread in threading.enumerate() if thread.name in {"rmf_poller", "rmf_eventreader", "rmf_sender"}
+    ]
 
 
 def questions(server: Scripted) -> int:
@@ -70,8 +72,8 @@ def questions(server: Scripted) -> int:
 
 def test_the_site_is_heard_with_the_time_at_which_its_question_left() -> None:
     began = time.monotonic()
-    with met(Manager()) as (server, _, ears):
-        heard = ears.next_heard()
+    with scripted_manager(Manager()) as (server, _, listener):
+        heard = listener.next_site()
         server.next()
     assert heard.site == SITE
     assert began <= heard.asked_at <= heard.now <= time.monotonic()
@@ -79,8 +81,8 @@ def test_the_site_is_heard_with_the_time_at_which_its_question_left() -> None:
 
 
 def test_it_is_asked_often_enough_to_stay_fresh_on_one_connection() -> None:
-    with met(Manager()) as (server, _, ears):
-        asked_at = [ears.next_heard().asked_at for _ in range(6)]
+    with scripted_manager(Manager()) as (server, _, listener):
+        asked_at = [listener.next_site().asked_at for _ in range(6)]
     gaps = [after - before for before, after in pairwise(asked_at)]
     assert min(gaps) > LIFT.max_age_s / 3 - 0.01
     assert min(gaps) < LIFT.max_age_s  # the others are longer on a busy machine
@@ -88,8 +90,8 @@ def test_it_is_asked_often_enough_to_stay_fresh_on_one_connection() -> None:
 
 
 def test_a_site_without_lifts_is_an_answer() -> None:
-    with met(Manager(replace(SITE, lifts=()))) as (_, _, ears):
-        assert ears.next_heard().site.lifts == ()
+    with scripted_manager(Manager(replace(SITE, lifts=()))) as (_, _, listener):
+        assert listener.next_site().site.lifts == ()
 
 
 WRONG = [
@@ -100,7 +102,7 @@ WRONG = [
     (answers(502, HTML, "text/html"), "at http://127.0.0.1:PORT is no lift manager (HTTP 502, text/html)"),
     (answers(200, HTML, "text/html"), "is no lift manager (HTTP 200, text/html), or one of another version"),
     (answers(200, b"\xff\xfe"), "(HTTP 200, application/json), or one of another version than this adapter: it is no"),
-    (answers(200, b"[" * 200_000), "it is no JSON"),
+    (answers(200, b"[" * 200_000), "it is not JSON"),
     (answers(200, [1]), "the answer is a list and no object"),
     (answers(200, {"data": {}, "success": True}), "the answer lacks `alarms`"),
     (answers(200, spoiled(lifts=[{"lift": "east"}])), "lifts[0] lacks `name`"),
@@ -113,85 +115,85 @@ WRONG = [
         lambda _, wire: wire.send(problem(403, "not_allowed")),
         "(not_allowed): no; the adapter needs a key of the role rmf",
     ),
-    (lambda _, wire: wire.send(problem(404, "no_such_path")), "is of a version that does not know what is asked"),
+    (lambda _, wire: wire.send(problem(404, "no_such_path")), "is of a version that does not know this request"),
     (lambda _, wire: wire.send(problem(503, "stopping", "wait\na bit")), "refuses (stopping): wait a bit"),
-    (answers(302, b"", also="location: http://elsewhere/\r\n"), "points elsewhere (HTTP 302); give the address of"),
+    (answers(302, b"", also="location: http://elsewhere/\r\n"), "redirects elsewhere (HTTP 302); give the address of"),
 ]
 
 
 def test_a_path_behind_the_address_that_no_manager_has_is_named() -> None:
     server = Server(Address.of("http://[::1]:5003/x"))
     body = json.dumps({"code": "no_such_path", "detail": "Not Found"}).encode()
-    why = refusal(server, Reply(404, "application/problem+json", body), "")
-    assert why.startswith("the manager at http://[::1]:5003 has nothing under /x: leave that out of its address")
+    why = describe_refusal(server, Reply(404, "application/problem+json", body), "")
+    assert why.startswith("the manager at http://[::1]:5003 has nothing under /x: leave the path out of its address")
 
 
 @each_row(("script", "why"), WRONG)
 def test_whatever_answers_in_its_place_is_told_once_and_the_manager_is_found_again(script: Script, why: str) -> None:
     manager = Manager()
-    with met(manager, BRISK if script is nothing else CALM) as (server, _, ears):
-        ears.next_heard()
+    with scripted_manager(manager, BRISK if script is nothing else CALM) as (server, _, listener):
+        listener.next_site()
         manager.scripts[RMF] = script
-        reason = ears.next_lost()
+        reason = listener.next_loss()
         assert why.replace("PORT", str(server.port)) in reason
         tries = questions(server) + 1
         while questions(server) < tries:
             server.next()
         del manager.scripts[RMF]
         # nothing else was told in between
-        assert isinstance(ears.next(), Heard)
+        assert isinstance(listener.next(), Received)
 
 
 def test_a_manager_that_is_not_there_at_the_start_is_told_once_and_found() -> None:
     server = Scripted(Manager())
     server.listen()
     server.stop()
-    with beside(server.port) as (_, ears):
-        assert "nothing listens there: is the manager running?" in ears.next_lost()
-        assert ears.all_until(time.monotonic() + 0.1) == []
+    with connected(server.port) as (_, listener):
+        assert "nothing listens there: is the manager running?" in listener.next_loss()
+        assert listener.all_until(time.monotonic() + 0.1) == []
         with server:
-            assert isinstance(ears.next(), Heard)
+            assert isinstance(listener.next(), Received)
 
 
 def test_a_manager_that_is_killed_is_missed_at_once_and_found_on_the_same_port() -> None:
     events = Events()
     server = Scripted(Manager(RARELY, {"events": events}))
     server.listen()
-    with beside(server.port, PATIENT) as (_, ears):
-        ears.next_heard()
+    with connected(server.port, PATIENT) as (_, listener):
+        listener.next_site()
         events.until_open()
         server.stop()
         # its stream ended: the next question by itself would come much later
-        assert "nothing listens there" in ears.next_lost()
+        assert "nothing listens there" in listener.next_loss()
         with server:
-            assert isinstance(ears.next(), Heard)
+            assert isinstance(listener.next(), Received)
 
 
 def test_each_reason_is_told_once_in_one_loss_and_again_in_the_next() -> None:
     manager = Manager()
-    told = [f"reason {number}" for number in range(REASONS + 2)]
+    told = [f"reason {number}" for number in range(MAX_REASONS + 2)]
 
     def script(_: Asked, wire: Wire) -> None:
         wire.send(problem(503, "stopping", told[questions(server) % len(told)]))
 
-    with met(manager) as (server, _, ears):
-        ears.next_heard()
+    with scripted_manager(manager) as (server, _, listener):
+        listener.next_site()
         for _ in range(2):
             manager.scripts[RMF] = script
-            reasons = {ears.next_lost() for _ in range(REASONS)}
-            assert len(reasons) == REASONS
+            reasons = {listener.next_loss() for _ in range(MAX_REASONS)}
+            assert len(reasons) == MAX_REASONS
             tries = questions(server) + len(told)
             while questions(server) < tries:
                 server.next()
             del manager.scripts[RMF]
-            assert isinstance(ears.next(), Heard)
+            assert isinstance(listener.next(), Received)
 
 
 def test_a_server_that_closes_after_each_answer_is_as_good() -> None:
     manager = Manager(scripts={RMF: says_and_hangs_up(said(200, asdict(SITE)))})
-    with met(manager) as (_, _, ears):
+    with scripted_manager(manager) as (_, _, listener):
         for _ in range(3):
-            ears.next_heard()
+            listener.next_site()
 
 
 def test_an_answer_may_take_as_long_as_it_is_good_for() -> None:
@@ -203,11 +205,11 @@ def test_an_answer_may_take_as_long_as_it_is_good_for() -> None:
 
     site = replace(SITE, lifts=(replace(LIFT, max_age_s=0.4), LIFT))
     manager = Manager(site)
-    with met(manager, replace(BRISK, question_s=0.1, silent_s=1.0)) as (_, _, ears):
-        ears.next_heard()
+    with scripted_manager(manager, replace(BRISK, poll_timeout_s=0.1, stream_timeout_s=1.0)) as (_, _, listener):
+        listener.next_site()
         manager.scripts[RMF] = script
         for _ in range(2):
-            ears.next_heard()
+            listener.next_site()
 
 
 # events
@@ -239,8 +241,8 @@ class Events:
 def test_what_an_event_tells_is_asked_at_once_unless_it_was_shown_already() -> None:
     events = Events()
     manager = Manager(RARELY, {"events": events})
-    with met(manager, PATIENT) as (server, _, ears):
-        assert ears.next_heard().site.event == 7
+    with scripted_manager(manager, PATIENT) as (server, _, listener):
+        assert listener.next_site().site.event == 7
         events.until_open()
         manager.site = replace(RARELY, event=9)
         # 7 is shown already; 8 and 9 are one question, 5 is none, and another boot is one
@@ -248,8 +250,8 @@ def test_what_an_event_tells_is_asked_at_once_unless_it_was_shown_already() -> N
         for event_id, is_asked in (("boot-8", True), ("boot-9", False), ("boot-5", False), ("other-1", True)):
             events.tell(event_id)
             if is_asked:
-                assert ears.next_heard().site == manager.site
-        assert ears.all_until(time.monotonic() + 0.1) == []
+                assert listener.next_site().site == manager.site
+        assert listener.all_until(time.monotonic() + 0.1) == []
         assert questions(server) == 3
 
 
@@ -266,18 +268,18 @@ def test_an_event_that_comes_while_an_answer_is_under_way_is_asked_for_again() -
         wire.send(said(200, asdict(replace(RARELY, event=shown))))
 
     manager = Manager(replace(RARELY, event=8), {"events": events, RMF: script})
-    with met(manager, PATIENT) as (_, way, ears):
-        assert ears.next_heard().site.event == 7
+    with scripted_manager(manager, PATIENT) as (_, remote, listener):
+        assert listener.next_site().site.event == 7
         events.until_open()
-        way.ask(WANTED)  # decided as event 8, and so it is asked again
-        assert [ears.next_heard().site.event for _ in range(2)] == [8, 9]
+        remote.send(WANTED)  # decided as event 8, and so it is asked again
+        assert [listener.next_site().site.event for _ in range(2)] == [8, 9]
 
 
 @pytest.mark.parametrize("events", [answers(404), lambda _, wire: wire.send(problem(503, "too_many_streams")), nothing])
 def test_without_a_stream_it_is_asked_all_the_same(events: Script) -> None:
-    with met(Manager(scripts={"events": events})) as (_, _, ears):
+    with scripted_manager(Manager(scripts={"events": events})) as (_, _, listener):
         for _ in range(3):
-            ears.next_heard()
+            listener.next_site()
 
 
 @each_row(
@@ -291,10 +293,10 @@ def test_a_stream_that_falls_silent_or_ends_is_taken_up_again(script: Script) ->
         taken.release()
         script(asked, wire)
 
-    with met(Manager(scripts={"events": events}), BRISK) as (_, _, ears):
+    with scripted_manager(Manager(scripts={"events": events}), BRISK) as (_, _, listener):
         for _ in range(2):
             assert taken.acquire(timeout=WITHIN_S)
-        ears.next_heard()
+        listener.next_site()
 
 
 def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
@@ -305,9 +307,9 @@ def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
             wire.send(event(f"x-{number}"))
             pause.wait(0.001)
 
-    with met(Manager(RARELY, {"events": events}), PATIENT) as (_, _, ears):
-        heard = [ears.next_heard() for _ in range(7)]
-    assert all(after.asked_at - before.asked_at > Pace.between_s - 0.001 for before, after in pairwise(heard))
+    with scripted_manager(Manager(RARELY, {"events": events}), PATIENT) as (_, _, listener):
+        heard = [listener.next_site() for _ in range(7)]
+    assert all(after.asked_at - before.asked_at > Pace.min_poll_gap_s - 0.001 for before, after in pairwise(heard))
 
 
 # the end, and what stays inside
@@ -315,43 +317,43 @@ def test_no_number_of_events_makes_more_than_fifty_questions_a_second() -> None:
 
 @each_row("manager", [Manager(), nothing, Manager(scripts={"events": stream()}), Manager(scripts={RMF: answers(500)})])
 def test_the_end_ends_every_thread_whatever_it_waits_for(manager: Script) -> None:
-    with Scripted(manager) as server, beside(server.port, Pace()) as (way, ears):
-        way.ask(WANTED)
-        way.ask(EndOfSession("west", "s", 3.0))
+    with Scripted(manager) as server, connected(server.port, Pace()) as (remote, listener):
+        remote.send(WANTED)
+        remote.send(EndOfSession("west", "s", 3.0))
         server.next()
         mine = own_threads()
-        assert len(mine) == 2 + CARRIERS
+        assert len(mine) == 2 + SENDERS
         began = time.monotonic()
-        way.close()
+        remote.close()
         assert time.monotonic() - began < WITHIN_S
         assert not any(thread.is_alive() for thread in mine)
-        assert ears.all_until(time.monotonic() + 0.05) == []
+        assert listener.all_until(time.monotonic() + 0.05) == []
 
 
 def test_what_waits_in_the_adapters_thread_at_the_end_is_not_said_any_more() -> None:
-    with met(Manager()) as (server, way, ears):
+    with scripted_manager(Manager()) as (server, remote, listener):
         server.next()
-        waiting = ears.inbox.get(timeout=WITHIN_S)
-        way.close()
+        waiting = listener.inbox.get(timeout=WITHIN_S)
+        remote.close()
         waiting()
-        assert ears.all_until(time.monotonic()) == []
+        assert listener.all_until(time.monotonic()) == []
 
 
 def test_a_bug_of_a_thread_is_raised_in_the_adapters_own() -> None:
-    ears = Ears()
+    listener = RecordingListener()
     first = iter((True,))
 
     def deliver(what: object) -> None:
         if next(first, False):
             raise RuntimeError("a bug")
-        ears.inbox.put(what)  # type: ignore[arg-type]
+        listener.inbox.put(what)  # type: ignore[arg-type]
 
     with Scripted(Manager()) as server:
-        way = RemoteManager(Server(Address("127.0.0.1", server.port)), BRISK)
-        way.start(ears, deliver)
+        remote = RemoteManager(Server(Address("127.0.0.1", server.port)), BRISK)
+        remote.start(listener, deliver)
         with pytest.raises(RuntimeError, match="a bug"):
-            ears.inbox.get(timeout=WITHIN_S)()
-        way.close()
+            listener.inbox.get(timeout=WITHIN_S)()
+        remote.close()
 
 
 def test_the_key_is_in_no_reason_no_log_and_no_picture_of_anything(caplog: pytest.LogCaptureFixture) -> None:
@@ -362,14 +364,14 @@ def test_the_key_is_in_no_reason_no_log_and_no_picture_of_anything(caplog: pytes
     kind = f"text/{KEY}"
     scripts: list[Script] = [echo, answers(200, [KEY], kind), answers(500, b"", kind), nothing]
     manager = Manager()
-    with met(manager, BRISK) as (server, way, ears):
-        said_ = [repr(way), repr(vars(way)), ears.next_heard()]
+    with scripted_manager(manager, BRISK) as (server, remote, listener):
+        said_ = [repr(remote), repr(vars(remote)), listener.next_site()]
         for script in scripts:
             manager.scripts = {RMF: script, "wanted": script, "events": script}
-            way.ask(WANTED)
-            said_ += [ears.next_answer(), ears.next_lost()]
+            remote.send(WANTED)
+            said_ += [listener.next_answer(), listener.next_loss()]
             manager.scripts = {}
-            ears.next_heard()
+            listener.next_site()
     assert all(KEY in asked.headers["authorization"] for asked in server.asked)
     assert KEY not in caplog.text + repr(said_)
 
@@ -380,10 +382,10 @@ def test_a_manager_that_speaks_https_is_heard_with_its_ca(tmp_path: Path) -> Non
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.load_cert_chain(shown.certificate, shown.key)
     with Scripted(Manager(), context) as server:
-        ears = Ears()
-        way = RemoteManager(Server(Address("127.0.0.1", server.port, tls=True), KEY, authority.file))
-        way.start(ears, ears.inbox.put)
-        way.ask(WANTED)
-        assert ears.next_answer().yes
-        assert isinstance(ears.next(), Heard | Lost)
-        way.close()
+        listener = RecordingListener()
+        remote = RemoteManager(Server(Address("127.0.0.1", server.port, tls=True), KEY, authority.file))
+        remote.start(listener, listener.inbox.put)
+        remote.send(WANTED)
+        assert listener.next_answer().accepted
+        assert isinstance(listener.next(), Received | Lost)
+        remote.close()

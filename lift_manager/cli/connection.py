@@ -1,4 +1,4 @@
-"""What commands share that speak to a running manager: where it is, as whom, and what is said when it does not answer."""
+"""Shared by commands that connect to a running manager: address, key, and messages if it does not answer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 
 from lift_manager.cli.common import fail
 from lift_manager.cli.key_file import KEY_VARIABLE, KeyFile, key_of
-from lift_manager.cli.secured import advice, verified
+from lift_manager.cli.tls_options import connection_advice, tls_context
 from lift_manager.client.client import MANAGER, LiftManagerClient
 from lift_manager.client.errors import ClientError, NotAManager, Refused, Unreachable
 from lift_manager.plain.http import Address, BadAddress
@@ -21,7 +21,7 @@ Answer = TypeVar("Answer")
 
 
 def _url(text: str) -> str:
-    """Read the address of a manager: a URL, `host:port`, or a host alone."""
+    """Parse the address of a manager: a URL, `host:port`, or a host alone."""
     try:
         return str(Address.of(text))
     except BadAddress as error:
@@ -37,12 +37,12 @@ Manager = Annotated[
         help="Where the manager runs: a URL, host:port or a host; without a key, its own computer only.",
     ),
 ]
-__all__ = ["MANAGER", "KeyFile", "Manager", "Speaker", "failure"]
+__all__ = ["MANAGER", "KeyFile", "Manager", "ManagerConnection", "report_failure"]
 
 
 @dataclass(frozen=True, slots=True)
-class Speaker:
-    """Where a manager is, and as whom it is spoken to; from the options of a command."""
+class ManagerConnection:
+    """Address and credentials for a manager, from the options of a command."""
 
     manager: str
     key_file: Path | None = None
@@ -50,29 +50,29 @@ class Speaker:
     certificate: Path | None = None
     certificate_key: Path | None = None
 
-    def ask(self, work: Callable[[LiftManagerClient], Awaitable[Answer]]) -> Answer:
-        """Do something with a manager; one sentence and exit 1 where that fails."""
-        key, tls = key_of(self.key_file), verified(self.ca, self.certificate, self.certificate_key)
+    def run(self, work: Callable[[LiftManagerClient], Awaitable[Answer]]) -> Answer:
+        """Run `work` with a client; print a sentence and exit with 1 if it fails."""
+        key, tls = key_of(self.key_file), tls_context(self.ca, self.certificate, self.certificate_key)
 
-        async def once() -> Answer:
+        async def work_once() -> Answer:
             async with LiftManagerClient(self.manager, key, tls=tls) as client:
                 return await work(client)
 
         try:
-            return asyncio.run(once())
+            return asyncio.run(work_once())
         except ClientError as error:
-            raise failure(error, self.manager) from error
+            raise report_failure(error, self.manager) from error
 
 
-def failure(error: ClientError, manager: str) -> typer.Exit:
-    """Print what went wrong and what helps; raise what this returns."""
+def report_failure(error: ClientError, manager: str) -> typer.Exit:
+    """Print what went wrong and how to fix it; raise what this returns."""
     if isinstance(error, Unreachable):
-        return fail(f"no manager answers at {manager} ({error.text}); {advice(manager)}")
+        return fail(f"no manager answers at {manager} ({error.text}); {connection_advice(manager)}")
     if isinstance(error, NotAManager):
         return fail(
-            f"what answers at {manager} is no lift manager (HTTP {error.status}); say where it runs with --manager ADDRESS"
+            f"the server at {manager} is no lift manager (HTTP {error.status}); give its address with --manager ADDRESS"
         )
     if isinstance(error, Refused) and error.status == 401:
         return fail(f"{error}; here, with --key-file FILE or in the variable {KEY_VARIABLE}")
-    # what the body of a request has to be is for programs
+    # the expected body of a request is for programs only
     return fail(str(error).partition("; expected {")[0])

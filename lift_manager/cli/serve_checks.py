@@ -1,4 +1,4 @@
-"""What keeps a good site file from being served on this computer. `serve` refuses it, and `check` says it before."""
+"""Finds what prevents a valid site file from being served on this computer, for `serve` and `check`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lift_manager.web.origin import is_loopback
 from lift_manager.web.server import resolved
 from register_maps.errors import Finding
 
-_OUTPUTS_MAY_BE_ON = "until the manager starts nobody lets go of what an earlier one held: outputs may still be on at the lifts, so look at each of them"
+_OUTPUTS_MAY_BE_ON = "until the manager starts, nothing releases what an earlier one held: outputs may still be on at the lifts, so look at each of them"
 
 
 def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
-    """Yield why this site cannot be served: its certificates, its address, and what is kept of it. Changes nothing."""
+    """Yield why this site cannot be served: problems of its certificates, address, store or keys. Changes nothing."""
     yield from loaded.unusable
     site, file = loaded.site, str(loaded.path)
     try:
@@ -40,18 +40,18 @@ def obstacles(loaded: LoadedSite) -> Iterator[Finding]:
         yield Finding(file, None, "api.host", str(error))
         return
     host = str(address[0])
-    if not keys and not lets_in_without_keys(site.api, host):
-        yield Finding(file, None, "api.host", _no_key(host, loaded.path))
+    if not keys and not allows_requests_without_keys(site.api, host):
+        yield Finding(file, None, "api.host", _key_advice(host, loaded.path))
 
 
-def lets_in_without_keys(api: Api, host: str) -> bool:
-    """Whether requests are let in at this address while the site has no key."""
+def allows_requests_without_keys(api: Api, host: str) -> bool:
+    """Whether requests are accepted at this address while the site has no key."""
     return is_loopback(host) or api.without_keys is not None
 
 
-def _no_key(host: str, site_file: Path) -> str:
+def _key_advice(host: str, site_file: Path) -> str:
     return (
-        f"others can reach {host}, and there is no key to tell them by: make one with `lift-manager keys make {site_file}"
-        " --name NAME --role ROLE`, or listen on 127.0.0.1, or say in the site file why it is acceptable without,"
+        f"others can reach {host}, and there is no key to identify callers: make one with `lift-manager keys make {site_file}"
+        " --name NAME --role ROLE`, or listen on 127.0.0.1, or give the reason why none is needed in the site file,"
         " with `api: {without_keys: ...}`"
     )

@@ -1,8 +1,7 @@
-"""`lift-manager demo`, `simulate` and `check`: for whoever has no lift at hand, or a file that may have mistakes."""
+"""`lift-manager demo` and `simulate`: run simulated lifts."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,23 +10,17 @@ from lift_manager.cli.common import (
     Floors,
     MapName,
     fail,
-    loaded_map,
+    load_map_or_exit,
     out,
     read_floors,
-    refused,
-    say,
 )
 from lift_manager.cli.logs import LogFormat, LogOption, log_to_stderr
 from lift_manager.cli.loop import run
-from lift_manager.cli.rmf_names import check_names
-from lift_manager.cli.servable import obstacles
-from lift_manager.config.load import check_file
 from lift_manager.lab.demo import run_demo
 from lift_manager.lab.simulate import run_simulation
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
-from register_maps.errors import MapFileError
 
 Speed = Annotated[
     float, typer.Option(min=0.1, max=100, help="How much faster than real the simulated car and doors move.")
@@ -50,40 +43,6 @@ def demo(
         raise typer.Exit(1)
 
 
-def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A site file or a register map.")],
-    building_map: Annotated[
-        Path | None,
-        typer.Option(
-            "--building-map",
-            metavar="FILE",
-            help="Open-RMF's .building.yaml: are its lifts and levels called as the site says?",
-            show_default=False,
-        ),
-    ] = None,
-    nav_graph: Annotated[
-        list[Path],
-        typer.Option(
-            "--nav-graph",
-            metavar="FILE",
-            help="With --building-map: a navigation graph made of it; can be repeated.",
-            show_default=False,
-        ),
-    ] = [],  # noqa: B006 - typer makes a new list of it
-) -> None:
-    """Find every mistake in a site file or a register map; exits 2 if there is one."""
-    if nav_graph and building_map is None:
-        raise typer.BadParameter(
-            "give the building map that it was made of, too, with --building-map", param_hint="--nav-graph"
-        )
-    try:
-        say(check_file(file, obstacles, for_rmf=building_map is not None))
-        if building_map is not None:
-            check_names(file, building_map, nav_graph)
-    except MapFileError as error:
-        raise refused(error) from error
-
-
 def simulate(
     map_name: MapName,
     port: Annotated[
@@ -94,7 +53,7 @@ def simulate(
     speed: Speed = 1.0,
 ) -> None:
     """Serve one simulated lift that any Modbus/TCP tool can read and command."""
-    source = loaded_map(map_name).map
+    source = load_map_or_exit(map_name).map
     try:
         run(run_simulation(source, host=host, port=port, floors=read_floors(floors), speed=speed, console=out))
     except ValueError as error:

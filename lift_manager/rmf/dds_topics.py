@@ -1,4 +1,4 @@
-"""What an adapter says and hears over DDS, with the QoS that matches every distribution (open-rmf 1.3)."""
+"""The DDS topics of an adapter, with a QoS that matches every distribution (open-rmf 1.3)."""
 
 from __future__ import annotations
 
@@ -26,86 +26,83 @@ from lift_manager.rmf.messages import LiftRequest, LiftState
 from lift_manager.rmf.ros_settings import RosSettings
 
 _DEPTH = 10_000
-"""Of what is heard, until it is taken: more than a second of what one program sends in a loop (7,000 a second measured)."""
+"""Of received messages: more than a second of what one program sends in a loop (7,000 a second measured)."""
 _STATES_DEPTH = 100
-"""Of what is said: one second of fifty lifts."""
+"""Of published states: one second of fifty lifts."""
 STATES_LIFESPAN_S = 1
-"""Of a state that could not be delivered: two publications. Measured with Cyclone DDS 11.0.1 in a network namespace: after a break
-shorter than the participant's lease (10 s) a RELIABLE reader got every state of the break in one burst, OPEN ones of 3.5 to 5 s
-before in the middle of a fire, and RequestLift is done with one that says OPEN (open-rmf 1.5). Matches every reader all the same."""
+"""Of an undelivered state: two publications. Measured with Cyclone DDS 11.0.1 in a network namespace: after an outage shorter than the
+participant's lease (10 s) a RELIABLE reader got every state of the outage in one burst, among them OPEN states 3.5 to 5 s old in the middle
+of a fire, and RequestLift is satisfied by one OPEN (open-rmf 1.5). It matches every reader all the same."""
 _AT_ONCE = duration(milliseconds=0)
-"""How long a write may wait for a slow reader: the adapter has other lifts to tell about."""
+"""How long a write may wait for a slow reader: not at all, because the other lifts would wait too."""
 
 
-class Wire:
-    """The topics of an adapter, or of somebody who looks on. What is `heard` comes in a thread of its own.
+class DdsTopics:
+    """The topics of an adapter or a monitor. Callbacks run in a thread of their own. Raises DdsFailed."""
 
-    Raises DdsFailed.
-    """
-
-    def __init__(self, settings: RosSettings, failed: Callable[[Exception], None]) -> None:
-        """`failed` is called in that thread, too, with a bug after which nothing is heard any more."""
-        self._link = DdsLink(settings, failed)
+    def __init__(self, settings: RosSettings, on_failure: Callable[[Exception], None]) -> None:
+        """`on_failure` is called in that thread, too, with a bug after which nothing is received any more."""
+        self._link = DdsLink(settings, on_failure)
         self.start = self._link.start
         self.close = self._link.close
         self.readers_of = self._link.readers_of
 
-    def hear_requests(
+    def read_requests(
         self,
         topic: str,
-        heard: Callable[[LiftRequest], None],
-        broken: Callable[[str], None],
-        matched: Callable[[], None],
-        overrun: Callable[[], None],
+        on_request: Callable[[LiftRequest], None],
+        on_unreadable: Callable[[str], None],
+        on_matched: Callable[[], None],
+        on_overrun: Callable[[], None],
     ) -> None:
-        """Volatile: it matches every publisher, and gets no replay of old requests."""
+        """Subscribe as VOLATILE, which matches every publisher and gets no replay of old requests."""
         self._link.open_reader(
             topic,
             WireLiftRequest,
             _reliable(WireLiftRequest, Policy.Durability.Volatile, _DEPTH),
-            ReaderCallbacks(lambda wire: heard(request_of(wire)), broken, matched, overrun),
+            ReaderCallbacks(lambda wire: on_request(request_of(wire)), on_unreadable, on_matched, on_overrun),
         )
 
-    def hear_states(
+    def read_states(
         self,
         topic: str,
-        heard: Callable[[LiftState], None],
-        broken: Callable[[str], None],
-        overrun: Callable[[], None],
+        on_state: Callable[[LiftState], None],
+        on_unreadable: Callable[[str], None],
+        on_overrun: Callable[[], None],
     ) -> None:
         self._link.open_reader(
             topic,
             WireLiftState,
             _reliable(WireLiftState, Policy.Durability.Volatile, _DEPTH),
-            ReaderCallbacks(lambda wire: heard(state_of(wire)), broken, overrun=overrun),
+            ReaderCallbacks(lambda wire: on_state(state_of(wire)), on_unreadable, on_overrun=on_overrun),
         )
 
-    def hear_states_of_others(self, topic: str, heard: Callable[[LiftState], None]) -> None:
-        """Best effort: missing one of them is no loss, and nobody has to wait for this reader."""
+    def read_states_of_others(self, topic: str, on_state: Callable[[LiftState], None]) -> None:
+        """Subscribe as BEST_EFFORT: a missed state does not matter, and no writer has to wait for this reader."""
         self._link.open_reader(
             topic,
             WireLiftState,
             Qos(*_best_effort(WireLiftState, _STATES_DEPTH), Policy.IgnoreLocal.Participant),
-            ReaderCallbacks(lambda wire: heard(state_of(wire))),
+            ReaderCallbacks(lambda wire: on_state(state_of(wire))),
         )
 
-    def hear_clock(self, heard: Callable[[float], None]) -> None:
+    def read_clock(self, on_time: Callable[[float], None]) -> None:
         self._link.open_reader(
             "clock",
             WireClock,
             Qos(*_best_effort(WireClock, 1)),
-            ReaderCallbacks(lambda wire: heard(seconds_of(wire))),
+            ReaderCallbacks(lambda wire: on_time(seconds_of(wire))),
         )
 
     def offer_states(self, topic: str) -> None:
-        """Of what could not be delivered, nothing older than a second is: it would be believed."""
+        """Publish states with a lifespan, so that no reader gets and believes an undelivered state older than a second."""
         span = Policy.Lifespan(duration(seconds=STATES_LIFESPAN_S))
         self._link.open_writer(
             topic, WireLiftState, _reliable(WireLiftState, Policy.Durability.Volatile, _STATES_DEPTH, span)
         )
 
     def offer_requests(self, topic: str) -> None:
-        """Transient local: as fleet adapters do, and the supervisors of iron and later want it."""
+        """Publish as TRANSIENT_LOCAL, like fleet adapters; the supervisors of iron and later require it."""
         self._link.open_writer(topic, WireLiftRequest, _reliable(WireLiftRequest, Policy.Durability.TransientLocal, 1))
 
     def send_state(self, topic: str, state: LiftState) -> None:
@@ -123,7 +120,7 @@ class Wire:
         )
 
     def leave(self, topic: str) -> None:
-        """Publish there no more; who joins later gets nothing of what was said."""
+        """Close a topic; later readers get nothing of its history."""
         self._link.close_writer(topic)
 
     def send_fire_alarm(self, topic: str, *, on: bool) -> None:
