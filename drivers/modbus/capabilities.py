@@ -55,7 +55,7 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         granted_within_s=mode.granted_within_s if mode is not None else 600.0,
         arrive_within_s=max((call.arrive_within_s for call in calls.values()), default=120.0),
         until={name: call.until or "arrived" for name, call in calls.items() if call.action == "hold"},
-        levels=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
+        held_commands=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
         max_hold_s={name: one.max_hold_s for name, one in source.commands.items() if one.max_hold_s is not None},
         excludes=_excludes({name: command.excludes for name, command in source.commands.items()}),
         needs_occupancy=source.needs_occupancy,

@@ -188,9 +188,9 @@ class ModbusLift:
         """
         await self._worker.run()
 
-    def attach(self, above: DriverOwner) -> None:
-        """Ask and report to `above` from now on."""
-        self._up.above = above
+    def attach(self, owner: DriverOwner) -> None:
+        """Ask and report to `owner` from now on."""
+        self._up.owner = owner
 
     def declare(self, holds: Mapping[Command, Hold]) -> None:
         """Replace what should be on."""

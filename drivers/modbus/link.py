@@ -17,7 +17,7 @@ from drivers.modbus.declared import Declared, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
-from drivers.rate_limits import TOLD_EVERY_S, ChangeRateLimiter
+from drivers.rate_limits import SUMMARY_EVERY_S, ChangeRateLimiter
 from register_maps.frames import Request
 
 __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
@@ -256,7 +256,7 @@ class Link:
             self._quiet_since = now = asyncio.get_running_loop().time()
             self._is_logged = self._outages.admits("lost", now)
             if not self._is_logged and self._summary is None:
-                self._summary = asyncio.get_running_loop().call_later(TOLD_EVERY_S, self._log_outages)
+                self._summary = asyncio.get_running_loop().call_later(SUMMARY_EVERY_S, self._log_outages)
         level = logging.WARNING if is_new and self._is_logged else logging.DEBUG
         _logger.log(level, "%s: no connection: %s", self.name, reason)
         self._warned = True

@@ -96,7 +96,7 @@ class Permissions:
             if not self._outputs.still_wanted(step):
                 return "nobody wants it any more"
             if press is not None and self.missing(step.name):
-                press.not_granted = True
+                press.grant_missing = True
             if self._heartbeat.is_awaited:
                 # of this step alone: neighbours that are on are not let go because of it
                 return "its alive counter was not seen to change on this connection yet"

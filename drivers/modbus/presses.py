@@ -29,7 +29,7 @@ class Press:
     """Set once the write was echoed."""
     written_at: float = math.inf
     read_back: bool = False
-    not_granted: bool = False
+    grant_missing: bool = False
     ended: bool = False
 
     def sent(self, request: Request) -> None:
@@ -116,7 +116,7 @@ class Presses:
         if not press.ended:
             press.ended = True
             frames = tuple(press.frames)
-            self._report(Outcome(press.command, result, reason, found, frames, press.not_granted, press.id))
+            self._report(Outcome(press.command, result, reason, found, frames, press.grant_missing, press.id))
 
     def _too_late(self, press: Press, within_s: float) -> None:
         self.finish(press, Result.UNCONFIRMED, f"nothing showed within {within_s:g} s that the lift took it")

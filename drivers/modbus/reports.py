@@ -28,7 +28,7 @@ class DriverReports:
 
     def __init__(self, outputs: Outputs, floors: Mapping[int, FloorName]) -> None:
         """`floors` are the names of floors by their codes."""
-        self.above: DriverOwner = NoOwner()
+        self.owner: DriverOwner = NoOwner()
         self.values: LiftValues | None = None
         """What the lift said last; None before it said anything."""
         self.states: Mapping[str, OutputState] = dict.fromkeys(outputs.names, OutputState.AT_REST)
@@ -38,11 +38,11 @@ class DriverReports:
 
     def report(self, item: Report) -> None:
         """Report something."""
-        self.above.report(item)
+        self.owner.report(item)
 
     def report_failure(self, reason: str) -> None:
         """Report that a bug was met."""
-        self.above.report(DriverFailed(reason))
+        self.owner.report(DriverFailed(reason))
 
     def report_states(self) -> bool:
         """Report each output that is in another state than was reported last; returns whether there is any."""
@@ -51,12 +51,12 @@ class DriverReports:
             return False
         self.states = {**self.states, **changed}
         for name, state in changed.items():
-            self.above.report(OutputChanged(name, state))
+            self.owner.report(OutputChanged(name, state))
         return True
 
     def blocked_by(self, name: str, press: PressId | None) -> str | None:
         """Ask what forbids an output to be written as pressed."""
-        return self.above.blocked_by(self.command(name), press)
+        return self.owner.blocked_by(self.command(name), press)
 
     def command(self, name: str) -> Command:
         """Return what an output is on for, or will be."""

@@ -202,7 +202,7 @@ REPORTING = replace(
     PERMITTING,
     commands=PERMITTING.commands | {"robot_mode"},
     signals=PERMITTING.signals | {"robot_mode_on"},
-    levels=PERMITTING.levels | {"robot_mode"},
+    held_commands=PERMITTING.held_commands | {"robot_mode"},
 )
 """A lift with a robot mode that is told when a robot left."""
 

@@ -27,7 +27,7 @@ WITH_MODE = replace(
     PLAIN,
     commands=PLAIN.commands | {"robot_mode"},
     signals=PLAIN.signals | {"robot_mode_on", "motion"},
-    levels=PLAIN.levels | {"robot_mode"},
+    held_commands=PLAIN.held_commands | {"robot_mode"},
     evidence="motion_stopped",
     max_hold_s={"robot_mode": 5.0},
 )
