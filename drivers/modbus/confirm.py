@@ -15,7 +15,7 @@ _READ_BACK = Confirm(any_of=("readback",), within_s=2.0)
 """What counts for a command whose map names no confirmation. The time is that of the shipped maps."""
 
 
-def confirm_of(spec: CommandSpec) -> Confirm:
+def confirmation_of(spec: CommandSpec) -> Confirm:
     """Return what shows that a command of the map took effect."""
     return spec.confirm or _READ_BACK
 
@@ -31,11 +31,11 @@ class Expectation:
     """What the lift said when the press left, or when its car was seen to stand since."""
     floors: Sequence[FloorName]
     """Lowest first."""
-    stood: bool = False
+    was_standing: bool = False
     """The car stood then. One that was under way already proves nothing by going on: it goes for somebody else."""
 
 
-def proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
+def find_proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
     """Return what the newest reading proves, the strongest first."""
     for name in expected.any_of:
         if name == "effect" and _takes_effect(expected, now):
@@ -102,9 +102,9 @@ def _goes(expected: Expectation, now: LiftValues) -> bool:
     ends = (expected.floors[0], expected.floors[-1])
     if now.floor == target:
         # a car that was under way already may only pass it, but for an end of its shaft
-        came = before is None or (before.floor != target and (expected.stood or target in ends))
+        came = before is None or (before.floor != target and (expected.was_standing or target in ends))
         return came or not _may_leave(now)
-    if before is None or before.floor is None or not expected.stood:
+    if before is None or before.floor is None or not expected.was_standing:
         return False
     upwards = expected.floors.index(target) > expected.floors.index(before.floor)
     if now.motion in (Motion.UP, Motion.DOWN):

@@ -111,7 +111,7 @@ class Exchange:
         """Since the last answer of any unit."""
         self._strikes = 0
         """Those of them that tell of the connection: not of units that were silent before."""
-        self._unheard: set[int] = set()
+        self._unanswered: set[int] = set()
         """Units that did not answer since the last answer of any."""
         self._silent = stats.silent_units
         self._commands_in_a_row = 0
@@ -204,13 +204,13 @@ class Exchange:
 
     def _measure(self, unit: int, took_s: float) -> None:
         """Take an honest answer for what it says of the controller: how long it takes, and that it is there."""
-        self._latency.answered(took_s)
+        self._latency.add_answer(took_s)
         if self._timeouts_in_a_row or not self.proved:
             # nobody backs off on a connection that answers
             for latency in self._latencies.values():
-                latency.calm_down()
-            self._silent |= self._unheard
-            self._unheard.clear()
+                latency.end_backoff()
+            self._silent |= self._unanswered
+            self._unanswered.clear()
             self._timeouts_in_a_row = self._strikes = 0
         self._silent.discard(unit)
         if not self.proved:
@@ -326,7 +326,7 @@ class Exchange:
                     sent_at, latency = overdue
                     took_s = self._loop.time() - sent_at
                     self._stats.round_trips.add(took_s)
-                    latency.answered_late(took_s)
+                    latency.add_late_answer(took_s)
                 return
         text = f"an answer nobody asked for, transaction id {tid_of(answer)}: {describe_answer(answer)}"
         if self._tid_echo and tid_of(answer) == 0:
@@ -361,11 +361,11 @@ class Exchange:
         waited_s, unit = round(self._deadline - self._sent_at, 3), job[1].unit
         self._stats.timeouts += 1
         self._timeouts_in_a_row += 1
-        self._unheard.add(unit)
+        self._unanswered.add(unit)
         # where a unit is silent anyhow, its silence says nothing of the connection, unless nobody else is heard either
         if unit not in self._silent or self._timeouts_in_a_row >= _STRIKES * len(self._latencies):
             self._strikes += 1
-            self._latency.missed()
+            self._latency.add_timeout()
         self._overdue[self.last_tid] = self._sent_at, self._latency
         if len(self._overdue) > _OVERDUE:
             del self._overdue[next(iter(self._overdue))]

@@ -41,7 +41,7 @@ class Latency:
         """From request to answer, smoothed; None before the first answer."""
         return None if self._usual_s < 0 else self._usual_s
 
-    def answered(self, took_s: float) -> None:
+    def add_answer(self, took_s: float) -> None:
         """An honest answer took so long, in time or not. It ends every backing off."""
         self.unmeasured = 0
         worst_s = self._worst_s * _REMEMBERS
@@ -69,14 +69,14 @@ class Latency:
             wait_s = self._most_s
         self.timeout_s = self._calm_s = wait_s
 
-    def answered_late(self, took_s: float) -> None:
-        """As `answered`, of an answer that may have taken for ever: beyond the bound it tells no more than that."""
-        self.answered(min(took_s, self._most_s))
+    def add_late_answer(self, took_s: float) -> None:
+        """As `add_answer`, of an answer that may have taken for ever: beyond the bound it tells no more than that."""
+        self.add_answer(min(took_s, self._most_s))
 
-    def missed(self) -> None:
+    def add_timeout(self) -> None:
         """No answer came in time: wait twice as long for the next one, until there is an answer."""
         self.timeout_s = min(2 * self.timeout_s, self._most_s)
 
-    def calm_down(self) -> None:
+    def end_backoff(self) -> None:
         """Somebody else on this connection answers: what is missing here is not the connection's fault, so back off no more."""
         self.timeout_s = self._calm_s

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
 
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
-from drivers.modbus.declared import Declared, UndeclaredWrite
+from drivers.modbus.declared_writes import DeclaredWrites, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
@@ -53,13 +53,13 @@ class Link:
         """Rises by one with every connection made; 0 before the first. What an earlier epoch told counts no more."""
         self.shared_words = asyncio.Lock()
         """Held by whoever reads a word and writes it back changed, so that two lifts on one controller cannot undo each other."""
-        self.declared: Declared | None = None
+        self.declared: DeclaredWrites | None = None
         """What the lifts on this link may write: all else is a bug. None while no lift was put on it."""
         self._make_wire = make_wire
         self._wire: Wire | None = None
         self._exchange: Exchange | None = None
-        self._hearers: tuple[OnBytes, ...] = ()
-        self._own_hearer: OnBytes | None = None
+        self._listeners: tuple[OnBytes, ...] = ()
+        self._wire_listener: OnBytes | None = None
         """Whoever listened to the wire before it was ours."""
         self._last_tid = 0
         self._state = LinkState.DOWN
@@ -108,19 +108,19 @@ class Link:
         return (0, 0) if self._exchange is None else self._exchange.waiting
 
     @contextmanager
-    def tap(self, hear: OnBytes) -> Iterator[None]:
-        """Call `hear` with (sent, frame) of every frame for as long as the context lasts, over all connections.
+    def tap(self, listener: OnBytes) -> Iterator[None]:
+        """Call `listener` with (sent, frame) of every frame for as long as the context lasts, over all connections.
 
         Late and mismatched answers are among them; a frame that `Wire.send` says is thrown away is not. It must neither wait nor raise.
         """
-        self._hearers = (*self._hearers, hear)
+        self._listeners = (*self._listeners, listener)
         self._listen()
         try:
             yield
         finally:
-            left = list(self._hearers)
-            left.remove(hear)
-            self._hearers = tuple(left)
+            remaining = list(self._listeners)
+            remaining.remove(listener)
+            self._listeners = tuple(remaining)
             self._listen()
 
     async def read(self, request: Request) -> bytes:
@@ -197,7 +197,7 @@ class Link:
     async def _serve(self) -> bool:
         """One connection from its making to its end; returns whether the controller ever answered on it."""
         wire = self._wire = self._make_wire()
-        self._own_hearer = wire.on_bytes
+        self._wire_listener = wire.on_bytes
         self._listen()
         exchange = Exchange(
             self.name,
@@ -205,7 +205,7 @@ class Link:
             self.stats,
             wire,
             last_tid=self._last_tid,
-            on_broken=self._fault,
+            on_broken=self._end_connection,
             on_proved=self._on_proved,
         )
         self._down.clear()
@@ -216,7 +216,7 @@ class Link:
             self.stats.failed_connects += 1
             # No wire: it was ended meanwhile, and for a better reason.
             if self._wire is not None:
-                self._fault(f"{error}{self._slots(error)}")
+                self._end_connection(f"{error}{self._slot_hint(error)}")
             return False
         self._exchange = exchange
         self.epoch += 1
@@ -230,15 +230,15 @@ class Link:
     def _listen(self) -> None:
         """Hear the wire only while somebody wants to: each frame would cost a call."""
         if self._wire is not None:
-            self._wire.on_bytes = self._on_bytes if self._hearers else self._own_hearer
+            self._wire.on_bytes = self._on_bytes if self._listeners else self._wire_listener
 
     def _on_bytes(self, sent: bool, frame: bytes) -> None:  # noqa: FBT001 - as OnBytes has it
-        if self._own_hearer is not None:
-            self._own_hearer(sent, frame)
-        for hear in self._hearers:
-            hear(sent, frame)
+        if self._wire_listener is not None:
+            self._wire_listener(sent, frame)
+        for listener in self._listeners:
+            listener(sent, frame)
 
-    def _slots(self, error: ConnectFailed) -> str:
+    def _slot_hint(self, error: ConnectFailed) -> str:
         """Say what may stand behind a connection that was not made, where a device serves few clients."""
         most = self.settings.max_connections
         if most is None or error.problem not in (ConnectProblem.TIMED_OUT, ConnectProblem.REFUSED):
@@ -247,9 +247,9 @@ class Link:
 
     def _on_lost(self, reason: str) -> None:
         self.stats.losses += 1
-        self._fault(reason)
+        self._end_connection(reason)
 
-    def _fault(self, reason: str) -> None:
+    def _end_connection(self, reason: str) -> None:
         """The connection ends, or was never made, and that was not our wish."""
         is_new = not self._warned
         if is_new:

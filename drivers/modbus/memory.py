@@ -174,15 +174,15 @@ def after(bytes_before: bytes) -> Fault:
 
 def reordered() -> tuple[Fault, Fault]:
     """For two requests: the answer to the first comes behind that to the second, in one segment."""
-    return _kept(lambda held, answer: answer + held)
+    return _pair(lambda held, answer: answer + held)
 
 
 def merged() -> tuple[Fault, Fault]:
     """For two requests: the answer to the first comes only with that to the second, before it, in one segment."""
-    return _kept(lambda held, answer: held + answer)
+    return _pair(lambda held, answer: held + answer)
 
 
-def _kept(together: Callable[[bytes, bytes], bytes]) -> tuple[Fault, Fault]:
+def _pair(together: Callable[[bytes, bytes], bytes]) -> tuple[Fault, Fault]:
     held: list[bytes] = []
 
     def keep(_request: bytes, answer: bytes) -> Iterable[Reply]:
@@ -234,11 +234,11 @@ class MemoryDevice:
     ) -> None:
         self.values: dict[Table, dict[int, int]] = {table: {} for table in Table}
         """The register image; tests read and set it."""
-        self.heard: list[ReceivedRequest] = []
+        self.received: list[ReceivedRequest] = []
         """Every well-formed request, in order."""
         self.connects = 0
         """Attempts to connect, those turned away included."""
-        self.turns_away: ConnectProblem | None = None
+        self.connect_problem: ConnectProblem | None = None
         """Set it to let no connection in."""
         self.delay_s = delay_s
         """How long an answer takes, seconds."""
@@ -279,7 +279,7 @@ class MemoryDevice:
         for wire in self._wires:
             wire.drop()
 
-    def say(self, data: bytes) -> None:
+    def send_unrequested(self, data: bytes) -> None:
         """Send bytes nobody asked for to everyone who is connected."""
         for wire in self._wires:
             if wire.is_open:
@@ -288,7 +288,7 @@ class MemoryDevice:
     @property
     def executed(self) -> list[Request]:
         """What was carried out, in order."""
-        return [heard.request for heard in self.heard if heard.executed]
+        return [heard.request for heard in self.received if heard.executed]
 
     @property
     def writes(self) -> list[Request]:
@@ -304,9 +304,9 @@ class MemoryDevice:
         except BadRequest as error:
             return [(self.delay_s, frames.exception_answer(frame, error.code))]
         fault = self._take_fault(request)
-        code = self._objection(request)
+        code = self._exception_code(request)
         executes = code is None and (fault is None or fault.executes)
-        self.heard.append(ReceivedRequest(asyncio.get_running_loop().time(), request, executes))
+        self.received.append(ReceivedRequest(asyncio.get_running_loop().time(), request, executes))
         if code is not None:
             right = frames.exception_answer(frame, code)
         else:
@@ -318,7 +318,7 @@ class MemoryDevice:
 
     def _admit(self) -> ConnectProblem | None:
         self.connects += 1
-        return self.turns_away
+        return self.connect_problem
 
     def _take_fault(self, request: Request) -> Fault | None:
         for place, waiting in enumerate(self._faults):
@@ -329,7 +329,7 @@ class MemoryDevice:
                 return waiting.fault
         return None
 
-    def _objection(self, request: Request) -> int | None:
+    def _exception_code(self, request: Request) -> int | None:
         if request.unit != self._unit:
             return TARGET_SILENT
         if self._served is None:

@@ -16,17 +16,17 @@ class PlanError(ValueError):
     """A point lies outside what the device serves."""
 
 
-def polled(codec: Codec) -> list[Point]:
+def polled_points(codec: Codec) -> list[Point]:
     """List what a poll has to read: every signal and, of a device that only takes commands, one output.
 
     Without that, a device that is switched off would be missed only by the next command.
     """
     points = list(codec.signal_points)
-    seen = {point.endpoint for point in points}
+    endpoints = {point.endpoint for point in points}
     for command in codec.commands.values():
         for point in command.read_points:
-            if point.endpoint not in seen:
-                seen.add(point.endpoint)
+            if point.endpoint not in endpoints:
+                endpoints.add(point.endpoint)
                 points.append(point)
     return points
 
@@ -38,7 +38,7 @@ def plan_poll(codec: Codec, *, max_registers: int, max_bits: int) -> tuple[Block
     the one before, once two polls in a row agree. The other way round the car may be gone by the time at which the door is
     read, and open at the next floor.
     """
-    blocks = plan_reads(polled(codec), codec.served, max_registers=max_registers, max_bits=max_bits)
+    blocks = plan_reads(polled_points(codec), codec.served, max_registers=max_registers, max_bits=max_bits)
     doors = [point for name, signal in codec.signals.items() if name.startswith("door.") for point in signal.points]
     car = [point for name in _CAR if name in codec.signals for point in codec.signals[name].points]
     if any(all(map(block.holds, doors + car)) for block in blocks):

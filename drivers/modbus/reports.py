@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from drivers.driver import DriverOwner, NoOwner, Report
-from drivers.modbus.confirm import Expectation, confirm_of, proof
-from drivers.modbus.recipe import Outputs
+from drivers.modbus.confirm import Expectation, confirmation_of, find_proof
+from drivers.modbus.outputs import Outputs
 from drivers.modbus.steps import Phase
 from drivers.model import (
     Command,
@@ -65,9 +65,9 @@ class DriverReports:
         floor = self._floors.get(output.code) if output.codec.is_call and output.code is not None else None
         return Command(CommandKind(kind), floor, Side(side) if side else None)
 
-    def confirm(self, name: str) -> Confirm:
+    def confirmation(self, name: str) -> Confirm:
         """Return what shows that this command took effect."""
-        return confirm_of(self._outputs.output(name).spec)
+        return confirmation_of(self._outputs.output(name).spec)
 
     def _state(self, name: str) -> OutputState:
         output = self._outputs.output(name)
@@ -76,7 +76,7 @@ class DriverReports:
                 return OutputState.REQUESTED if output.awaits_look else OutputState.AT_REST
             case Phase.DUE | Phase.LEAVING:
                 return OutputState.REQUESTED
-            case Phase.LETTING_GO:
+            case Phase.RELEASING:
                 return OutputState.RELEASING
             case Phase.ON if output.is_lost:
                 return OutputState.LOST
@@ -90,8 +90,8 @@ class DriverReports:
             return False
         if output.codec.is_call:
             return output.verified  # where the car goes says nothing of what is still on
-        any_of = self.confirm(name).any_of
+        any_of = self.confirmation(name).any_of
         if "readback" in any_of and not output.verified:
             return False  # a door that is open by itself does not make up for a hold that is not there
         expected = Expectation(self.command(name), any_of, None, ())
-        return proof(expected, self.values, read_back=output.verified) is not Proof.NONE
+        return find_proof(expected, self.values, read_back=output.verified) is not Proof.NONE

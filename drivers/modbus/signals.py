@@ -28,16 +28,16 @@ class Signals:
         self._floors = floors
         self._watchdog_unit_s = watchdog_unit_s
 
-    def as_read(self, reader: Reader, asked_at: Sequence[float], now: float) -> tuple[SignalValue, ...]:
-        """Return them all; `asked_at` is when each block of the newest poll was asked for, empty before the first."""
-        raw = reader.raw() if asked_at else {}
+    def values_at(self, reader: Reader, requested_at: Sequence[float], now: float) -> tuple[SignalValue, ...]:
+        """Return them all; `requested_at` is when each block of the newest poll was asked for, empty before the first."""
+        raw = reader.raw() if requested_at else {}
         return tuple(
             SignalValue(
                 name=signal.name,
                 value=self._value(signal, reader.values.get(signal.name)) if raw else None,
                 raw=raw.get(signal.name),
                 addresses=printed,
-                age_s=now - min(asked_at[index] for index in indexes) if raw else None,
+                age_s=now - min(requested_at[index] for index in indexes) if raw else None,
                 wire=wire,
             )
             for signal, printed, wire, indexes in self._signals

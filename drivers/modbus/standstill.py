@@ -20,36 +20,36 @@ class StandstillEvidence:
 
     def __init__(self, evidence: Evidence) -> None:
         """`evidence` is what the map says about it."""
-        self._tells_level = evidence.kind == "level"
+        self._uses_level = evidence.kind == "level"
         self._still_s = STILL_S if evidence.for_s is None else evidence.for_s
         self._since = math.inf
         """From when on it counts as standing, if nothing else is told."""
         self._shut_at: FloorName | None = None
 
-    def look(self, values: LiftValues, at: float) -> None:
+    def update(self, values: LiftValues, at: float) -> None:
         """Take what the lift says, asked for at `at`."""
-        told = self._told(values)
-        shut_at = values.floor if told is None else None
-        if told is not None:
-            self._since = at if told else math.inf
+        is_standing = self._reported(values)
+        shut_at = values.floor if is_standing is None else None
+        if is_standing is not None:
+            self._since = at if is_standing else math.inf
         elif shut_at is None:
             self._since = math.inf
         elif shut_at != self._shut_at:
             self._since = at + self._still_s
         self._shut_at = shut_at
 
-    def unseen(self) -> None:
+    def reset(self) -> None:
         """Nobody looked for a while."""
         self._since, self._shut_at = math.inf, None
 
-    def stands(self, at: float) -> bool:
+    def is_standing(self, at: float) -> bool:
         """Whether the car is known to stand, if nothing has changed until `at`."""
         return at >= self._since
 
-    def _told(self, values: LiftValues) -> bool | None:
+    def _reported(self, values: LiftValues) -> bool | None:
         """Return whether it stands, as far as anything tells; None for a shut car without a word about it."""
         if values.motion is Motion.STOPPED or not _NOT_SHUT.isdisjoint(values.doors.values()):
             return True
         if values.motion in (Motion.UP, Motion.DOWN, Motion.MOVING):
             return False
-        return True if self._tells_level and values.flags.get("level", False) else None
+        return True if self._uses_level and values.flags.get("level", False) else None

@@ -18,7 +18,7 @@ class Phase(StrEnum):
     LEAVING = "leaving"
     """Its press is on its way: whoever wants rest now must let it go."""
     ON = "on"
-    LETTING_GO = "letting go"
+    RELEASING = "releasing"
 
 
 @unique
@@ -42,13 +42,13 @@ class StepKind(StrEnum):
     """No write: whether a release that was answered has come about."""
 
 
-NEED_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})
+KINDS_WITH_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})
 """Writes that ask for something; all others let go, or say no more than that we live."""
 
-ONLY_LOOK = frozenset({StepKind.LOOK, StepKind.VERIFY})
+READ_ONLY_KINDS = frozenset({StepKind.LOOK, StepKind.VERIFY})
 """Steps that write nothing."""
 
-CHANGE = frozenset({StepKind.PRESS, StepKind.RELEASE, StepKind.PAUSE, StepKind.RESET})
+CHANGING_KINDS = frozenset({StepKind.PRESS, StepKind.RELEASE, StepKind.PAUSE, StepKind.RESET})
 """Steps that write something else than what stands there already, as far as we know."""
 
 

@@ -82,7 +82,7 @@ class LatestContext:
     """Of the files before they were read."""
     fault: ConnectFailed | None = None
     """Why the files cannot be used as they are."""
-    looking: asyncio.Future[None] | None = None
+    pending_read: asyncio.Future[None] | None = None
     """The look at the files: one at a time, for a disk that hangs keeps its thread."""
 
 
@@ -111,12 +111,12 @@ async def client_context(tls: LinkTls, peer: str) -> ClientContext:
     While they cannot be used, or do not answer, the last ones that could be are used on.
     """
     latest = tls.latest
-    if latest.looking is None or latest.looking.done():
-        latest.looking = asyncio.ensure_future(in_thread(partial(_look, tls, peer)))
-    await asyncio.wait([latest.looking], timeout=FILES_WITHIN_S)
-    if not latest.looking.done():
-        _hangs(tls, peer)
-    elif (busy := latest.looking.exception()) is not None:
+    if latest.pending_read is None or latest.pending_read.done():
+        latest.pending_read = asyncio.ensure_future(in_thread(partial(_refresh_context, tls, peer)))
+    await asyncio.wait([latest.pending_read], timeout=FILES_WITHIN_S)
+    if not latest.pending_read.done():
+        _report_hanging_disk(tls, peer)
+    elif (busy := latest.pending_read.exception()) is not None:
         latest.fault = ConnectFailed(peer, ConnectProblem.OTHER, f"cannot look at the files of `tls`: {busy}")
     if latest.context is None:
         raise latest.fault or ConnectFailed(peer, ConnectProblem.TLS, "the files of `tls` were not read")
@@ -124,13 +124,13 @@ async def client_context(tls: LinkTls, peer: str) -> ClientContext:
     return latest.context
 
 
-def handshake_fault(error: OSError, tls: LinkTls) -> str:
+def explain_handshake_failure(error: OSError, tls: LinkTls) -> str:
     """What a handshake that failed means, and what to do about it."""
     if isinstance(error, ssl.SSLCertVerificationError):
-        return _distrust(error, tls)
+        return _explain_distrust(error, tls)
     if not isinstance(error, ssl.SSLError):
         return _ENDED_HANDSHAKE
-    if (words := refused(error, tls)) is not None:
+    if (words := explain_refusal(error, tls)) is not None:
         return words
     reason = error.reason or ""
     if reason in _NO_TLS_REASONS:
@@ -143,10 +143,10 @@ def handshake_fault(error: OSError, tls: LinkTls) -> str:
         return "the controller and we have no way of encrypting in common, or it wants another certificate than ours"
     if isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError):
         return _ENDED_HANDSHAKE
-    return _failed(error)
+    return _explain_failure(error)
 
 
-def refused(error: Exception | None, tls: LinkTls) -> str | None:
+def explain_refusal(error: Exception | None, tls: LinkTls) -> str | None:
     """Say so where a controller refuses our certificate, in the handshake or, over TLS 1.3, after it."""
     reason = error.reason if isinstance(error, ssl.SSLError) else None
     if reason not in _REFUSED_REASONS:
@@ -154,26 +154,26 @@ def refused(error: Exception | None, tls: LinkTls) -> str | None:
     return f"the controller refuses our certificate {tls.certificate}: {_REFUSED_REASONS[reason]}"
 
 
-def broken(error: Exception) -> str:
+def explain_break(error: Exception) -> str:
     """What ended a connection after its handshake."""
-    return _failed(error) if isinstance(error, ssl.SSLError) else str(error)
+    return _explain_failure(error) if isinstance(error, ssl.SSLError) else str(error)
 
 
-def unanswered(tls: LinkTls) -> str:
+def explain_silence(tls: LinkTls) -> str:
     """What may stand behind a connection that ended before anything came over it."""
     return f"it may refuse our certificate {tls.certificate}, which over TLS 1.3 shows only now"
 
 
-def tls_instead(data: bytes) -> str | None:
+def explain_tls_data(data: bytes) -> str | None:
     """Say so where data that is no Modbus/TCP is TLS."""
     return _IS_TLS if data.startswith(_TLS_RECORDS) else None
 
 
-def _failed(error: ssl.SSLError) -> str:
+def _explain_failure(error: ssl.SSLError) -> str:
     return f"TLS failed ({(error.reason or '').replace('_', ' ').lower() or error})"
 
 
-def _distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
+def _explain_distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
     code = error.verify_code
     if code in _OTHER_NAME_CODES:
         which = "its `host`" if tls.server_name is None else "`server_name`"
@@ -192,7 +192,7 @@ def _distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
     return f"the certificate of the controller is not accepted: {error.verify_message}"
 
 
-def _unusable(peer: str, what: str, error: OSError | ValueError) -> ConnectFailed:
+def _files_error(peer: str, what: str, error: OSError | ValueError) -> ConnectFailed:
     if isinstance(error, ssl.SSLError):
         mismatch = error.reason == "KEY_VALUES_MISMATCH"
         why = "the key does not belong to the certificate" if mismatch else "the file is not in PEM form, or too weak"
@@ -207,7 +207,7 @@ def _no_passphrase() -> str:
     raise ValueError("the key is protected by a passphrase; store it without one, readable for the manager alone")
 
 
-def _read(tls: LinkTls, peer: str) -> ClientContext:
+def _load_context(tls: LinkTls, peer: str) -> ClientContext:
     context = ClientContext(ssl.PROTOCOL_TLS_CLIENT)
     context.handshake_s = tls.handshake_s
     context.minimum_version = ssl.TLSVersion.TLSv1_2  # asked for by the specification
@@ -215,16 +215,16 @@ def _read(tls: LinkTls, peer: str) -> ClientContext:
     try:
         context.load_verify_locations(tls.ca)
     except OSError as error:
-        raise _unusable(peer, f"the CA file {tls.ca}", error) from error
+        raise _files_error(peer, f"the CA file {tls.ca}", error) from error
     try:
         context.load_cert_chain(tls.certificate, tls.key, password=_no_passphrase)
     except (OSError, ValueError) as error:
         files = f"our certificate {tls.certificate} with its key {tls.key}"
-        raise _unusable(peer, files, error) from error
+        raise _files_error(peer, files, error) from error
     return context
 
 
-def _hangs(tls: LinkTls, peer: str) -> None:
+def _report_hanging_disk(tls: LinkTls, peer: str) -> None:
     what = f"{tls.ca}, {tls.certificate} or {tls.key} does not answer within {FILES_WITHIN_S:g} s; look at the disk that it is on"
     fault = ConnectFailed(peer, ConnectProblem.TLS, what)
     if tls.latest.context is not None and str(tls.latest.fault) != str(fault):
@@ -232,13 +232,13 @@ def _hangs(tls: LinkTls, peer: str) -> None:
     tls.latest.fault = fault
 
 
-def _look(tls: LinkTls, peer: str) -> None:
+def _refresh_context(tls: LinkTls, peer: str) -> None:
     """Read the files if one of them has changed. It may block as long as their disk does."""
     latest, stamp = tls.latest, _stamp(tls)
     if latest.context is not None and stamp == latest.stamp:
         return
     try:
-        latest.context, latest.fault = _read(tls, peer), None
+        latest.context, latest.fault = _load_context(tls, peer), None
     except ConnectFailed as fault:
         latest.fault = fault
         if latest.context is not None:
@@ -251,9 +251,9 @@ def _stamp(tls: LinkTls) -> tuple[tuple[int, int, int], ...]:
     found = []
     for path in (tls.ca, tls.certificate, tls.key):
         try:
-            seen = path.stat()
+            status = path.stat()
         except OSError:
             found.append((0, 0, 0))  # reading it says why
         else:
-            found.append((seen.st_mtime_ns, seen.st_size, seen.st_ino))
+            found.append((status.st_mtime_ns, status.st_size, status.st_ino))
     return tuple(found)

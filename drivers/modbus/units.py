@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from drivers.errors import ACCEPTED, ControllerException
-from drivers.modbus.declared import Declared
+from drivers.modbus.declared_writes import DeclaredWrites
 from drivers.modbus.exchange import Permit
 from drivers.modbus.link import Link, LinkState
 from register_maps import frames
@@ -45,7 +45,7 @@ class Units:
         declared = tuple(commands)
         for link in self._links:
             if link.declared is None:
-                link.declared = Declared()
+                link.declared = DeclaredWrites()
             units = {endpoint: unit.unit_id for endpoint, unit in self._units.items() if unit.link is link}
             link.declared.add(declared, units)
 
@@ -112,6 +112,6 @@ class Units:
             if error.code != ACCEPTED:
                 raise
 
-    def undisturbed(self, endpoint: str) -> asyncio.Lock:
+    def word_lock(self, endpoint: str) -> asyncio.Lock:
         """Keep other lifts on this link from writing between our read of a shared word and its write."""
         return self.link(endpoint).shared_words

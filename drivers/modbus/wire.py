@@ -19,12 +19,12 @@ from drivers.modbus.tls import (
     NO_TLS,
     ClientContext,
     LinkTls,
-    broken,
     client_context,
-    handshake_fault,
-    refused,
-    tls_instead,
-    unanswered,
+    explain_break,
+    explain_handshake_failure,
+    explain_refusal,
+    explain_silence,
+    explain_tls_data,
 )
 from register_maps.errors import FrameError
 from register_maps.frames import split
@@ -104,18 +104,18 @@ class PymodbusWire:
         connection = _Connection(_params(self._host, self._port, context), self, on_frame, on_lost, self._tls)
         self._connection = connection
         try:
-            await _made(connection, context, timeout_s)
+            await _connect(connection, context, timeout_s)
         except TimeoutError as error:
             self.close()
-            raise self._too_late(context, timeout_s) from error
+            raise self._timeout_error(context, timeout_s) from error
         except (OSError, UnicodeError) as error:
             self.close()
-            raise self._failed(context, error) from error
+            raise self._open_error(context, error) from error
         except BaseException:
             self.close()
             raise
         if self._connection is not connection or not connection.is_active():
-            raise self._closed()
+            raise self._closed_error()
         connection.announced = True
 
     def close(self) -> None:
@@ -135,13 +135,13 @@ class PymodbusWire:
         attempt = self._attempts
         context = await client_context(tls, self._peer)
         if attempt != self._attempts:
-            raise self._closed()
+            raise self._closed_error()
         return context
 
-    def _closed(self) -> ConnectFailed:
+    def _closed_error(self) -> ConnectFailed:
         return ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
 
-    def _too_late(self, context: ClientContext | None, timeout_s: float) -> ConnectFailed:
+    def _timeout_error(self, context: ClientContext | None, timeout_s: float) -> ConnectFailed:
         if context is not None and context.began:
             detail = f"the controller took the connection, but no TLS handshake came about within {context.handshake_s:g} s; {NO_TLS}"
             return ConnectFailed(self._peer, ConnectProblem.TLS, detail)
@@ -149,10 +149,10 @@ class PymodbusWire:
         detail += "; the controller may be off, or may have no free connection slot"
         return ConnectFailed(self._peer, ConnectProblem.TIMED_OUT, detail)
 
-    def _failed(self, context: ClientContext | None, error: OSError | UnicodeError) -> ConnectFailed:
+    def _open_error(self, context: ClientContext | None, error: OSError | UnicodeError) -> ConnectFailed:
         if context is None or self._tls is None or not context.began or isinstance(error, UnicodeError):
             return _connect_failed(self._peer, error)
-        return ConnectFailed(self._peer, ConnectProblem.TLS, handshake_fault(error, self._tls))
+        return ConnectFailed(self._peer, ConnectProblem.TLS, explain_handshake_failure(error, self._tls))
 
 
 class _Connection(ModbusProtocol):
@@ -173,7 +173,7 @@ class _Connection(ModbusProtocol):
         self._rest_is_old = False
         """The frame that is coming in began before the last request left, so it cannot be the answer to it."""
         self._aborted = False
-        self._heard = False
+        self._has_received = False
         self.announced = False
         """Whether `open` has returned; a loss before that is its failure."""
 
@@ -209,23 +209,23 @@ class _Connection(ModbusProtocol):
             self._on_lost(self._ending(exc))
 
     def _ending(self, exc: Exception | None) -> str:
-        reason = f"the connection broke: {broken(exc)}" if exc else CLOSED_BY_CONTROLLER
-        if self._tls is None or self._heard:
+        reason = f"the connection broke: {explain_break(exc)}" if exc else CLOSED_BY_CONTROLLER
+        if self._tls is None or self._has_received:
             return reason
-        return refused(exc, self._tls) or f"{reason} before anything came; {unanswered(self._tls)}"
+        return explain_refusal(exc, self._tls) or f"{reason} before anything came; {explain_silence(self._tls)}"
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
         raise RuntimeError("data_received does not pass it on")
 
     def data_received(self, data: bytes) -> None:
         # Not left to ModbusProtocol: its buffer drops everything that comes when more than 516 bytes come together.
-        self._heard = True
+        self._has_received = True
         try:
             frames, self._rest = split(self._rest + data)
         except FrameError as error:
             self.abort()
             if self.announced:
-                self._on_lost(f"{NOT_MODBUS}: {tls_instead(self._rest + data) or error}")
+                self._on_lost(f"{NOT_MODBUS}: {explain_tls_data(self._rest + data) or error}")
             return
         if frames and self._rest_is_old:
             self._rest_is_old = False
@@ -238,21 +238,21 @@ class _Connection(ModbusProtocol):
             self._on_frame(frame)
 
 
-async def _made(connection: _Connection, context: ClientContext | None, timeout_s: float) -> None:
+async def _connect(connection: _Connection, context: ClientContext | None, timeout_s: float) -> None:
     """Make a connection: `timeout_s` for TCP, then the handshake's own time for TLS. Raises OSError, UnicodeError."""
     # Not `ModbusProtocol.connect`: it turns every failure into False and logs it on each attempt.
     async with asyncio.timeout(timeout_s) as limit:
         if context is None:
             await connection.call_create()
             return
-        context.on_handshake = partial(_give_more, limit, context.handshake_s)
+        context.on_handshake = partial(_extend_limit, limit, context.handshake_s)
         try:
             await connection.call_create()
         finally:
             context.on_handshake = None
 
 
-def _give_more(limit: asyncio.Timeout, more_s: float) -> None:
+def _extend_limit(limit: asyncio.Timeout, more_s: float) -> None:
     if not limit.expired():
         limit.reschedule(asyncio.get_running_loop().time() + more_s)
 

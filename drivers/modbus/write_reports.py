@@ -10,7 +10,7 @@ from drivers.model import Written
 from register_maps.codec import Block, Cell
 from register_maps.frames import Request
 
-_AGAIN = frozenset({StepKind.REFRESH, StepKind.CYCLE, StepKind.BEAT})
+_REPEATED_KINDS = frozenset({StepKind.REFRESH, StepKind.CYCLE, StepKind.BEAT})
 """Writes that are repeated by themselves."""
 CUT_SHORT = "its answer was not waited for"
 
@@ -22,24 +22,26 @@ class WriteReports:
         """`counts` are the cells of heartbeats: they change with each count, which is no news."""
         self._report = report
         self._counts = frozenset(counts)
-        self._told: dict[str | Block, tuple[tuple[object, ...], str]] = {}
+        self._reported: dict[str | Block, tuple[tuple[object, ...], str]] = {}
         """What was told last of each command, and of each block that is written in a cycle."""
 
-    def wrote(self, step: Step, blocks: Iterable[Block], cells: Cells, left: Sequence[Request], failure: str) -> None:
-        """The write of a step to these blocks has ended; `left` is what reached the wire, or may have."""
-        if not left:
+    def report_write(
+        self, step: Step, blocks: Iterable[Block], cells: Cells, sent: Sequence[Request], failure: str
+    ) -> None:
+        """The write of a step to these blocks has ended; `sent` is what reached the wire, or may have."""
+        if not sent:
             return
-        key, told = step.block or step.name, (self._substance(blocks, cells, left), failure)
-        if step.kind in _AGAIN and self._told.get(key) == told:
+        key, news = step.block or step.name, (self._substance(blocks, cells, sent), failure)
+        if step.kind in _REPEATED_KINDS and self._reported.get(key) == news:
             return
-        self._told[key] = told
-        self._report(Written(step.name, step.kind, frames(left), failure))
+        self._reported[key] = news
+        self._report(Written(step.name, step.kind, hex_frames(sent), failure))
 
-    def _substance(self, blocks: Iterable[Block], cells: Cells, left: Sequence[Request]) -> tuple[object, ...]:
+    def _substance(self, blocks: Iterable[Block], cells: Cells, sent: Sequence[Request]) -> tuple[object, ...]:
         """Return what makes a write another one than the write before."""
         covered = [cell for block in blocks for cell in block.cells] if self._counts else []
         if self._counts.isdisjoint(covered):
-            return tuple(hex_part(request) for request in left)
+            return tuple(hex_part(request) for request in sent)
         return tuple((cell, cells[cell]) for cell in covered if cell not in self._counts)
 
 
@@ -48,6 +50,6 @@ def hex_part(request: Request) -> bytes:
     return request.body[4:]
 
 
-def frames(requests: Sequence[Request]) -> tuple[str, ...]:
+def hex_frames(requests: Sequence[Request]) -> tuple[str, ...]:
     """Put requests into words for outcomes and logs."""
     return tuple(hex_part(request).hex() for request in requests)

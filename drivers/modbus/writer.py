@@ -6,18 +6,18 @@ from collections.abc import AsyncIterator, Collection, Mapping
 
 from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
-from drivers.modbus.confirm import confirm_of
+from drivers.modbus.confirm import confirmation_of
 from drivers.modbus.exchange import Permit
-from drivers.modbus.output import Cells, match
+from drivers.modbus.output import Cells, matches
 from drivers.modbus.plan import plan_reads
-from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
+from drivers.modbus.steps import READ_ONLY_KINDS, Step, StepKind
 from drivers.modbus.units import Units
-from drivers.modbus.write_reports import CUT_SHORT, WriteReports, frames
+from drivers.modbus.write_reports import CUT_SHORT, WriteReports, hex_frames
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
 
-_NOT_LOOKED_AT = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
+_NOT_READ_BACK = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
 
 
 class Writer:
@@ -29,13 +29,13 @@ class Writer:
         commands: Mapping[str, CommandCodec],
         units: Units,
         settings: LiftSettings,
-        notes: WriteReports | None = None,
+        reports: WriteReports | None = None,
     ) -> None:
         """`commands` are those that this lift may use: from here on its links pass no write but theirs."""
         self._codec = codec
         self._commands = commands
         self._units = units
-        self._notes = notes or WriteReports(lambda _: None)
+        self._reports = reports or WriteReports(lambda _: None)
         units.declare(commands.values())
         self._functions = {block: function for block, function, _ in codec.written}
         self._read_blocks = {
@@ -70,10 +70,10 @@ class Writer:
         """Name a command with its addresses as its map prints them."""
         return f"{name} at {', '.join(self._commands[name].spec.addresses)}" if name in self._commands else name
 
-    def planned(self, step: Step, cells: Cells) -> tuple[str, ...]:
+    def plan_frames(self, step: Step, cells: Cells) -> tuple[str, ...]:
         """Return the writes of a press as hex, without reading: what others write into the same words is taken for 0."""
         command = self._commands[step.name]
-        return frames(
+        return hex_frames(
             [
                 self._request(command, step, block, function, cells)
                 for block, function in self._in_order(command, step, cells)
@@ -85,12 +85,12 @@ class Writer:
 
         Told to the notes at the end, whatever the end: what reached the wire or may have.
         """
-        if step.kind in ONLY_LOOK:
+        if step.kind in READ_ONLY_KINDS:
             return
-        left: list[Request] = []
+        sent: list[Request] = []
         failure = CUT_SHORT
         try:
-            async for request in self._write(step, cells, permit, left):
+            async for request in self._write(step, cells, permit, sent):
                 yield request
             failure = ""
         except DriverError as error:
@@ -98,20 +98,20 @@ class Writer:
             raise
         finally:
             blocks = self._commands[step.name].blocks if step.block is None else (step.block,)
-            self._notes.wrote(step, blocks, cells, left, failure)
+            self._reports.report_write(step, blocks, cells, sent, failure)
 
     async def _write(
-        self, step: Step, cells: Cells, permit: Permit | None, left: list[Request]
+        self, step: Step, cells: Cells, permit: Permit | None, sent: list[Request]
     ) -> AsyncIterator[Request]:
         if step.block is not None:
             request = block_write(step.block, self._functions[step.block], cells, self._unit(step.block))
-            yield await self._send(request, step.block, permit, left)
+            yield await self._send(request, step.block, permit, sent)
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
         for block, function in self._in_order(command, step, cells):
             try:
-                yield await self._write_block(command, step, block, function, cells, permit, left)
+                yield await self._write_block(command, step, block, function, cells, permit, sent)
             except DriverError as error:
                 # what is pressed on one device is let go whatever another one answers
                 if step.kind is not StepKind.RELEASE:
@@ -120,9 +120,9 @@ class Writer:
         if failure is not None:
             raise failure
 
-    async def look(self, step: Step) -> bool | None:
+    async def read_back(self, step: Step) -> bool | None:
         """Read back whether the points hold what the step wrote; None where nobody asks for it."""
-        if step.kind in _NOT_LOOKED_AT:
+        if step.kind in _NOT_READ_BACK:
             return None
         command = self._commands[step.name]
         release = step.kind in (StepKind.RELEASE, StepKind.VERIFY)
@@ -132,10 +132,13 @@ class Writer:
         if command.spec.self_clearing and not release:
             return None
         if not (
-            release or step.kind is StepKind.LOOK or command.shared or "readback" in confirm_of(command.spec).any_of
+            release
+            or step.kind is StepKind.LOOK
+            or command.shared
+            or "readback" in confirmation_of(command.spec).any_of
         ):
             return None
-        return match(command, await self.cells(step.name), step.code)
+        return matches(command, await self.cells(step.name), step.code)
 
     async def cells(self, name: str) -> Cells:
         """Return what stands at the points where a command is read back. Raises DriverError."""
@@ -149,16 +152,16 @@ class Writer:
         function: int,
         cells: Cells,
         permit: Permit | None,
-        left: list[Request],
+        sent: list[Request],
     ) -> Request:
         if not command.shared or function == MASK_WRITE or command.is_timed_coil:
-            return await self._send(self._request(command, step, block, function, cells), block, permit, left)
-        async with self._units.undisturbed(block.endpoint):
+            return await self._send(self._request(command, step, block, function, cells), block, permit, sent)
+        async with self._units.word_lock(block.endpoint):
             fresh: dict[Cell, int] = await self._units.cells([block])
             for point, value in command.encode(step.code).items():
                 if block.holds(point):
                     fresh[point.cell] = point.into(fresh[point.cell], value)
-            return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, left)
+            return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, sent)
 
     def _request(self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells) -> Request:
         unit = self._unit(block)
@@ -168,13 +171,13 @@ class Writer:
             return masked_write(command.encode(step.code), block, unit)
         return block_write(block, function, cells, unit)
 
-    async def _send(self, request: Request, block: Block, permit: Permit | None, left: list[Request]) -> Request:
-        left.append(request)
+    async def _send(self, request: Request, block: Block, permit: Permit | None, sent: list[Request]) -> Request:
+        sent.append(request)
         try:
             await self._units.send(block.endpoint, request, permit)
         except Exception as error:
-            if not _may_have_left(error):
-                left.pop()
+            if not _may_have_been_sent(error):
+                sent.pop()
             raise
         return request
 
@@ -195,6 +198,6 @@ class Writer:
         return self._units.unit(block.endpoint)
 
 
-def _may_have_left(error: Exception) -> bool:
+def _may_have_been_sent(error: Exception) -> bool:
     """Whether a write that failed so is on the wire: a controller that answers has heard it, even where it did nothing."""
     return isinstance(error, DriverError) and (error.sent is not Delivery.NO or isinstance(error, ControllerException))

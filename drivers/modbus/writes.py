@@ -42,12 +42,12 @@ def timed_pulse(codec: CommandCodec, block: Block, unit: int) -> Request:
 def read_back_blocks(codec: CommandCodec, written: Iterable[Written], planned: Iterable[Block]) -> tuple[Block, ...]:
     """Return what has to be read to see what a command's points hold: its write blocks whole, the rest as `planned`."""
     whole = [block for block, _, _ in written]
-    inside = [next((block for block in whole if block.holds(point)), None) for point in codec.read_points]
+    covering = [next((block for block in whole if block.holds(point)), None) for point in codec.read_points]
     return tuple(
         dict.fromkeys(
             [
-                *(block for block in inside if block is not None),
-                *(block for block in planned if not any(_covers(kept, block) for kept in inside if kept is not None)),
+                *(block for block in covering if block is not None),
+                *(block for block in planned if not any(_covers(kept, block) for kept in covering if kept is not None)),
             ]
         )
     )

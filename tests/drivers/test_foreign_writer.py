@@ -59,7 +59,7 @@ def presses(made: Rig, since: float) -> list[float]:
     """Times at which the door hold was pressed."""
     return [
         heard.at_s
-        for heard in made.device.heard
+        for heard in made.device.received
         if heard.at_s >= since and heard.request.is_write and heard.request.values == (1,)
     ]
 
@@ -68,7 +68,7 @@ def looks(made: Rig, since: float) -> list[float]:
     """Times of the reads of our outputs."""
     return [
         heard.at_s
-        for heard in made.device.heard
+        for heard in made.device.received
         if heard.at_s >= since and not heard.request.is_write and heard.request.table is Table.HOLDING
     ]
 
@@ -116,7 +116,7 @@ def test_somebody_who_presses_again_and_again_is_let_go_of_once_a_minute_at_most
         for _ in range(round(300 / every_s)):
             made.device.values[Table.HOLDING][17] = 1
             await elapse(every_s)
-        released = [heard.at_s for heard in made.device.heard if heard.request.is_write][writes:]
+        released = [heard.at_s for heard in made.device.received if heard.request.is_write][writes:]
         begun = [at for before, at in pairwise([-60.0, *released]) if at - before > 2]
         assert 4 <= len(begun) <= 5
         assert all(after - before >= 60 for before, after in pairwise(begun))
@@ -254,7 +254,7 @@ def test_outputs_are_compared_with_one_read_about_every_two_seconds() -> None:
         since = now()
         await elapse(60)
         assert 26 <= len(looks(made, since)) <= 30
-        read = [heard.request for heard in made.device.heard if heard.at_s >= since]
+        read = [heard.request for heard in made.device.received if heard.at_s >= since]
         assert {request.count for request in read if request.table is Table.HOLDING} == {2}
 
     on_rig(check, commands())
@@ -361,7 +361,7 @@ def test_no_refresh_hides_for_long_that_somebody_lets_go_between_two_of_them(ref
 
     async def check(made: Rig) -> None:
         def release() -> None:
-            written = [heard.at_s for heard in device.heard[-99:] if heard.request.is_write]
+            written = [heard.at_s for heard in device.received[-99:] if heard.request.is_write]
             if written and now() - written[-1] > 0.5 * refresh_s:
                 device.values[Table.HOLDING][17] = 0
 
@@ -476,7 +476,7 @@ def test_a_look_never_goes_before_a_command() -> None:
         for _ in range(40):
             began = now()
             press = made.lift.press(Command(CommandKind.GO_TO, "L2"), allowed)
-            while not any(heard.request.is_write and heard.at_s >= began for heard in device.heard):
+            while not any(heard.request.is_write and heard.at_s >= began for heard in device.received):
                 await elapse(0.01)
             took_s.append(now() - began)
             await elapse(1.37)
@@ -508,7 +508,9 @@ def test_a_block_that_is_written_all_the_time_goes_on_at_rest_once_its_hold_is_g
         assert any("is pressed again once in 60 s at most" in notice for notice in notices(made))
         since = now()
         await keep(made, 10)
-        images = [heard.request.values for heard in made.device.heard if heard.at_s > since and heard.request.is_write]
+        images = [
+            heard.request.values for heard in made.device.received if heard.at_s > since and heard.request.is_write
+        ]
         assert set(images) == {(0, 0)}
         assert len(images) == pytest.approx(20, abs=1)
 

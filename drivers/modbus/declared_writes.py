@@ -28,7 +28,7 @@ class UndeclaredWrite(RuntimeError):
         self.request = request
 
 
-class Declared:
+class DeclaredWrites:
     """The writes that commands of maps consist of: whole shapes, so neither a longer block nor another function passes."""
 
     def __init__(self) -> None:
