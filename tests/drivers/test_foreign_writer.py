@@ -26,7 +26,7 @@ def commands(hold: str = REFRESHED, more: str = GO_TO) -> str:
     return f'{SIGNALS}commands:\n  hold_door.front: {{at: "holding:17", {hold}}}\n{more}'
 
 
-LET_GO = "it is let go of, once in 60 s at most"
+LET_GO = "it is released, once in 60 s at most"
 BLOCK = (
     f'{SIGNALS}commands:\n  hold_door.front: {{at: "coil:1", {REFRESHED}}}\n  robot_mode: {{at: "coil:2", {UNREFRESHED}}}\n'
     'write_blocks: [{at: "coil:1", count: 2, function: 15}]\n'
@@ -148,7 +148,7 @@ def test_a_second_press_of_somebody_within_the_minute_is_told_and_waits() -> Non
         made.device.values[Table.HOLDING][17] = 1
         await elapse(5)
         assert made.cells(Table.HOLDING, 17) == [1]
-        assert "; it was let go of not long ago, and is let go of again in " in notices(made)[2]
+        assert "; it was released not long ago, and is released again in " in notices(made)[2]
         await elapse(60)
         assert made.cells(Table.HOLDING, 17) == [0]
 
@@ -298,7 +298,7 @@ def test_a_hold_that_somebody_lets_go_is_told_and_does_not_count_as_held() -> No
 
         await keep(made, 12, release)
         assert notices(made)[0] == (
-            "hold_door.front was let go by the controller or by somebody else at holding:17: it reads 0, we wrote 1"
+            "hold_door.front was released by the controller or by somebody else at holding:17: it reads 0, we wrote 1"
         )
         assert False in held
 
@@ -316,7 +316,7 @@ def test_whoever_lets_go_again_and_again_is_not_fought(hold: str) -> None:
         await keep(made, 60, release)
         fight = [notice for notice in notices(made) if "is pressed again once in 60 s at most" in notice]
         assert len(fight) == 1
-        assert "hold_door.front at holding:17 was let go 4 times within 60 s" in fight[0]
+        assert "hold_door.front at holding:17 was released 4 times within 60 s" in fight[0]
         pressed = presses(made, now() - 40)
         assert pressed == []
         assert not made.lift.held(HOLD_FRONT)
@@ -366,7 +366,7 @@ def test_no_refresh_hides_for_long_that_somebody_lets_go_between_two_of_them(ref
                 device.values[Table.HOLDING][17] = 0
 
         await keep(made, 60, release)
-        assert "hold_door.front was let go by the controller or by somebody else" in notices(made)[0]
+        assert "hold_door.front was released by the controller or by somebody else" in notices(made)[0]
 
     on_rig(check, commands(REFRESHED.replace("refresh_s: 1", f"refresh_s: {refresh_s}")), {"": device})
 
@@ -380,7 +380,7 @@ def test_who_lets_go_of_a_hold_between_its_quick_refreshes_is_not_fought_either(
 
         since = now()
         await keep(made, 60, release)
-        assert any("was let go 4 times within 60 s" in notice for notice in notices(made))
+        assert any("was released 4 times within 60 s" in notice for notice in notices(made))
         # it is dropped and written again until it was seen four times, and then no more
         assert max(presses(made, since)) < since + 20
 
@@ -519,7 +519,7 @@ def test_a_block_that_is_written_all_the_time_goes_on_at_rest_once_its_hold_is_g
     on_rig(check, commands(cyclic) + block)
 
 
-FOUGHT = "was let go 4 times within 60 s"
+FOUGHT = "was released 4 times within 60 s"
 
 
 @dataclass
@@ -628,7 +628,7 @@ def test_a_call_that_somebody_lets_go_is_told_and_not_pressed_again() -> None:
         await elapse(2.5)
         assert not made.lift.given(go)
         assert not made.lift.held(go)
-        assert "go_to was let go by the controller or by somebody else" in notices(made)[0]
+        assert "go_to was released by the controller or by somebody else" in notices(made)[0]
         await elapse(10.0)
         assert made.cells(Table.HOLDING, 16) == [0]
 
