@@ -1,4 +1,4 @@
-"""What an exception answer to a poll or a command is about: signals by name, addresses as printed."""
+"""Explains exception answers: names the signals they are about, with addresses as printed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CURE = "compare table and address with the manual, and how it counts with `addr
 
 
 class Diagnosis:
-    """Finds out once what is wrong, and says it once."""
+    """Finds the cause of refused polls once, and reports each unlisted value once."""
 
     def __init__(self, codec: Codec, units: Units, name: str) -> None:
         """`name` of the lift begins every message."""
@@ -28,7 +28,7 @@ class Diagnosis:
         self._reported: set[tuple[str, int]] = set()
 
     async def explain(self, error: ControllerException, block: Block) -> ControllerException:
-        """Name the signals that the answer to a poll is about; of what is not served, find out which of them."""
+        """Return the error of a poll with the signals it is about; if addresses are not served, find out which."""
         if isinstance(error, UnitOffline):
             return error
         if error.code == ILLEGAL_FUNCTION:
@@ -41,11 +41,11 @@ class Diagnosis:
         return PointsRefused(error, self._refused[block])
 
     def forget(self) -> None:
-        """Find out anew: the controller is another one, or another program in it."""
+        """Forget the results: the controller or its program may have been replaced."""
         self._refused.clear()
 
     def report_unlisted(self, values: LiftValues) -> None:
-        """Report each value outside its table once, however often it comes."""
+        """Log each value outside its table once, however often it is read."""
         for signal, raw in values.unknown.items():
             if (signal, raw) not in self._reported:
                 self._reported.add((signal, raw))
@@ -54,7 +54,7 @@ class Diagnosis:
                 _log.warning(message, self._name, signal, where, raw)
 
     async def _find_refused(self, block: Block) -> str:
-        """Ask for each address of a refused block by itself and say which ones the device does not serve."""
+        """Read each address of a refused block by itself and describe those that the device does not serve."""
         codec = self._codec
         refused: list[str] = []
         first: dict[Cell, tuple[str, Point]] = {}
@@ -80,7 +80,7 @@ class Diagnosis:
 
 
 def named_points(codec: Codec, block: Block) -> list[tuple[str, Point]]:
-    """List the points in a block by the signals they are read for, or else by the commands; lowest address first."""
+    """Return the points in a block with the signals, or else the commands, they are read for; lowest address first."""
     from_signals = [
         (name, point) for name, signal in codec.signals.items() for point in signal.points if block.holds(point)
     ]
@@ -92,14 +92,14 @@ def named_points(codec: Codec, block: Block) -> list[tuple[str, Point]]:
 
 
 def names_of_signals(codec: Codec, block: Block) -> str:
-    """Name the signals that a block read is for, with their printed addresses."""
+    """Return the names of the signals in a block, with their printed addresses."""
     names = dict.fromkeys(name for name, _ in named_points(codec, block))
     names_with_addresses = [f"{name} at {', '.join(_addresses(codec, name))}" for name in names]
     return "; ".join(names_with_addresses[:4]) + ("; ..." if len(names_with_addresses) > 4 else "")
 
 
 def _printed(codec: Codec, name: str, point: Point) -> str:
-    """Give the address of a point as its map prints it."""
+    """Return the address of a point as its map prints it."""
     for text in _addresses(codec, name):
         place = codec.map.place(text)
         if (place.table, place.number + codec.offset.get(place.table, 0)) == (point.table, point.address):

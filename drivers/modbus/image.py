@@ -1,4 +1,4 @@
-"""What our cells hold, and whose they are: from the outputs as they stand to the words of a write. Pure."""
+"""Computes the content of our cells from the state of the outputs. Pure."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ class Image:
     """The cells of all outputs of one lift."""
 
     def __init__(self, outputs: Mapping[str, Output], beats: Mapping[str, Beat], written: Sequence[Written]) -> None:
-        """Look at these outputs and beats as they change; `written` are the blocks of the map."""
+        """Read the current state of these outputs and beats; `written` are the blocks of the map."""
         self._outputs = outputs
         self._beats = beats
         self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
-        """Every cell of ours with nothing pressed."""
+        """All our cells with nothing pressed."""
         codecs = [output.codec for output in outputs.values()] + [beat.codec for beat in beats.values()]
         for codec in codecs:
             put_values(self._resting, codec.encode(None))
 
     def cells(self, step: Step, without: Collection[str]) -> Cells:
-        """Contents of our cells with a step applied: of everything else, only what is on is pressed, but for `without`."""
+        """Return our cells with a step applied; of the other outputs only those that are on are pressed, except `without`."""
         image = dict(self._resting)
         for beat in self._beats.values():
             put_values(image, beat.codec.encode(beat.count or None))
@@ -38,12 +38,12 @@ class Image:
         return image
 
     def covered_cells(self, step: Step) -> list[Cell]:
-        """List every address that the writes of a step cover."""
+        """Return every cell that the writes of a step cover."""
         blocks = self._codec(step).blocks if step.block is None else (step.block,)
         return [cell for block in blocks for cell in block.cells]
 
     def others_in_cells(self, step: Step) -> tuple[str, ...]:
-        """Other outputs in the cells of a step, on or not: it writes them as they stand."""
+        """Return the other outputs in the cells of a step, on or not."""
         if self._codec(step).shared:
             return ()
         cells = set(self.covered_cells(step))
@@ -54,14 +54,14 @@ class Image:
         )
 
     def neighbours(self, step: Step) -> tuple[str, ...]:
-        """Those beside a step that it has to write as pressed, because they are on, or may be."""
+        """Return the other outputs that a step has to write as pressed, because they are on or may be."""
         outputs = self._outputs
         return tuple(
             name for name in self.others_in_cells(step) if outputs[name].is_asserted or outputs[name].awaits_look
         )
 
     def is_idle(self, block: Block) -> bool:
-        """Whether nothing in this block is on, or may be: what is, is refreshed instead, with permission."""
+        """Whether no output in this block is on or may be; such outputs are refreshed instead, with permission."""
         outputs = [output for output in self._outputs.values() if block in output.codec.blocks]
         return not any(output.awaits_look or (output.phase in _BUSY and not output.is_yielding) for output in outputs)
 

@@ -1,4 +1,4 @@
-"""One lift behind Modbus links: a map and its links become readings, commands and outcomes."""
+"""The driver of one lift behind Modbus links: turns polls into readings, and commands into writes with outcomes."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ from drivers.model import (
 from register_maps.codec import Cell, Codec
 
 _ONLY_ALIVE = frozenset({SIGNAL})
-_RELEASED_EARLY = "let go before it was confirmed"
+_RELEASED_EARLY = "released before it was confirmed"
 
 
 class ModbusLift:
     """The LiftDriver of one lift on a Modbus link.
 
-    What is declared and pressed is noted at once; `run` writes it. Raises ValueError when the site's floors do not fit the map's coding.
+    `declare` and `press` return at once; `run` writes. Raises ValueError if the site's floors do not fit the map's coding.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class ModbusLift:
         settings: LiftSettings,
         endpoints: Mapping[str, Unit] | None = None,
     ) -> None:
-        """Plan the poll and prepare every request once; `endpoints` are the map's further devices."""
+        """Plan the poll and prepare its requests; `endpoints` are the map's further devices."""
         self._codec = codec
         self._units = Units(Unit(link, settings.unit_id), endpoints or {})
         self._name = link.name
@@ -69,7 +69,7 @@ class ModbusLift:
         self._requests = tuple((b, self._units.link(b.endpoint), self._units.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
         self._requested_at: tuple[float, ...] = ()
-        """When each block of the newest poll was asked for; empty before the first."""
+        """When each block of the newest poll was requested; empty before the first."""
         self._signals: Signals | None = None
         self._epoch = 0
         self._epochs: dict[str, int] = {}
@@ -126,20 +126,20 @@ class ModbusLift:
         )
 
     def _check_floors(self) -> None:
-        """Raise ValueError for a floor of the site that some call of the map cannot express."""
+        """Raise ValueError for a floor of the site that a call of the map cannot express."""
         for command in self._commands.values():
             for code in self._settings.floors.values() if command.is_call else ():
                 command.encode(code)
 
     @property
     def source(self) -> str:
-        """Where it is, for messages."""
+        """Controller name, for messages."""
         return self._name
 
     def signals(self, now: float) -> tuple[SignalValue, ...]:
-        """Return every signal of the map, from the words of the newest poll that was answered as a whole.
+        """Return every signal of the map as of the newest complete poll.
 
-        Words that came while the alive counter stands still are among them: a person who looks for the reason needs them.
+        This includes polls while the alive counter stands still: a person who looks for the reason needs their values.
         """
         if self._signals is None:
             self._signals = Signals(self._codec, self._blocks, self._names, watchdog_unit_s=self._watchdog_unit_s)
@@ -149,7 +149,7 @@ class ModbusLift:
         """Poll once. Raises DriverError."""
         units, reports, loop = self._units, self._reports, self._loop
         if loop is None:
-            # kept: Python 3.11 asks the kernel for the process id whenever it is asked for its loop
+            # cached: Python 3.11 makes a system call (getpid) each time it looks up its loop
             loop = self._loop = asyncio.get_running_loop()
         at, epoch = loop.time(), units.epoch
         requested_at: tuple[float, ...] = (at,)
@@ -185,12 +185,12 @@ class ModbusLift:
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
 
-        A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
+        After a bug it raises once everything is released, or after a few seconds.
         """
         await self._worker.run()
 
     def attach(self, owner: DriverOwner) -> None:
-        """Ask and report to `owner` from now on."""
+        """Consult and report to `owner` from now on."""
         self._reports.owner = owner
 
     def declare(self, holds: Mapping[Command, Hold]) -> None:
@@ -206,7 +206,7 @@ class ModbusLift:
             if code is None or hold is None:
                 released = self._outputs.undeclare(name)
             elif self._epoch and self._permissions.missing_flags(name) and not self._outputs.output(name).awaits_look:
-                # what the map requires was taken away: the hold goes, whatever its limit
+                # a flag that the map requires is gone: release the hold, whatever its limit
                 released = self._outputs.withhold(name, hold)
             else:
                 released = self._outputs.declare(name, code, hold, now, adopts=not self._epoch)
@@ -216,7 +216,7 @@ class ModbusLift:
             self._on_outputs_changed()
 
     def press(self, press: PressId, command: Command, leave_by: float) -> None:
-        """Give a command once."""
+        """Press a command once."""
         name, code = command.name, self._code(command)
         given = Press(press, command)
         if name not in self._outputs or code is None:
@@ -231,7 +231,7 @@ class ModbusLift:
         self._on_outputs_changed()
 
     def cancel(self, press: PressId) -> None:
-        """Take a press back."""
+        """Cancel a press."""
         for name in self._outputs.names:
             output, given = self._outputs.output(name), self._presses.get(name)
             if output.press == press and (output.press_waits or name not in self._declared):
@@ -241,14 +241,14 @@ class ModbusLift:
         self._on_outputs_changed()
 
     def frames(self, command: Command) -> tuple[str, ...]:
-        """Return the frames that a press of this command would be, as far as is known without reading."""
+        """Return the writes that a press of this command would send, as far as they are known without reading."""
         code = self._code(command)
         if command.name not in self._outputs or code is None:
             return ()
         return self._writer.plan_frames(*self._outputs.plan_press(command.name, code))
 
     def fence(self, until: float) -> None:
-        """Write nothing from this time on."""
+        """Write nothing at or after this time."""
         self._units.fence_at = until
         self._worker.wake()
 
@@ -257,17 +257,17 @@ class ModbusLift:
         await self._worker.wait_until_at_rest()
 
     def _on_outputs_changed(self) -> None:
-        """Outputs are wanted otherwise than before."""
+        """Report the outputs and wake the workers after a change of what is declared or pressed."""
         self._worker.end_dropped_presses()
         self._reports.report_states()
         self._worker.wake()
 
     def _code(self, command: Command) -> int | None:
-        """Return what a command writes; None for a floor that the site does not have."""
+        """Return the code that a command writes; None for a floor that the site does not have."""
         return self._settings.floors.get(command.floor) if command.floor is not None else 1
 
     async def _read_blocks(self, loop: asyncio.AbstractEventLoop) -> tuple[tuple[bytes, ...], tuple[float, ...]]:
-        """Return what each block holds, and when it was asked for."""
+        """Return the content of each block, and when it was requested."""
         payloads: list[bytes] = []
         requested_at: list[float] = []
         for block, link, request in self._requests:
@@ -296,7 +296,7 @@ class ModbusLift:
         return values
 
     def _release_by_reading(self, values: LiftValues) -> None:
-        """Let go of what ends by a reading: close commands, and holds whose requirements were taken away."""
+        """Release what a reading ends: close commands, and holds whose required flags are gone."""
         to_release = list(closes_to_release(self._commands, values, self._codec.signals))
         for name in to_release:
             self._outputs.release(name)
@@ -314,7 +314,7 @@ class ModbusLift:
         self._reports.report_states()
 
     async def _read_outputs_again(self, epoch: int) -> None:
-        """Look at our own outputs over a new connection before anything is believed or written."""
+        """Read our own outputs back over a new connection before anything is trusted or written."""
         epochs = self._units.epochs
         changed = {endpoint for endpoint, number in epochs.items() if number != self._epochs.get(endpoint)}
         cells: dict[Cell, int] = {}
@@ -324,7 +324,7 @@ class ModbusLift:
             except UnitOffline:
                 raise
             except ControllerException as error:
-                raise PointsRefused(error, f"it does not say what our outputs hold: {names}") from error
+                raise PointsRefused(error, f"our outputs cannot be read back: {names}") from error
         if self._commands:
             self._outputs.record_reconnect(cells, asyncio.get_running_loop().time(), changed)
             self._worker.wake()
@@ -333,10 +333,10 @@ class ModbusLift:
         self._diagnosis.forget()
 
     def _is_unread(self) -> bool:
-        """Whether a connection is new, and nothing was read over it yet."""
+        """Whether a connection is new and was not read yet."""
         return self._units.epoch != self._epoch
 
     def _clear(self, name: str) -> None:
-        """Let go of what somebody else has pressed."""
+        """Release an output that somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
         self._worker.wake()

@@ -1,4 +1,4 @@
-"""Carries out what is due, device by device, and tells the outputs and presses how it went."""
+"""Carries out the steps that are due, device by device, and records the results."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from drivers.model import Result
 _log = logging.getLogger(__name__)
 
 _EARLY_S = 1e-6
-"""A timer may be called just before its time; what is due so soon is due now, or its worker would turn until then."""
+"""A timer may fire just before its time; a step due so soon is due now, or its worker would spin until then."""
 _RELEASE_WITHIN_S = 4.0
-"""How long a bug waits for outputs to be let go of before it ends the program: as long as an orderly end does."""
+"""How long outputs may take to be released after a bug before the program ends: as long as in an orderly shutdown."""
 
 
 class OutputWorker:
@@ -50,19 +50,19 @@ class OutputWorker:
         self._bug: Exception | None = None
         self._bug_at = math.inf
         self._logged: set[str] = set()
-        """Holds whose refusal was reported: once until they are on again."""
+        """Outputs whose failure was logged, once until they are on again."""
         self._wakes = {endpoint: asyncio.Event() for endpoint in outputs.endpoints}
         self._rested = asyncio.Event()
 
     @property
     def has_failed(self) -> bool:
-        """Whether a bug was met, and everything is let go because of it."""
+        """Whether a bug was met, so that everything is released."""
         return self._bug is not None
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled.
 
-        A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
+        After a bug it raises once everything is released, or after a few seconds.
         """
         async with asyncio.TaskGroup() as workers:
             for endpoint in self._wakes:
@@ -71,7 +71,7 @@ class OutputWorker:
                 workers.create_task(self._watch_foreign_writes())
 
     def wake(self) -> None:
-        """Something may be due."""
+        """Look for due steps now."""
         for wake in self._wakes.values():
             wake.set()
 
@@ -83,7 +83,7 @@ class OutputWorker:
             await self._rested.wait()
 
     def end_dropped_presses(self) -> None:
-        """End the presses that will not be written any more."""
+        """End the presses that will no longer be written."""
         for name in self._presses.unwritten:
             if not self._outputs.is_pending(name):
                 self._presses.end(name, Result.REJECTED, NOT_SENT)
@@ -100,7 +100,7 @@ class OutputWorker:
             if step is not None:
                 try:
                     await self._carry_out(step)
-                except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
+                except Exception as bug:  # noqa: BLE001  raised again once nothing is held any more
                     self._outputs.record_failure(step, maybe_sent=True, now=loop.time())
                     self._release_after_bug(bug, f"{step.kind} of {step.name}")
                 continue
@@ -116,13 +116,13 @@ class OutputWorker:
         try:
             await self._foreign_writes.run(self.wake)
         except Exception as bug:  # noqa: BLE001  it is raised again once nothing is held any more
-            self._release_after_bug(bug, "the look at our outputs")
+            self._release_after_bug(bug, "the check for foreign writes")
 
     def _release_after_bug(self, bug: Exception, what: str) -> None:
-        _log.error("%s: a bug in %s; everything is let go", self._lift, what, exc_info=bug)
+        _log.error("%s: a bug in %s; everything is released", self._lift, what, exc_info=bug)
         if self._bug is None:
             self._bug, self._bug_at = bug, asyncio.get_running_loop().time()
-        reason = "everything was let go because of a bug"
+        reason = "everything was released because of a bug"
         self._presses.end_all(reason)
         self._outputs.release_all()
         self._reports.report_failure(f"{reason} in {what}: {bug!r}")
@@ -152,7 +152,7 @@ class OutputWorker:
             if looked is None and not self._outputs.defer_verification(step, loop.time()):
                 await self._look_back(step, press)
         except PressRefused as refused:
-            # a hold that may not be refreshed stays on until it is let go or falls by its limit
+            # a hold that may not be refreshed stays on until it is released or expires
             self._outputs.record_failure(step, maybe_sent=maybe_sent, now=loop.time())
             if press is not None:
                 result = Result.UNCONFIRMED if maybe_sent else Result.REJECTED
@@ -171,9 +171,9 @@ class OutputWorker:
             self.end_dropped_presses()
 
     async def _look_first(self, step: Step, permit: Permit | None) -> bool | None:
-        """Look whether a hold is still on before it is refreshed. Returns False where it is not, and nothing is to be written.
+        """Read a hold back before it is refreshed. Returns False if it is off: then nothing is to be written.
 
-        None says that the write is to be looked at afterwards. A look that the controller refuses keeps no hold from its refresh.
+        None: read it back after the write instead. A read that the controller refuses does not prevent the refresh.
         """
         output = self._outputs.output(step.name) if step.kind is StepKind.REFRESH else None
         if output is None or not output.is_looked_at_first or (permit is not None and permit() is not None):
@@ -197,7 +197,7 @@ class OutputWorker:
         return True if holds and output.verified and not output.codec.shared else None
 
     async def _look_back(self, step: Step, press: Press | None) -> None:
-        """Look whether what a step wrote has come about, where anybody asks for it."""
+        """Read back what a step wrote, if that is used for anything."""
         if (holds := await self._writer.read_back(step)) is not None:
             now, excused = asyncio.get_running_loop().time(), self._permissions.is_watchdog_tripped()
             self._outputs.record_look(step, holds=holds, now=now, excused=excused)
@@ -206,7 +206,7 @@ class OutputWorker:
                 press.read_back = holds
 
     def _log_failure(self, step: Step, error: DriverError, *, is_warning: bool) -> None:
-        """Report a write that failed; one that a controller refuses and nobody waits for, once for everybody to hear."""
+        """Log a write that failed; as a warning, once, if the controller refuses it and no press reports it."""
         if is_warning:
             self._logged.add(step.name)
         what = self._writer.printed(step.name)
@@ -222,5 +222,5 @@ async def _sleep_until(when: float, wake: asyncio.Event) -> None:
 
 
 def _was_not_executed(error: DriverError) -> bool:
-    """Whether the controller said that it did not understand, and so did nothing (exceptions 01, 02 and 03)."""
+    """Whether the controller answered that it did not understand, and so did nothing (exceptions 01, 02 and 03)."""
     return isinstance(error, ControllerException) and error.code in (1, 2, 3)

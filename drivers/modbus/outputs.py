@@ -186,6 +186,11 @@ class Outputs:
         output = self._outputs[name]
         return output.has_next_press or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
 
+    def is_looked_at_first(self, name: str) -> bool:
+        """Whether an output is read back before each refresh instead of after it."""
+        output = self._outputs[name]
+        return output.is_looked_at_first and not output.codec.shared
+
     def plan_press(self, name: str, code: int) -> tuple[Step, Cells]:
         """Return the press of an output and our cells with it, as if the outputs it excludes were released."""
         step = Step(StepKind.PRESS, name, code)

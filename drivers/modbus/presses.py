@@ -1,4 +1,4 @@
-"""The presses of one lift on their way to their outcomes."""
+"""Keeps the presses of one lift until each has its outcome."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from register_maps.frames import Request
 from register_maps.schema import Confirm, Evidence
 
 REPLACED = "replaced by a newer command"
-NOT_SENT = "not sent: something else was wanted instead, or it could not be sent in time"
+NOT_SENT = "not sent: another command replaced it, or it could not be sent in time"
 
 
 @dataclass(slots=True, eq=False)
@@ -33,15 +33,15 @@ class Press:
     ended: bool = False
 
     def add_frame(self, request: Request) -> None:
-        """Note a request that was answered."""
+        """Record a request that was answered."""
         self.frames.append(hex_part(request).hex())
 
 
 class Presses:
-    """At most one press per command; a newer one ends the older."""
+    """Holds at most one press per command; a newer one ends the older."""
 
     def __init__(self, floors: Sequence[FloorName], evidence: Evidence, report: Callable[[Outcome], None]) -> None:
-        """`floors`, lowest first; `evidence` is what the map says about a car that stands."""
+        """`floors`, lowest first; `evidence` is the map's rule for a car that stands."""
         self._floors = tuple(floors)
         self._report = report
         self._by_name: dict[str, Press] = {}
@@ -50,21 +50,21 @@ class Presses:
 
     @property
     def waiting(self) -> bool:
-        """Whether later readings are looked at for proof."""
+        """Whether readings are checked for proof."""
         return bool(self._waiting)
 
     @property
     def unwritten(self) -> tuple[str, ...]:
-        """Commands whose press was not written yet."""
+        """The commands whose press is not written yet."""
         return tuple(name for name, press in self._by_name.items() if press.expected is None)
 
     def begin(self, press: Press) -> None:
-        """Take a new press."""
+        """Add a new press."""
         self.end(press.command.name, Result.UNCONFIRMED, REPLACED)
         self._by_name[press.command.name] = press
 
     def get(self, name: str) -> Press | None:
-        """Return the press of a command, if it has no outcome yet."""
+        """Return the press of a command that has no outcome yet, or None."""
         return self._by_name.get(name)
 
     def end(self, name: str, result: Result, reason: str) -> None:
@@ -79,7 +79,7 @@ class Presses:
             self.end(name, Result.UNCONFIRMED, reason)
 
     def await_proof(self, press: Press, confirm: Confirm, before: LiftValues | None) -> None:
-        """The write was echoed: from here on readings may prove it, until its time is over."""
+        """Wait for readings that prove a press whose write was echoed, until its time is over."""
         loop = asyncio.get_running_loop()
         press.written_at = loop.time()
         was_standing = self._standing.is_standing(press.written_at)
@@ -88,7 +88,7 @@ class Presses:
         loop.call_later(confirm.within_s, self._give_up, press, confirm.within_s)
 
     def check_proof(self, values: LiftValues, at: float) -> None:
-        """Compare what is waited for with a reading that was asked for after the write."""
+        """Check the waiting presses against a reading; only one requested after the write counts."""
         for press in tuple(self._waiting):
             if press.expected is None or at < press.written_at:
                 continue
@@ -99,11 +99,11 @@ class Presses:
                 press.expected = replace(press.expected, before=values, was_standing=True)
 
     def update(self, values: LiftValues, at: float) -> None:
-        """Take a reading that differs from the one before, whether or not anything is waited for."""
+        """Take a reading that differs from the one before, whether or not a press waits."""
         self._standing.update(values, at)
 
     def restart(self, values: LiftValues, at: float) -> None:
-        """Take the first reading after a while without any, whether or not it differs from the last one before."""
+        """Take the first reading after a gap, whether or not it differs from the last one before."""
         self._standing.reset()
         self._standing.update(values, at)
 

@@ -1,4 +1,4 @@
-"""From decoded signals to what one lift says: floor names, one mode, no guesses. Pure."""
+"""Turns decoded signals into the values of one lift: floor names, one mode, no guesses. Pure."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def lift_values(
     watchdog_unit_s: float = 1.0,
     is_floor_known_under_way: bool = True,
 ) -> LiftValues:
-    """Put the decoded signals of one poll into the words of the manager.
+    """Turn the decoded signals of one poll into lift values.
 
-    `floors` names the site's floor codes; a code it does not list is unknown, and kept with its raw value. `watchdog_unit_s` is
-    one count of the module's watchdog. Without `is_floor_known_under_way` the floor counts only while the car is told to be stopped.
+    `floors` has the names by floor code; an unlisted code is unknown, and kept with its raw value. `watchdog_unit_s` is one
+    count of the module's watchdog. Without `is_floor_known_under_way` the floor counts only while the car is reported stopped.
     """
     calls = signals.get("calls_registered")
     counts = signals.get("watchdog_time")
@@ -57,9 +57,9 @@ def lift_values(
 
 
 def lift_mode(signals: Mapping[str, Value]) -> Mode:
-    """Return the highest mode that the mode word or any flag tells.
+    """Return the highest-ranking mode that the mode word or any flag reports.
 
-    A mode word or safety flag that cannot be read makes it UNKNOWN, unless a flag tells a mode without robots.
+    A mode word or safety flag that cannot be read makes it UNKNOWN, unless a flag reports a mode without robots.
     """
     reported = [mode for mode, flags in FLAG_MODES if any(signals.get(flag) is True for flag in flags)]
     if any(flag in signals and signals[flag] is None for flag in SAFETY_FLAGS):

@@ -1,4 +1,4 @@
-"""Carries out the steps of one lift's outputs: requests in order, words that others write too, and the look afterwards."""
+"""Writes the steps of one lift's outputs: requests in order, words shared with other writers, and the read-back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOT_READ_BACK = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepK
 
 
 class Writer:
-    """Knows how each command of a map is written and read back."""
+    """Writes the commands of a map and reads them back."""
 
     def __init__(
         self,
@@ -31,7 +31,7 @@ class Writer:
         settings: LiftSettings,
         reports: WriteReports | None = None,
     ) -> None:
-        """`commands` are those that this lift may use: from here on its links pass no write but theirs."""
+        """`commands` are those that this lift may use: its links accept only their writes."""
         self._codec = codec
         self._commands = commands
         self._units = units
@@ -53,7 +53,7 @@ class Writer:
         }
 
     def read_blocks(self, endpoints: Collection[str]) -> dict[Block, str]:
-        """Everything to be read to see what the outputs of these devices hold, with the commands it is read for."""
+        """Return the blocks to read for the outputs of these devices, with the commands each is read for."""
         found: dict[Block, list[str]] = {}
         for name, blocks in self._read_blocks.items():
             if {point.endpoint for point in self._commands[name].points} & set(endpoints):
@@ -67,11 +67,11 @@ class Writer:
         return self._units.is_fenced
 
     def printed(self, name: str) -> str:
-        """Name a command with its addresses as its map prints them."""
+        """Return the name of a command, with its addresses as its map prints them."""
         return f"{name} at {', '.join(self._commands[name].spec.addresses)}" if name in self._commands else name
 
     def plan_frames(self, step: Step, cells: Cells) -> tuple[str, ...]:
-        """Return the writes of a press as hex, without reading: what others write into the same words is taken for 0."""
+        """Return the writes of a press as hex, without reading: the bits of other writers in the same words count as 0."""
         command = self._commands[step.name]
         return hex_frames(
             [
@@ -81,9 +81,9 @@ class Writer:
         )
 
     async def write(self, step: Step, cells: Cells, permit: Permit | None) -> AsyncIterator[Request]:
-        """Send every request of a step, and yield each once it was answered. Raises DriverError.
+        """Send every request of a step, and yield each once it is answered. Raises DriverError.
 
-        Told to the notes at the end, whatever the end: what reached the wire or may have.
+        At the end, failed or not, what reached the wire or may have is reported.
         """
         if step.kind in READ_ONLY_KINDS:
             return
@@ -113,7 +113,7 @@ class Writer:
             try:
                 yield await self._write_block(command, step, block, function, cells, permit, sent)
             except DriverError as error:
-                # what is pressed on one device is let go whatever another one answers
+                # a press on one device is released whatever another device answers
                 if step.kind is not StepKind.RELEASE:
                     raise
                 failure = failure or error
@@ -121,13 +121,13 @@ class Writer:
             raise failure
 
     async def read_back(self, step: Step) -> bool | None:
-        """Read back whether the points hold what the step wrote; None where nobody asks for it."""
+        """Return whether the points hold what the step wrote; None if a read-back is not needed."""
         if step.kind in _NOT_READ_BACK:
             return None
         command = self._commands[step.name]
         release = step.kind in (StepKind.RELEASE, StepKind.VERIFY)
         if command.lamp or not command.read_points:
-            # what is read there is the controller's answer and not our write: a release can be no surer than its echo
+            # the points show the controller's answer and not our write: for a release the echo is all the proof there is
             return True if release else None
         if command.spec.self_clearing and not release:
             return None
@@ -141,7 +141,7 @@ class Writer:
         return matches(command, await self.cells(step.name), step.code)
 
     async def cells(self, name: str) -> Cells:
-        """Return what stands at the points where a command is read back. Raises DriverError."""
+        """Return the cells where a command is read back. Raises DriverError."""
         return await self._units.cells(self._read_blocks[name])
 
     async def _write_block(
@@ -182,10 +182,10 @@ class Writer:
         return request
 
     def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
-        """Return the blocks of a command with their functions: those that come to rest first.
+        """Return the blocks of a command with their functions: first those that come to rest.
 
-        Of outputs that the device lets go by itself, or that show lamps, only the pressed one is written: the others rest,
-        and a 0 there may be taken for something else, such as the end of a passenger's call.
+        Of outputs that the device releases by itself, or that show lamps, only the pressed one is written: the others are at
+        rest, and a 0 there may have another meaning, such as the end of a passenger's call.
         """
         pairs = list(zip(command.blocks, command.functions, strict=True))
         if (command.spec.ends_itself or command.lamp) and command.spec.one_of is not None:
@@ -199,5 +199,5 @@ class Writer:
 
 
 def _may_have_been_sent(error: Exception) -> bool:
-    """Whether a write that failed so is on the wire: a controller that answers has heard it, even where it did nothing."""
+    """Whether a failed write may be on the wire: a controller that answers has received it, even if it did nothing."""
     return isinstance(error, DriverError) and (error.sent is not Delivery.NO or isinstance(error, ControllerException))

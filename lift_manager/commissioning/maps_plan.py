@@ -213,7 +213,7 @@ async def _command(codec: Codec, command: CommandCodec, code: int, on: Bench) ->
             continue
         heard = await on.write(step, outputs.cells(step))
         outputs.record_write(step, now)
-        first = step.kind is StepKind.REFRESH and command.name in outputs and outputs.looks_first(command.name)
+        first = step.kind is StepKind.REFRESH and command.name in outputs and outputs.is_looked_at_first(command.name)
         looked, seen = await on.look(Step(StepKind.LOOK, step.name, step.code) if first else step)
         if looked:
             # a device in memory shows nothing where outputs are read elsewhere; a real one shows what was written

@@ -183,7 +183,7 @@ async def test_an_answer_that_nobody_asked_for_ends_the_connection(tid_echo: boo
     async with linked(device, LinkSettings(tid_echo=tid_echo)) as link:
         device.send_unrequested(frames.answer(READ, 9, b"\x00\x07"))
         assert link.state is LinkState.DOWN
-        assert "an answer nobody asked for, transaction id 9" in link.reason
+        assert "an unrequested answer, transaction id 9" in link.reason
 
 
 @pytest.mark.parametrize(

@@ -406,7 +406,7 @@ def test_an_output_that_cannot_be_read_back_is_named() -> None:
     device = MemoryDevice(served={Table.INPUT: [(0, 9)], Table.DISCRETE: [(0, 9)]})
 
     async def check(made: Rig) -> None:
-        assert "it does not say what our outputs hold: hold_door.front at coil:0" in str(made.errors[-1])
+        assert "our outputs cannot be read back: hold_door.front at coil:0" in str(made.errors[-1])
 
     on_rig(check, f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:0", {HOLD}}}}}\n', {"": device})
 
