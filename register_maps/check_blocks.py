@@ -68,34 +68,34 @@ def _too_long(source: RegisterMap, place: Place, count: int) -> str | None:
 
 
 def _coverage(source: RegisterMap, cells: list[Cell], start: Place, *, gaps: bool) -> Iterator[str]:
-    inside = set(cells)
+    block_cells = set(cells)
     owned: set[Cell] = set()
     for name, command in source.commands.items():
         points = cells_of(source, command)
         owned |= points
-        if points & inside and points - inside:
+        if points & block_cells and points - block_cells:
             yield f"covers only a part of {name}; widen the block to all its outputs"
-    strangers = [cell for cell in cells if cell not in owned]
-    if strangers and not gaps:
-        cure = "shorten or split the block, or say `gaps: 0` if the device wants 0 there"
-        yield f"{_listed(source, start, strangers)} in it belong to no command, and are never written; {cure}"
+    gaps_in_block = [cell for cell in cells if cell not in owned]
+    if gaps_in_block and not gaps:
+        cure = "shorten or split the block, or use `gaps: 0` if the device requires 0 there"
+        yield f"{_list_addresses(source, start, gaps_in_block)} in it belong to no command, and are never written; {cure}"
         return
-    yield from _over_signals(source, start, strangers)
-    yield from _unserved(source, cells, start, strangers)
+    yield from _over_signals(source, start, gaps_in_block)
+    yield from _unserved(source, cells, start, gaps_in_block)
 
 
 def _over_signals(source: RegisterMap, start: Place, strangers: list[Cell]) -> Iterator[str]:
     for name, signal in source.signals.items():
         places = {bit[:2] for text in signal.addresses for bit in signal_bits(source, signal, text)}
         if hidden := [cell for cell in strangers if cell in places]:
-            yield f"{_listed(source, start, hidden)} in it is read as {name}, and 0 would be written over it; split the block"
+            yield f"{_list_addresses(source, start, hidden)} in it is read as {name}, and 0 would be written over it; split the block"
 
 
 def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: list[Cell]) -> Iterator[str]:
     """Yield what the device does not take; commands outside what is served are found by themselves."""
     ranges = source.served_wire.get(start.space, ())
     if missing := [cell for cell in strangers if not any(cell[1] in span for span in ranges)]:
-        yield f"{_listed(source, start, missing)} in it is not served; shorten the block, or correct `served`"
+        yield f"{_list_addresses(source, start, missing)} in it is not served; shorten the block, or correct `served`"
     elif all(any(number in span for span in ranges) for _, number in cells) and not any(
         cells[0][1] in span and cells[-1][1] in span for span in ranges
     ):
@@ -104,16 +104,16 @@ def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: l
 
 def _cycle(source: RegisterMap, block: WriteBlock, cells: list[Cell]) -> Iterator[str]:
     """Yield what cannot be written with a block, or not again and again."""
-    inside = set(cells)
+    block_cells = set(cells)
     for name, command in source.commands.items():
-        if not cells_of(source, command) & inside or not command.ends_itself:
+        if not cells_of(source, command) & block_cells or not command.ends_itself:
             continue
         if command.payload is not None and source.place(block.at).table is Table.COIL:
             yield f"{name} writes a time to a coil, which only function 5 can; leave it out of the block"
         elif block.every_s is not None:
-            yield f"{name} is a pulse that the device ends, and each cycle would start it anew; leave it out of the block"
-        elif others := _others(source, name, inside):
-            yield f"{_anew(name, others)}; give it a write of its own, outside the block"
+            yield f"{name} is a pulse that the device ends, and each cycle would restart it; leave it out of the block"
+        elif others := _others(source, name, block_cells):
+            yield f"{_restarts(name, others)}; give it a write of its own, outside the block"
     if block.every_s is not None and block.every_s < source.link.min_gap_s:
         gap = f"{source.link.min_gap_s:g} s between requests (min_gap_s)"
         yield f"every_s of {block.every_s:g} s cannot be kept: the link leaves {gap}; give more than that"
@@ -124,8 +124,8 @@ def _others(source: RegisterMap, name: str, cells: AbstractSet[Cell]) -> list[st
     return [other for other, command in source.commands.items() if other != name and cells_of(source, command) & cells]
 
 
-def _anew(name: str, others: list[str]) -> str:
-    return f"{name} is a pulse that the device ends, and each write of {', '.join(others)} would start it anew"
+def _restarts(name: str, others: list[str]) -> str:
+    return f"{name} is a pulse that the device ends, and each write of {', '.join(others)} would restart it"
 
 
 def cells_of(source: RegisterMap, command: Command) -> set[Cell]:
@@ -133,7 +133,7 @@ def cells_of(source: RegisterMap, command: Command) -> set[Cell]:
     return {(place.space, place.number) for place in map(source.place, command.addresses)}
 
 
-def _listed(source: RegisterMap, start: Place, cells: list[Cell]) -> str:
+def _list_addresses(source: RegisterMap, start: Place, cells: list[Cell]) -> str:
     """Write addresses of a block as the map prints them, the first five of them."""
     printed = [str(number + (source.addressing.base or 0)) for _, number in cells[:5]]
     wire = "" if source.addressing.notation is None else " on the wire"
@@ -156,13 +156,13 @@ def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
                 yield Problem((*path, "shared_word"), message)
             continue
         if command.shared_word is None:
-            yield Problem(path, _unsaid(source, command))
+            yield Problem(path, _no_shared_word(source, command))
             continue
         for cell in words:
             other = first.setdefault(cell, name)
             if source.commands[other].shared_word != command.shared_word:
                 message = (
-                    f"{other} lies in the same register and says `{source.commands[other].shared_word}`; say the same"
+                    f"{other} lies in the same register and has `{source.commands[other].shared_word}`; use the same"
                 )
                 yield Problem((*path, "shared_word"), message)
             elif command.shared_word == "owned":
@@ -178,10 +178,10 @@ def _words(source: RegisterMap, command: Command) -> list[Cell]:
     return list(dict.fromkeys((place.space, place.number) for place in places))
 
 
-def _unsaid(source: RegisterMap, command: Command) -> str:
+def _no_shared_word(source: RegisterMap, command: Command) -> str:
     text = next(text for text in command.addresses if source.place(text).bit is not None)
     return (
-        f"{text} is a bit in a register; say `shared_word: owned` if nobody else writes in that register, `mask_write` if the "
+        f"{text} is a bit in a register; use `shared_word: owned` if nobody else writes in that register, `mask_write` if the "
         "device knows function 22, or `accepted` if it may be read and written back whole, though a change in between is lost"
     )
 
@@ -190,8 +190,8 @@ def _owned(source: RegisterMap, name: str, cell: Cell, *, whole: bool) -> Iterat
     """Yield what a command in a word of our own cannot share it with; with `whole`, what nothing of ours in it can."""
     path = ("commands", name, "shared_word")
     if source.commands[name].ends_itself and (others := _others(source, name, {cell})):
-        cure = "say `mask_write` in each of them if the device knows function 22, else leave this pulse out"
-        yield Problem(path, f"{_anew(name, others)}; {cure}")
+        cure = "use `mask_write` in each of them if the device knows function 22, else leave this pulse out"
+        yield Problem(path, f"{_restarts(name, others)}; {cure}")
     if whole:
         yield from _read_there(source, cell, path)
 
@@ -205,5 +205,5 @@ def _read_there(source: RegisterMap, cell: Cell, path: tuple[str | int, ...]) ->
     for name, signal in source.signals.items():
         bits = {bit for text in signal.addresses for bit in signal_bits(source, signal, text)}
         if any((space, number) == cell and bit not in ours for space, number, bit in bits):
-            message = f"{name} is read from the same register, so it is not ours alone; say `mask_write` or `accepted`"
+            message = f"{name} is read from the same register, so it is not ours alone; use `mask_write` or `accepted`"
             yield Problem(path, message)

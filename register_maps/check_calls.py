@@ -37,12 +37,12 @@ def _kinds_of_call(source: RegisterMap) -> Iterator[Problem]:
         )
         yield Problem(("commands", name), message)
     if "go" in has and "call" not in has:
-        message = "go is for a robot aboard, and nothing brings the car to it; declare `call`, or name this go_to"
+        message = "go is for a robot aboard, and no command calls the car to it; declare `call`, or name this go_to"
         yield Problem(("commands", "go"), message)
     if "call" in has and "go" not in has and not _level_in_place(source):
         message = (
-            "call is for the empty car, and nothing sends the occupied one on; declare `go`, or name this go_to; "
-            "where robot_in_place itself sends it on, say that with `action: hold`"
+            "call is for the empty car, and no command sends the occupied one on; declare `go`, or name this go_to; "
+            "if robot_in_place itself sends it on, declare it with `action: hold`"
         )
         yield Problem(("commands", "call"), message)
 
@@ -54,8 +54,8 @@ def _sides(source: RegisterMap) -> Iterator[Problem]:
         for key in ("action", "until"):
             one, other = (getattr(source.commands[name], key) for name in (first, second))
             if one != other:
-                said = f"no `{key}`" if one is None else f"`{key}: {one}`"
-                message = f"{first} says {said}, and the calls of one lift are all given and ended alike; say the same in both"
+                given = f"no `{key}`" if one is None else f"`{key}: {one}`"
+                message = f"{first} has {given}, and all calls of one lift have the same; use the same in both"
                 yield Problem(("commands", second, key), message)
                 break
 
@@ -69,8 +69,8 @@ def _level_in_place(source: RegisterMap) -> bool:
 def _occupancy(source: RegisterMap) -> Iterator[Problem]:
     if not source.needs_occupancy:
         return
-    wanted = ["call", "robot_in_place"] if _level_in_place(source) else ["call", "go", "robot_in_place", "robot_left"]
-    if missing := [name for name in wanted if name not in source.commands]:
+    needed = ["call", "robot_in_place"] if _level_in_place(source) else ["call", "go", "robot_in_place", "robot_left"]
+    if missing := [name for name in needed if name not in source.commands]:
         message = (
             f"a car that waits for its robot needs {', '.join(missing)}; declare what is missing, or remove this line"
         )
@@ -80,7 +80,7 @@ def _occupancy(source: RegisterMap) -> Iterator[Problem]:
 def _same_floor(source: RegisterMap) -> Iterator[Problem]:
     opens = any(name.startswith("hold_door.") for name in source.commands)
     if source.commands.keys() & set(CALLS) and source.at_same_floor == "open_button" and not opens:
-        message = "the map has no hold_door command to open the door where the car stands; say `at_same_floor: call`"
+        message = "the map has no hold_door command to open the door where the car stands; use `at_same_floor: call`"
         yield Problem(("at_same_floor",), message)
 
 
@@ -119,10 +119,10 @@ def _list(
 def _useless(path: tuple[str, ...], command: Command, shown: Signal) -> Iterator[Problem]:
     """Yield outputs of floors that car_floor says nothing of, because their codes mean something else there."""
     given = command.codes is not None
-    cure = "correct it" if given else "say how the outputs count, such as `codes: [1, 2, 3]`"
+    cure = "correct it" if given else "give the codes of the outputs, such as `codes: [1, 2, 3]`"
     for code, output in zip(command.floor_codes, command.one_of or (), strict=False):
         if code in (*shown.unknown, *shown.none):
-            message = f"{output} calls the floor with code {code}, and car_floor never says {code}; {cure}"
+            message = f"{output} calls the floor with code {code}, and car_floor never reports {code}; {cure}"
             yield Problem(path, message, warning=not given)
 
 
@@ -148,11 +148,11 @@ def _in_bits(shown: Signal, width: int) -> Collection[int]:
     return range(1 << width)
 
 
-def _never_shown(codes: Collection[int] | None, wanted: tuple[int, ...], sort: str) -> str | None:
-    never = [] if codes is None else [code for code in wanted if code not in codes]
+def _never_shown(codes: Collection[int] | None, codes_used: tuple[int, ...], sort: str) -> str | None:
+    never = [] if codes is None else [code for code in codes_used if code not in codes]
     if codes is None or not never:
         return None
     return (
-        f"has {len(wanted)} {sort}, one per floor, and car_floor only says codes {listed_codes(codes)}; a floor is never shown: "
-        f"{listed_codes(never)}; correct one of the two, or say how they count with `codes`"
+        f"has {len(codes_used)} {sort}, one per floor, and car_floor only reports codes {listed_codes(codes)}; a floor is never shown: "
+        f"{listed_codes(never)}; correct one of the two, or give their codes with `codes`"
     )

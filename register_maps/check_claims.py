@@ -20,11 +20,11 @@ class Claims:
     def __init__(self) -> None:
         self._owners: dict[Bit, list[tuple[str, KeyPath]]] = {}
 
-    def at(self, bits: list[Bit]) -> list[tuple[str, KeyPath]]:
+    def owners_of(self, bits: list[Bit]) -> list[tuple[str, KeyPath]]:
         """Owners of any of these bits, each once."""
         return list(dict.fromkeys(owner for bit in bits for owner in self._owners.get(bit, ())))
 
-    def take(self, bits: list[Bit], name: str, key: KeyPath) -> None:
+    def add(self, bits: list[Bit], name: str, key: KeyPath) -> None:
         """Add an owner."""
         for bit in bits:
             self._owners.setdefault(bit, []).append((name, key))
@@ -51,7 +51,7 @@ def signal_bits(source: RegisterMap, signal: Signal, text: str) -> list[Bit]:
     """Every bit that one address of a signal stands for."""
     low, high = (0, 0) if signal.at is None else signal.bits or (0, 15)
     bits = bits_at(source, text, low, high - low + 1)
-    return bits + [(space, number + 1, bit) for space, number, bit in bits] if signal.wide else bits
+    return bits + [(space, number + 1, bit) for space, number, bit in bits] if signal.is_wide else bits
 
 
 def _signals(source: RegisterMap) -> Iterator[Problem]:
@@ -59,11 +59,11 @@ def _signals(source: RegisterMap) -> Iterator[Problem]:
     for name, signal in source.signals.items():
         for key, text in signal.keyed_addresses if name not in source.derived else ():
             bits = signal_bits(source, signal, text)
-            for other, other_key in claims.at(bits):
+            for other, other_key in claims.owners_of(bits):
                 if (message := _conflict(source, (name, key), (other, other_key), text)) is not None:
                     yield Problem(("signals", name, *key), message)
                     break
-            claims.take(bits, name, key)
+            claims.add(bits, name, key)
 
 
 def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -> str | None:
@@ -101,7 +101,7 @@ def _levels(source: RegisterMap) -> Iterator[Problem]:
     for name, signal in source.signals.items():
         limits = {bit for text in signal.open_limits or () for bit in signal_bits(source, signal, text)}
         if switches & limits and signal.active != floor.active:
-            message = "its limits are switches of car_floor as well, which has another `active`; say the same in both"
+            message = "its limits are switches of car_floor as well, which has another `active`; use the same in both"
             yield Problem(("signals", name), message)
 
 
@@ -110,14 +110,14 @@ def _commands(source: RegisterMap) -> Iterator[Problem]:
     for name, command in source.commands.items():
         for key, text in command.keyed_addresses:
             bits = bits_at(source, text)
-            owners = claims.at(bits)
+            owners = claims.owners_of(bits)
             if owners:
                 same = "twice in this one" if owners[0][0] == name else f"in {owners[0][0]} already"
                 message = f"{text} is {same}; give each command a place of its own"
                 if not _same_shape(source, text, owners[0]):
                     message += "; a register is written either whole or bit by bit"
                 yield Problem(("commands", name, *key), message)
-            claims.take(bits, name, key)
+            claims.add(bits, name, key)
 
 
 def _same_shape(source: RegisterMap, text: str, owner: tuple[str, KeyPath]) -> bool:
@@ -131,35 +131,35 @@ def _read_backs(source: RegisterMap) -> Iterator[Problem]:
     for name, command in source.commands.items():
         if not command.keyed_read_addresses and not command.ends_itself and not command.is_heartbeat:
             for key, text in command.keyed_addresses:
-                claims.take(bits_at(source, text), name, key)
+                claims.add(bits_at(source, text), name, key)
     for name, command in source.commands.items():
         for key, text in command.keyed_read_addresses:
             bits = bits_at(source, text)
-            if owners := claims.at(bits):
+            if owners := claims.owners_of(bits):
                 same = "twice in this one" if owners[0][0] == name else f"where {owners[0][0]} is read back"
                 yield Problem(("commands", name, *key), f"{text} is {same}; give the place where this output is read")
-            claims.take(bits, name, key)
+            claims.add(bits, name, key)
 
 
 def _echoes(source: RegisterMap) -> Iterator[Problem]:
     """Yield signals at points that show our own writes."""
     claims = Claims()
     for name, command in source.commands.items():
-        for key, text in shown_at(command):
-            claims.take(bits_at(source, text), name, key)
+        for key, text in readable_addresses(command):
+            claims.add(bits_at(source, text), name, key)
     for name, signal in source.signals.items():
         if name in source.derived:
             continue
         echoes = (
             _echo(source, name, key, text, *owner)
             for key, text in signal.keyed_addresses
-            for owner in claims.at(signal_bits(source, signal, text))
+            for owner in claims.owners_of(signal_bits(source, signal, text))
         )
         if (problem := next(filter(None, echoes), None)) is not None:
             yield problem
 
 
-def shown_at(command: Command) -> tuple[tuple[KeyPath, str], ...]:
+def readable_addresses(command: Command) -> tuple[tuple[KeyPath, str], ...]:
     """Where what a command wrote can be read, with the key."""
     return command.keyed_read_addresses or command.keyed_addresses
 
@@ -170,7 +170,7 @@ def _echo(
     path = ("signals", name, *key)
     if command not in CALLS or name not in LAMPS:
         lamps = f"; a lamp in a call button is {LAMPS[0]} or {LAMPS[1]}" if command in CALLS else ""
-        cure = f"give the place where the controller says it{lamps}"
+        cure = f"give the place where the controller reports it{lamps}"
         # a register that stays at the floor last asked for is a bad witness, and on some lifts the only one
         only_one = command in CALLS and SIGNALS.get(name) is Kind.FLOOR
         return Problem(

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from register_maps.check_claims import bits_at, shown_at, signal_bits
+from register_maps.check_claims import bits_at, readable_addresses, signal_bits
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, Command, Kind, RegisterMap
 from register_maps.vocabulary import LAMPS
 from register_maps.words import Side
 
-Said = Iterator[tuple[tuple[str | int, ...], str]]
+Messages = Iterator[tuple[tuple[str | int, ...], str]]
 
 _SHOWS_EFFECT: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(CALLS, ("car_floor", "motion")),
@@ -46,7 +46,7 @@ def check_confirm(source: RegisterMap) -> Iterator[Problem]:
             yield Problem(path, "a hold needs `confirm`, such as {any_of: [readback], within_s: 2}")
         else:
             otherwise = "" if command.ends_itself else " unless it reads back"
-            message = f"nothing confirms this press; say `confirm`, or it counts as unconfirmed{otherwise}"
+            message = f"nothing confirms this press; use `confirm`, or it counts as unconfirmed{otherwise}"
             yield Problem(path, message, warning=True)
 
 
@@ -57,24 +57,24 @@ def _only_an_open_door(source: RegisterMap, name: str, command: Command) -> bool
     return set(command.confirm.any_of) == {"effect"} and _unreadable(source, command) is None
 
 
-def known(source: RegisterMap, name: str) -> bool:
+def is_known(source: RegisterMap, name: str) -> bool:
     """Whether a signal is declared, or is one that the site has to add."""
     return name in source.signals or name in source.needs
 
 
-def _names(source: RegisterMap, name: str, command: Command) -> Said:
+def _names(source: RegisterMap, name: str, command: Command) -> Messages:
     named: list[tuple[tuple[str | int, ...], str]] = []
     named += [(("requires", index), flag) for index, flag in enumerate(command.requires)]
     if command.granted_by is not None:
         named.append((("granted_by",), command.granted_by))
     for place, flag in named:
-        if not known(source, flag):
+        if not is_known(source, flag):
             yield place, _absent(flag, source)
         elif SIGNALS.get(flag) is not Kind.FLAG:
             yield place, f"{flag} is no flag; name one that reads yes or no"
         elif flag in _TROUBLE:
             why = f"`requires` waits for a yes and cannot be inverted, and a yes of {flag} is trouble"
-            yield place, f"{why}; remove it, since {flag} is heeded without being named"
+            yield place, f"{why}; remove it, since {flag} is respected without being named"
     for index, other in enumerate(command.excludes):
         if other == name:
             yield ("excludes", index), "a command cannot exclude itself; remove it"
@@ -85,7 +85,7 @@ def _names(source: RegisterMap, name: str, command: Command) -> Said:
             yield ("excludes", index), f"{other} is never let go, so nothing can exclude it; remove it"
 
 
-def _proofs(source: RegisterMap, name: str, command: Command) -> Said:
+def _proofs(source: RegisterMap, name: str, command: Command) -> Messages:
     if command.confirm is None or command.is_heartbeat:
         return
     for index, word in enumerate(command.confirm.any_of):
@@ -104,10 +104,10 @@ def _proofs(source: RegisterMap, name: str, command: Command) -> Said:
 def _unseen(source: RegisterMap, name: str) -> str | None:
     """Say why the effect of a command cannot be seen; None when it can."""
     shown_by = _SHOWS_EFFECT.get(name, (f"door.{name.partition('.')[2]}",))
-    if any(known(source, signal) for signal in shown_by):
+    if any(is_known(source, signal) for signal in shown_by):
         return None
     if not shown_by:
-        return f"lifts differ in what follows {name}; say `readback`, or the flag with which this one answers"
+        return f"lifts differ in what follows {name}; use `readback`, or the flag with which this lift answers"
     return f"the effect cannot be seen without {' or '.join(shown_by)}; declare it, or name another proof"
 
 
@@ -116,8 +116,8 @@ def _unreadable(source: RegisterMap, command: Command) -> str | None:
     if command.ends_itself:
         return "the device ends this pulse by itself, and may have done so before it is read; name another proof"
     if command.repeat_pulse_s is not None:
-        return "between its pulses it reads as let go; name another proof, such as effect"
-    bits = {bit for _, text in shown_at(command) for bit in bits_at(source, text)}
+        return "between its pulses it reads as released; name another proof, such as effect"
+    bits = {bit for _, text in readable_addresses(command) for bit in bits_at(source, text)}
     for lamp in (name for name in LAMPS if name in source.signals):
         signal = source.signals[lamp]
         if any(not bits.isdisjoint(signal_bits(source, signal, text)) for text in signal.addresses):
@@ -128,7 +128,7 @@ def _unreadable(source: RegisterMap, command: Command) -> str | None:
 def _unfit(source: RegisterMap, name: str, command: Command, word: str) -> str | None:
     """Say why a signal cannot prove a command; None when it can."""
     kind = SIGNALS.get(word)
-    if not known(source, word):
+    if not is_known(source, word):
         return _absent(word, source, "effect", "readback")
     if kind not in (Kind.FLAG, Kind.FLOOR, Kind.FLOORS):
         return f"{word} is a {kind}; only a flag or a floor confirms"

@@ -26,7 +26,7 @@ def addresses(source: RegisterMap) -> Iterator[tuple[KeyPath, str]]:
         yield ("write_blocks", index, "at"), block.at
 
 
-def unreadable(source: RegisterMap) -> list[Problem]:
+def find_unreadable(source: RegisterMap) -> list[Problem]:
     """Return addresses that say no place: not in the map's notation, beyond the wire, or at a device nobody declares.
 
     `check` may only see a map without the signals, commands and write blocks they belong to.
@@ -62,13 +62,13 @@ def check_served(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _registers(source: RegisterMap, path: KeyPath) -> int:
-    return 2 if path[0] == "signals" and source.signals[str(path[1])].wide else 1
+    return 2 if path[0] == "signals" and source.signals[str(path[1])].is_wide else 1
 
 
 def _unserved(source: RegisterMap, text: str, *, count: int) -> str | None:
     place = source.place(text)
-    wanted = range(place.number, place.number + count)
-    if any(wanted[0] in span and wanted[-1] in span for span in source.served_wire.get(place.space, ())):
+    numbers = range(place.number, place.number + count)
+    if any(numbers[0] in span and numbers[-1] in span for span in source.served_wire.get(place.space, ())):
         return None
     served = source.endpoints[place.endpoint].served if place.endpoint else source.served
     ranges = ", ".join(f"{first} to {last}" for first, last in served.get(place.table, ())) or "nothing"

@@ -27,9 +27,9 @@ class CommandCodec:
     """What one write of this command covers: its own cells, or the whole block they are always written with."""
     functions: tuple[int, ...]
     """Write function per block: 5, 6, 15, 16, or 22 for some bits of a register."""
-    shared: bool = False
+    is_shared: bool = False
     """It lies in some bits of a register in which others write as well."""
-    lamp: bool = False
+    shows_lamp: bool = False
     """The controller shows its answer at the same points: read back, they say what is registered, not what we write."""
 
     @property
@@ -119,8 +119,8 @@ def command_codec(
         read_points,
         tuple(blocks),
         tuple(blocks.values()),
-        shared=spec.shared_word in ("accepted", "mask_write"),
-        lamp=bool(lamps & set(read_points)),
+        is_shared=spec.shared_word in ("accepted", "mask_write"),
+        shows_lamp=bool(lamps & set(read_points)),
     )
 
 

@@ -96,7 +96,7 @@ class Command(Part):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if (self.at is None) == (self.one_of is None):
-            raise ValueError("say where it is exactly once: `at` or `one_of`")
+            raise ValueError("give its place exactly once: `at` or `one_of`")
         if self.action == "pulse" and self.width_s is None:
             raise ValueError("a pulse needs `width_s`")
         if self.action == "hold" and (self.max_hold_s is None or self.on_link_loss is None):

@@ -81,11 +81,11 @@ class BadRequest(FrameError):
 class Mismatch(FrameError):
     """An answer does not fit its request."""
 
-    def __init__(self, asked: str, expected: str, came: str) -> None:
-        super().__init__(f"asked to {asked}: expected {expected}, came {came}")
-        self.asked = asked
+    def __init__(self, request: str, expected: str, received: str) -> None:
+        super().__init__(f"{request}: expected {expected}, received {received}")
+        self.request = request
         self.expected = expected
-        self.came = came
+        self.received = received
 
 
 class ExceptionAnswer(FrameError):

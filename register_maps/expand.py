@@ -18,8 +18,8 @@ KeyPath = tuple[str | int, ...]
 ParameterValue = int | float | str
 
 _USE = re.compile(r"\{(?P<name>[a-z][a-z0-9_]*)(?P<plus>[+-][0-9]+)?\}")
-Ways = tuple[tuple[str, ...], ...]
-_PLACES: Mapping[str, Ways] = {
+PlaceForms = tuple[tuple[str, ...], ...]
+_PLACES: Mapping[str, PlaceForms] = {
     "signals": signal_schema.PLACE_KEYS,
     # what a call writes to and where it is read back change together
     "commands": (("at", "read_at"), ("one_of", "read_one_of")),
@@ -102,7 +102,7 @@ def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> Expand
     return ExpandedMap(filled, values, tuple(name for name in unset if name in run.used), tuple(run.problems))
 
 
-def unused(data: Any) -> list[Problem]:
+def find_unused(data: Any) -> list[Problem]:
     """Return the parameters that a map declares and does not use; asked of the map before a site changes it."""
     declared = data.get("parameters") if isinstance(data, dict) else None
     names = list(declared) if isinstance(declared, dict) else []
@@ -154,13 +154,13 @@ class _Run:
             return value
         # a number of thousands of digits is one that Python refuses to read
         result = value if plus is None else value + int(plus[: _DIGITS + 2])
-        if not usable(result):
+        if not is_usable(result):
             self.problems.append(Problem(path, f"{use[0]} is not a number that can be used; correct {name}"))
             return use[0]
         return result
 
 
-def usable(number: float) -> bool:
+def is_usable(number: float) -> bool:
     """Whether a map can work with a number: finite, and exact if it is whole."""
     return abs(number) <= _LARGEST
 
@@ -169,12 +169,12 @@ def _present(entries: Mapping[Any, Any]) -> dict[Any, Any]:
     return {name: entry for name, entry in entries.items() if entry is not None}
 
 
-def _moved(before: Any, change: Any, ways: Ways) -> Any:
+def _moved(before: Any, change: Any, forms: PlaceForms) -> Any:
     """Lay a change over one entry. An entry that is found in another way is another entry: nothing of how it was coded holds."""
     if not isinstance(before, dict) or not isinstance(change, dict):
         return change
-    way = next((keys for keys in ways if any(change.get(key) is not None for key in keys)), ())
-    if way and not any(key in before for key in way) and ways is signal_schema.PLACE_KEYS:
+    form = next((keys for keys in forms if any(change.get(key) is not None for key in keys)), ())
+    if form and not any(key in before for key in form) and forms is signal_schema.PLACE_KEYS:
         return _present(change)
-    old = {key for keys in ways if keys != way for key in keys} if way else set()
+    old = {key for keys in forms if keys != form for key in keys} if form else set()
     return _present({key: item for key, item in before.items() if key not in old} | change)

@@ -376,18 +376,20 @@ def _many_values(function: int, count: int, pdu: bytes) -> tuple[int, ...]:
 
 
 def _what_is_wrong(request: Request, frame: bytes, tid: int | None) -> Mismatch | ExceptionAnswer:
-    asked = str(request)
+    request_text = str(request)
     if len(frame) < 8:
-        return Mismatch(asked, f"{request.answer_length} bytes", f"{len(frame)} bytes ({_hex(frame)})")
+        return Mismatch(request_text, f"{request.answer_length} bytes", f"{len(frame)} bytes ({_hex(frame)})")
     if tid is not None and tid_of(frame) != tid:
-        return Mismatch(asked, f"transaction id {tid}", f"{tid_of(frame)}")
+        return Mismatch(request_text, f"transaction id {tid}", f"{tid_of(frame)}")
     if frame[6] != request.unit:
-        return Mismatch(asked, f"unit {request.unit}", f"unit {frame[6]}")
+        return Mismatch(request_text, f"unit {request.unit}", f"unit {frame[6]}")
     if frame[7] == request.function | 0x80 and len(frame) == 9 and frame[2:6] == b"\0\0\0\3":
         return ExceptionAnswer(request.function, frame[8])
     if frame[7] != request.function:
-        return Mismatch(asked, f"function {request.function}", f"function {frame[7]}")
-    return Mismatch(asked, f"{_hex(request.answer_head[5:])} and {_payload_length(request)} bytes", _hex(frame[7:]))
+        return Mismatch(request_text, f"function {request.function}", f"function {frame[7]}")
+    return Mismatch(
+        request_text, f"{_hex(request.answer_head[5:])} and {_payload_length(request)} bytes", _hex(frame[7:])
+    )
 
 
 def _value_text(request: Request, value: int) -> str:

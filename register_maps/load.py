@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from register_maps.check import check
-from register_maps.check_places import check_served, unreadable
+from register_maps.check_places import check_served, find_unreadable
 from register_maps.draft_7 import draft_7_text
 from register_maps.errors import Finding, MapFileError, Problem
-from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay, unused
+from register_maps.expand import CHANGEABLE, ParameterValue, fill, find_unused, overlay
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
 from register_maps.plain import closest
 from register_maps.schema import RegisterMap
@@ -43,7 +43,7 @@ class MapChanges:
         )
 
     @property
-    def any(self) -> bool:
+    def are_any(self) -> bool:
         """Whether the map is used other than as it is shipped."""
         return bool(self.parameters or self.override)
 
@@ -88,11 +88,11 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: MapChan
     Raises MapFileError with every finding.
     """
     path = _find(name_or_path, near or Path())
-    source = _Changed.of(read(path, number_keys=_is_value_table), changes)
+    source = _ChangedSource.of(read(path, number_keys=_is_value_table), changes)
     wrong = [
         source.finding(("override", key), _not_changeable(key)) for key in changes.override if key not in CHANGEABLE
     ]
-    wrong += [source.finding(problem.path, problem.message) for problem in unused(source.data)]
+    wrong += [source.finding(problem.path, problem.message) for problem in find_unused(source.data)]
     filled = fill(overlay(source.data, changes.override), changes.parameters)
     source = replace(source, data=filled.data)
     wrong += [source.finding(problem.path, problem.message) for problem in filled.problems]
@@ -101,11 +101,11 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: MapChan
     if model is None:
         raise MapFileError([*wrong, *findings])
     wrong += [source.finding(("given", name), message) for name, message in _misfits(model, changes.parameters)]
-    hidden = unreadable(model)
+    hidden = find_unreadable(model)
     if hidden and ("addressing",) in tried.replaced:
         raise MapFileError([*wrong, *findings])  # how its addresses are written is not known
     model = _without(model, hidden)
-    problems = [*hidden, *_certain(_own(check(model), model, tried.replaced), source, model)]
+    problems = [*hidden, *_certain(_without_stand_ins(check(model), model, tried.replaced), source, model)]
     refused = [source.finding(problem.path, problem.message) for problem in problems if not problem.warning]
     if wrong or findings or refused:
         raise MapFileError([*wrong, *findings, *refused])
@@ -148,13 +148,13 @@ def _find(name_or_path: str | Path, near: Path) -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class _Changed(Source):
+class _ChangedSource(Source):
     """A map's file under a site's changes: a finding is said where the wrong words stand."""
 
     changes: MapChanges = AS_IT_IS
 
     @classmethod
-    def of(cls, source: Source, changes: MapChanges) -> _Changed:
+    def of(cls, source: Source, changes: MapChanges) -> _ChangedSource:
         return cls(**{part.name: getattr(source, part.name) for part in fields(source)}, changes=changes)
 
     def finding(self, path: KeyPath, message: str) -> Finding:
@@ -181,7 +181,7 @@ def _misfits(model: RegisterMap, given: Mapping[str, ParameterValue]) -> Iterabl
         if name not in model.parameters:
             hint = closest(name, model.parameters) or f"; it has {', '.join(model.parameters) or 'none'}"
             yield name, f"{model.name} has no parameter {name}{hint}"
-        elif (problem := model.parameters[name].objection(value)) is not None:
+        elif (problem := model.parameters[name].find_problem(value)) is not None:
             yield name, f"{problem} ({model.parameters[name].help})"
 
 
@@ -207,7 +207,7 @@ def _stand_ins(source: Source) -> StandIns:
     return _HEAD if has_schema else {**_HEAD, ("schema",): 1}
 
 
-def _own(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPath]) -> list[Problem]:
+def _without_stand_ins(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPath]) -> list[Problem]:
     """Leave out the problems that only what stands in for missing parts may have caused."""
     caused = set(check_served(model)) if ("served",) in replaced else set()
     gone = {str(path[0]) for path in replaced} | ({"write_blocks"} if caused else set())
@@ -215,10 +215,10 @@ def _own(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPa
 
 
 def _fingerprint(source: Source, changes: MapChanges) -> str:
-    if not changes.any:
+    if not changes.are_any:
         return source.sha256
-    said = json.dumps([dict(changes.parameters), dict(changes.override)], sort_keys=True, default=str)
-    return hashlib.sha256(f"{source.sha256} {said}".encode()).hexdigest()
+    changes_text = json.dumps([dict(changes.parameters), dict(changes.override)], sort_keys=True, default=str)
+    return hashlib.sha256(f"{source.sha256} {changes_text}".encode()).hexdigest()
 
 
 def _certain(problems: list[Problem], source: Source, model: RegisterMap) -> list[Problem]:

@@ -44,10 +44,10 @@ def compose(file: str, text: str) -> tuple[yaml.Node | None, Notes]:
         return _composed(composer)
     except yaml.MarkedYAMLError as error:
         # what was noted quotes the file, which may be of another kind, and secret
-        noted = (
+        refused = (
             Finding(file, line, "", "anchors, aliases and tags are not allowed") for line, _ in composer.notes.values()
         )
-        raise MapFileError([*noted, _syntax(file, error)]) from error
+        raise MapFileError([*refused, _syntax(file, error)]) from error
 
 
 def _composed(composer: _Composer) -> tuple[yaml.Node | None, Notes]:

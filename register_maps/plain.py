@@ -39,7 +39,7 @@ def closest(word: str, allowed: Iterable[str]) -> str:
     return f"; did you mean `{found[0]}`?" if found else ""
 
 
-def plain_words(
+def explain_error(
     error: ErrorDetails, schema: JsonSchema, data: object, written: Mapping[tuple[str, ...], str]
 ) -> tuple[Path, str]:
     """Path in the file, and what is wrong there and what would be right."""
@@ -142,12 +142,12 @@ def _example(schema: JsonSchema, node: JsonSchema, *, depth: int) -> str:
 def _example_table(schema: JsonSchema, part: JsonSchema, *, depth: int) -> str:
     properties = part.get("properties", {})
     keys = part.get("required") or list(properties)[:1]
-    told = [f"{key}: {_example(schema, properties[key], depth=depth)}" for key in keys]
+    entries = [f"{key}: {_example(schema, properties[key], depth=depth)}" for key in keys]
     values = part.get("additionalProperties")
-    if not told and isinstance(values, dict):
+    if not entries and isinstance(values, dict):
         named = _example(schema, part["propertyNames"], depth=0) if "propertyNames" in part else "..."
-        told = [f"{'name' if named == '...' else named}: {_example(schema, values, depth=depth)}"]
-    return f"{{{', '.join(told)}}}"
+        entries = [f"{'name' if named == '...' else named}: {_example(schema, values, depth=depth)}"]
+    return f"{{{', '.join(entries)}}}"
 
 
 def _unknown_key(word: str, allowed: list[str]) -> str:

@@ -39,7 +39,7 @@ class Point:
     """Which device; empty for the controller itself."""
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Whether the point is all there is at its address."""
         return self.table in BIT_TABLES or self.width == 16
 

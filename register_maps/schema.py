@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from register_maps import address
 from register_maps.command_schema import Command, Confirm, Payload
-from register_maps.expand import usable
+from register_maps.expand import is_usable
 from register_maps.fields import Address, Name, ParameterName, Part, Seconds
 from register_maps.signal_schema import Signal
 from register_maps.vocabulary import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, WORDS, Kind
@@ -55,7 +55,7 @@ class Addressing(Part):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if (self.base is None) == (self.notation is None):
-            raise ValueError("say either `base` (0 or 1) or `notation`")
+            raise ValueError("give either `base` (0 or 1) or `notation`")
         if self.notation is not None and self.notation not in address.notations():
             raise ValueError(f"there is no notation {self.notation!r}; there are {', '.join(address.notations())}")
         return self
@@ -138,7 +138,7 @@ class Parameter(Part):
             raise ValueError("give a `default`, or an `example` if every site has to set it")
         if self.range is not None and self.choices is not None:
             raise ValueError("`range` is for numbers and `choices` for words; give one of them")
-        if (problem := self.objection(self.value)) is not None:
+        if (problem := self.find_problem(self.value)) is not None:
             raise ValueError(problem)
         return self
 
@@ -150,11 +150,11 @@ class Parameter(Part):
             raise ValueError("a parameter has a default or an example")
         return value
 
-    def objection(self, value: float | str) -> str | None:
+    def find_problem(self, value: float | str) -> str | None:
         """Say why a value is not allowed; None when it is."""
         if self.choices is not None:
             return None if value in self.choices else f"must be one of {', '.join(self.choices)}, not {value!r}"
-        if not isinstance(value, str) and not usable(value):
+        if not isinstance(value, str) and not is_usable(value):
             return "is not a number that can be used; give a plain one, neither .nan nor .inf"
         if isinstance(value, str):
             return None if isinstance(self.value, str) else f"must be a number, not {value!r}"

@@ -91,7 +91,7 @@ def _swapped(decode: Callable[[int], Value | Unlisted], encode: Callable[[Value]
 def _at(spec: Signal, locate: Locate) -> tuple[Point, ...]:
     low, high = spec.bits or (0, 15)
     point = locate(spec.addresses[0], high - low + 1, low)
-    if not spec.wide:
+    if not spec.is_wide:
         return (point,)
     after = Point(point.table, point.address + 1, 0, 16, point.endpoint)
     return (after, point) if spec.word_order == "high_first" else (point, after)

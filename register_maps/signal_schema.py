@@ -76,13 +76,13 @@ class Signal(Part):
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
-        ways = [keys for keys in PLACE_KEYS if any(getattr(self, key) is not None for key in keys)]
-        if len(ways) != 1:
+        forms = [keys for keys in PLACE_KEYS if any(getattr(self, key) is not None for key in keys)]
+        if len(forms) != 1:
             every = ", ".join(" with ".join(f"`{key}`" for key in keys) for keys in PLACE_KEYS)
-            raise ValueError(f"say where it is exactly once: {every}")
-        missing = [key for key in ways[0] if getattr(self, key) is None]
+            raise ValueError(f"give its place exactly once: {every}")
+        missing = [key for key in forms[0] if getattr(self, key) is None]
         if missing:
-            raise ValueError(f"{' and '.join(f'`{key}`' for key in ways[0])} belong together; {missing[0]} is missing")
+            raise ValueError(f"{' and '.join(f'`{key}`' for key in forms[0])} belong together; {missing[0]} is missing")
         if self.bits is not None and self.bits[0] > self.bits[1]:
             raise ValueError("`bits` are written lowest first, such as [4, 5]")
         if (self.positions is None) != (self.tolerance is None):
@@ -110,7 +110,7 @@ class Signal(Part):
         return tuple(address for _, address in self.keyed_addresses)
 
     @property
-    def wide(self) -> bool:
+    def is_wide(self) -> bool:
         """Whether it is a 32-bit number, which takes the register after its address as well."""
         return self.type in ("uint32", "int32")
 
@@ -120,10 +120,10 @@ def floor_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None) 
     return tuple(range(len(entries or ()))) if codes is None else codes
 
 
-def keyed(part: Part, ways: tuple[tuple[str, ...], ...]) -> tuple[tuple[tuple[str | int, ...], str], ...]:
+def keyed(part: Part, forms: tuple[tuple[str, ...], ...]) -> tuple[tuple[tuple[str | int, ...], str], ...]:
     """List the addresses under these keys, each with its own key path."""
     found: list[tuple[tuple[str | int, ...], str]] = []
-    for key in (key for keys in ways for key in keys):
+    for key in (key for keys in forms for key in keys):
         given = getattr(part, key)
         if isinstance(given, str):
             found.append(((key,), given))

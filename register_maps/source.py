@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from register_maps.errors import Finding, MapFileError
 from register_maps.nodes import ALIAS, TAG, Notes, compose
-from register_maps.plain import for_example, plain_words
+from register_maps.plain import explain_error, for_example
 
 __all__ = [
     "LEFT_OUT",
@@ -149,7 +149,7 @@ def try_validate(
     if message := _other_kind(source.data, model):
         return ValidationResult(None, (source.finding((), message),), frozenset())
     findings = list(source.findings)
-    told = set(source.spoiled)
+    reported = set(source.spoiled)
     data = source.data
     replaced: dict[KeyPath, object] = {}
     for _ in range(2):
@@ -161,10 +161,10 @@ def try_validate(
             schema = _json_schema(model)
             dropped: set[KeyPath] = set()
             for entry in error.errors(include_url=False):
-                path, message = plain_words(entry, schema, source.data, source.written)
-                if not any(path[: len(known)] == known for known in told):
+                path, message = explain_error(entry, schema, source.data, source.written)
+                if not any(path[: len(earlier)] == earlier for earlier in reported):
                     findings.append(source.finding(path, message))
-                    told.add(path)
+                    reported.add(path)
                 if entry["type"] == "extra_forbidden":
                     dropped.add(path)
                 elif (stand_in := _stand_in(path, stand_ins)) is not None:
@@ -270,7 +270,7 @@ class _Builder:
     def value(self, path: KeyPath, node: yaml.Node) -> object:
         self.lines.setdefault(tuple(map(str, path)), node.start_mark.line + 1)
         if (note := self._notes.pop(node, None)) is not None:
-            self._say(path, *note)
+            self._add_finding(path, *note)
         if node.tag == ALIAS:
             self.spoiled.add(path)
             return None
@@ -282,13 +282,15 @@ class _Builder:
 
     def _table(self, path: KeyPath, node: yaml.MappingNode) -> dict[str | int, object]:
         table: dict[str | int, object] = {}
-        seen: dict[str, int] = {}
+        first_lines: dict[str, int] = {}
         for key, line, item in self._entries(path, node):
             here = (*path, key)
-            if str(key) in seen:
-                self._say(here, line, f"given twice, in line {seen[str(key)]} and here; remove or rename one")
+            if str(key) in first_lines:
+                self._add_finding(
+                    here, line, f"given twice, in line {first_lines[str(key)]} and here; remove or rename one"
+                )
                 continue
-            seen[str(key)] = line
+            first_lines[str(key)] = line
             self.lines[tuple(map(str, here))] = line
             table[key] = self.value(here, item)
         return table
@@ -297,7 +299,9 @@ class _Builder:
         for key_node, item in node.value:
             line = key_node.start_mark.line + 1
             if not isinstance(key_node, yaml.ScalarNode):
-                self._say(path, line, "a list or table stands where a key belongs; quote text that starts with [ or {")
+                self._add_finding(
+                    path, line, "a list or table stands where a key belongs; quote text that starts with [ or {"
+                )
                 continue
             if key_node.tag == ALIAS:
                 continue  # noted already, and nobody knows what it stands for
@@ -308,7 +312,7 @@ class _Builder:
                 yield number if isinstance(number, int) else text, line, item
                 continue
             if kind != "str":
-                self._say(
+                self._add_finding(
                     (*path, text), line, f'YAML reads {text or "an empty key"} as {_READ_AS[kind]}; quote it: "{text}"'
                 )
             yield text, line, item
@@ -318,7 +322,7 @@ class _Builder:
         line = node.start_mark.line + 1
         if kind in ("str", "timestamp", "merge", "value"):
             if any("\ud800" <= character <= "\udfff" for character in text):
-                self._say(path, line, "an escape in this text is half a character; write the character itself")
+                self._add_finding(path, line, "an escape in this text is half a character; write the character itself")
                 self.spoiled.add(path)
                 return ""
             return text
@@ -326,14 +330,14 @@ class _Builder:
         try:
             value = _usable(_CONSTRUCT[kind](node))
         except (ValueError, OverflowError):
-            self._say(path, line, f"{text[:20]} is not a number that can be used")
+            self._add_finding(path, line, f"{text[:20]} is not a number that can be used")
             self.spoiled.add(path)
             return 0
         if kind == "int" and re.search(r"^[-+]?0[0-7_]|:", text):
-            self._say(path, line, f"YAML reads {text} as {value}; write {value}, or quote it if it is text")
+            self._add_finding(path, line, f"YAML reads {text} as {value}; write {value}, or quote it if it is text")
         return value
 
-    def _say(self, path: KeyPath, line: int, message: str) -> None:
+    def _add_finding(self, path: KeyPath, line: int, message: str) -> None:
         self.findings.append(Finding(self._file, line, key_text(path), message))
 
 

@@ -274,7 +274,7 @@ class Cells:
         value, rest = point.within(self.written[point.space][point.address]), command.encode(None)[point]
         if value == rest:
             self._ends.pop(point, None)
-        elif value != before or point.whole:  # a write of neighbouring bits does not begin it anew
+        elif value != before or point.is_whole:  # a write of neighbouring bits does not begin it anew
             lasts_s = spec.width_s if spec.action == "pulse" else spec.max_hold_s
             if spec.payload is not None:
                 lasts_s = value * spec.payload.unit_s

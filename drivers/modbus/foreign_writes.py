@@ -261,7 +261,7 @@ class ForeignWriteCheck:
 
 def _is_ours(command: CommandCodec, codec: Codec) -> bool:
     """Whether only our writes decide what the points of a command hold: no lamp, no signal and no timer of the device."""
-    if command.spec.ends_itself or command.spec.is_heartbeat or command.lamp or not command.read_points:
+    if command.spec.ends_itself or command.spec.is_heartbeat or command.shows_lamp or not command.read_points:
         return False
     return not any(
         _overlaps(point, signal_point) for point in command.read_points for signal_point in codec.signal_points

@@ -44,7 +44,7 @@ class Image:
 
     def others_in_cells(self, step: Step) -> tuple[str, ...]:
         """Return the other outputs in the cells of a step, on or not."""
-        if self._codec(step).shared:
+        if self._codec(step).is_shared:
             return ()
         cells = set(self.covered_cells(step))
         return tuple(

@@ -106,7 +106,7 @@ class Output:
     @property
     def is_visible(self) -> bool:
         """Whether its points show that it is on: not a lamp, nor a command bit that the controller consumes."""
-        return bool(self.codec.read_points) and not self.codec.lamp and not self.spec.self_clearing
+        return bool(self.codec.read_points) and not self.codec.shows_lamp and not self.spec.self_clearing
 
     @property
     def is_only_looked_at(self) -> bool:
@@ -204,7 +204,7 @@ class Output:
     def can_be_adopted(self) -> bool:
         """Whether it can be found on and kept: not a lamp, nor a hold that consists of pulses, nor an output that ends by itself."""
         level = self.spec.action == "hold" and self.spec.repeat_pulse_s is None and not self.spec.ends_itself
-        return level and bool(self.codec.read_points) and not self.codec.lamp
+        return level and bool(self.codec.read_points) and not self.codec.shows_lamp
 
     @property
     def awaits_look(self) -> bool:
@@ -219,7 +219,7 @@ class Output:
         if self.phase is Phase.REST and now < until and matches(self.codec, cells, self.code):
             self._keep_from_before(now, until)
             return
-        at_rest = self.codec.lamp or matches(self.codec, cells, None)
+        at_rest = self.codec.shows_lamp or matches(self.codec, cells, None)
         if self.phase is Phase.ON and self.spec.action == "hold" and self.keep_after_reconnect(cells, now):
             return
         if self.phase is Phase.DUE and self.is_written_again and matches(self.codec, cells, self.code):
@@ -435,6 +435,6 @@ def read_values(codec: CommandCodec, cells: Cells) -> Iterator[tuple[Point, int]
 def matches(codec: CommandCodec, cells: Cells, code: int | None) -> bool:
     """Whether the cells hold what this code writes; of lamps, whether the lamp of the pressed button is lit."""
     expected, found = codec.encode(code), dict(read_values(codec, cells))
-    if codec.lamp:
+    if codec.shows_lamp:
         return all(found.get(point) == value for point, value in expected.items() if value)
     return found == expected

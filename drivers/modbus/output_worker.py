@@ -194,7 +194,7 @@ class OutputWorker:
             self._foreign_writes.report_found_off(step.name, cells)
         if not stays:
             return False
-        return True if holds and output.verified and not output.codec.shared else None
+        return True if holds and output.verified and not output.codec.is_shared else None
 
     async def _look_back(self, step: Step, press: Press | None) -> None:
         """Read back what a step wrote, if that is used for anything."""

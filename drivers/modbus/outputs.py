@@ -189,7 +189,7 @@ class Outputs:
     def is_looked_at_first(self, name: str) -> bool:
         """Whether an output is read back before each refresh instead of after it."""
         output = self._outputs[name]
-        return output.is_looked_at_first and not output.codec.shared
+        return output.is_looked_at_first and not output.codec.is_shared
 
     def plan_press(self, name: str, code: int) -> tuple[Step, Cells]:
         """Return the press of an output and our cells with it, as if the outputs it excludes were released."""

@@ -63,12 +63,12 @@ def _printed(codec: Codec, signal: SignalCodec) -> tuple[str, ...]:
 
 def _on_wire(codec: Codec, signal: SignalCodec) -> tuple[str, ...]:
     # of a 32-bit number the lower address comes first, whichever half it holds
-    points = sorted(signal.points) if codec.map.signals[signal.name].wide else signal.points
+    points = sorted(signal.points) if codec.map.signals[signal.name].is_wide else signal.points
     return tuple(f"{point.space} {point.address}{_bits(point)}" for point in points)
 
 
 def _bits(point: Point) -> str:
-    if point.table in BIT_TABLES or point.whole:
+    if point.table in BIT_TABLES or point.is_whole:
         return ""
     last = point.low + point.width - 1
     return f" bit {point.low}" if last == point.low else f" bits {point.low} to {last}"

@@ -126,7 +126,7 @@ class Writer:
             return None
         command = self._commands[step.name]
         release = step.kind in (StepKind.RELEASE, StepKind.VERIFY)
-        if command.lamp or not command.read_points:
+        if command.shows_lamp or not command.read_points:
             # the points show the controller's answer and not our write: for a release the echo is all the proof there is
             return True if release else None
         if command.spec.self_clearing and not release:
@@ -134,7 +134,7 @@ class Writer:
         if not (
             release
             or step.kind is StepKind.LOOK
-            or command.shared
+            or command.is_shared
             or "readback" in confirmation_of(command.spec).any_of
         ):
             return None
@@ -154,7 +154,7 @@ class Writer:
         permit: Permit | None,
         sent: list[Request],
     ) -> Request:
-        if not command.shared or function == MASK_WRITE or command.is_timed_coil:
+        if not command.is_shared or function == MASK_WRITE or command.is_timed_coil:
             return await self._send(self._request(command, step, block, function, cells), block, permit, sent)
         async with self._units.word_lock(block.endpoint):
             fresh: dict[Cell, int] = await self._units.cells([block])
@@ -188,7 +188,7 @@ class Writer:
         rest, and a 0 there may have another meaning, such as the end of a passenger's call.
         """
         pairs = list(zip(command.blocks, command.functions, strict=True))
-        if (command.spec.ends_itself or command.lamp) and command.spec.one_of is not None:
+        if (command.spec.ends_itself or command.shows_lamp) and command.spec.one_of is not None:
             code = step.was if step.code is None else step.code
             pressed = {point.cell for point, value in command.encode(code).items() if value}
             pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]

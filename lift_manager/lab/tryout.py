@@ -57,7 +57,7 @@ def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where
         return
     tool, host = _mbpoll(codec, point.endpoint, where)
     to = f"{tool} -t {_TYPE[point.table]} -r {point.address} {host}"
-    shared = "" if point.whole else "; writes the whole register"
+    shared = "" if point.is_whole else "; writes the whole register"
     if spec.is_heartbeat:
         changes = "another value" if spec.action == "count" else "0 and 1 in turn"
         yield f"{to} 1   {what}, {changes} every {spec.every_s:g} s{shared}"

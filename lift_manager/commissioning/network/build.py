@@ -115,7 +115,7 @@ def _reads(loaded: LoadedSite, lift: Lift, codec: Codec) -> Iterator[Block]:
     for command in codec.commands.values():
         planned = plan_reads(command.read_points, codec.served, max_registers=registers, max_bits=bits)
         yield from read_back_blocks(command, codec.written, planned)
-        if command.shared:
+        if command.is_shared:
             yield from command.blocks  # read afresh before each write
 
 
