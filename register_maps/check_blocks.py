@@ -1,4 +1,4 @@
-"""Whether blocks are written as the device allows and over nothing else, and words that others write in are said to be shared."""
+"""Checks write blocks, and registers of which others write some bits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def check_blocks(source: RegisterMap) -> Iterator[Problem]:
 
 
 def blocked_cells(source: RegisterMap, *, cyclic: bool = False) -> set[Cell]:
-    """Every address that a write block covers; with `cyclic`, only of those that are written by themselves."""
+    """Return every address that a write block covers; with `cyclic`, only of blocks that are written in a cycle."""
     return {
         (place.space, place.number + offset)
         for block in source.write_blocks
@@ -92,7 +92,7 @@ def _over_signals(source: RegisterMap, start: Place, strangers: list[Cell]) -> I
 
 
 def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: list[Cell]) -> Iterator[str]:
-    """Yield what the device does not take; commands outside what is served are found by themselves."""
+    """Yield gaps that the device does not serve; commands outside what is served are found by another check."""
     ranges = source.served_wire.get(start.space, ())
     if missing := [cell for cell in strangers if not any(cell[1] in span for span in ranges)]:
         yield f"{_list_addresses(source, start, missing)} in it is not served; shorten the block, or correct `served`"
@@ -103,7 +103,7 @@ def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: l
 
 
 def _cycle(source: RegisterMap, block: WriteBlock, cells: list[Cell]) -> Iterator[str]:
-    """Yield what cannot be written with a block, or not again and again."""
+    """Yield commands that cannot be written with a block, or not repeatedly."""
     block_cells = set(cells)
     for name, command in source.commands.items():
         if not cells_of(source, command) & block_cells or not command.ends_itself:
@@ -120,7 +120,7 @@ def _cycle(source: RegisterMap, block: WriteBlock, cells: list[Cell]) -> Iterato
 
 
 def _others(source: RegisterMap, name: str, cells: AbstractSet[Cell]) -> list[str]:
-    """Name the other commands that write to any of these addresses."""
+    """Return the other commands that write to any of these addresses."""
     return [other for other, command in source.commands.items() if other != name and cells_of(source, command) & cells]
 
 
@@ -129,12 +129,12 @@ def _restarts(name: str, others: list[str]) -> str:
 
 
 def cells_of(source: RegisterMap, command: Command) -> set[Cell]:
-    """Every address a command writes to."""
+    """Return every address a command writes to."""
     return {(place.space, place.number) for place in map(source.place, command.addresses)}
 
 
 def _list_addresses(source: RegisterMap, start: Place, cells: list[Cell]) -> str:
-    """Write addresses of a block as the map prints them, the first five of them."""
+    """Return the first five of these addresses as the map prints them."""
     printed = [str(number + (source.addressing.base or 0)) for _, number in cells[:5]]
     wire = "" if source.addressing.notation is None else " on the wire"
     table = f"{start.endpoint}/{start.table}" if start.endpoint else start.table
@@ -142,7 +142,7 @@ def _list_addresses(source: RegisterMap, start: Place, cells: list[Cell]) -> str
 
 
 def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
-    """Yield commands in bits of registers that do not say, or not alike, who else writes there."""
+    """Yield commands in bits of registers without, or with different, `shared_word`."""
     first: dict[Cell, str] = {}
     blocked = blocked_cells(source)
     for name, command in source.commands.items():
@@ -173,7 +173,7 @@ def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _words(source: RegisterMap, command: Command) -> list[Cell]:
-    """Registers of which a command writes some bits."""
+    """Return the registers of which a command writes some bits."""
     places = [place for place in map(source.place, command.addresses) if place.bit is not None]
     return list(dict.fromkeys((place.space, place.number) for place in places))
 
@@ -187,7 +187,7 @@ def _no_shared_word(source: RegisterMap, command: Command) -> str:
 
 
 def _owned(source: RegisterMap, name: str, cell: Cell, *, whole: bool) -> Iterator[Problem]:
-    """Yield what a command in a word of our own cannot share it with; with `whole`, what nothing of ours in it can."""
+    """Yield what cannot share an `owned` word with a command; with `whole`, also signals in the word."""
     path = ("commands", name, "shared_word")
     if source.commands[name].ends_itself and (others := _others(source, name, {cell})):
         cure = "use `mask_write` in each of them if the device knows function 22, else leave this pulse out"
@@ -197,10 +197,10 @@ def _owned(source: RegisterMap, name: str, cell: Cell, *, whole: bool) -> Iterat
 
 
 def _read_there(source: RegisterMap, cell: Cell, path: tuple[str | int, ...]) -> Iterator[Problem]:
-    """Yield signals in a word that is said to be ours alone."""
+    """Yield signals in a word that is declared as `owned`."""
     there = [command for command in source.commands.values() if cell in _words(source, command)]
     if any(command.keyed_read_addresses for command in there):
-        return  # what is read at this address is something else than what is written there
+        return  # reading and writing this address access different values
     ours = {source.place(text).bit for command in there for text in command.addresses}
     for name, signal in source.signals.items():
         bits = {bit for text in signal.addresses for bit in signal_bits(source, signal, text)}

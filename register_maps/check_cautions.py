@@ -1,4 +1,4 @@
-"""What may be right in a map and is worth a second look: warnings, none of which refuses it."""
+"""Warns about what may be right in a map but deserves a second look; warnings do not refuse a map."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _warning(message: str) -> Problem:
 
 
 def _safe_at_zero(source: RegisterMap, name: str) -> bool:
-    """Whether this signal, read as zeros, keeps robots out by itself."""
+    """Whether this signal alone keeps robots out when it reads zero."""
     alone = {"signals": {name: source.signals[name]}, "commands": {}, "write_blocks": ()}
     value = compile_map(source.model_copy(update=alone)).signals[name].decode(0)
     kind = SIGNALS[name]

@@ -1,4 +1,4 @@
-"""Whether every point belongs to one signal, or to one command: what else shares it shares it by design."""
+"""Checks that every point belongs to one signal or command, except where sharing is intended."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Bit = tuple[str, int, int]
 
 
 class Claims:
-    """Who uses which bits; an owner is a name and the key of one of its addresses."""
+    """The owners of bits; an owner is a name and the key of one of its addresses."""
 
     def __init__(self) -> None:
         self._owners: dict[Bit, list[tuple[str, KeyPath]]] = {}
 
     def owners_of(self, bits: list[Bit]) -> list[tuple[str, KeyPath]]:
-        """Owners of any of these bits, each once."""
+        """Return the owners of any of these bits, each once."""
         return list(dict.fromkeys(owner for bit in bits for owner in self._owners.get(bit, ())))
 
     def add(self, bits: list[Bit], name: str, key: KeyPath) -> None:
@@ -40,7 +40,7 @@ def check_claims(source: RegisterMap) -> Iterator[Problem]:
 
 
 def bits_at(source: RegisterMap, text: str, low: int = 0, width: int = 16) -> list[Bit]:
-    """Every bit of a place; the field only matters where a register is named without a bit."""
+    """Return every bit of a place; the field only matters for a register without a bit."""
     place = source.place(text)
     if place.table in BIT_TABLES or place.bit is not None:
         return [(place.space, place.number, place.bit or 0)]
@@ -48,7 +48,7 @@ def bits_at(source: RegisterMap, text: str, low: int = 0, width: int = 16) -> li
 
 
 def signal_bits(source: RegisterMap, signal: Signal, text: str) -> list[Bit]:
-    """Every bit that one address of a signal stands for."""
+    """Return every bit at one address of a signal."""
     low, high = (0, 0) if signal.at is None else signal.bits or (0, 15)
     bits = bits_at(source, text, low, high - low + 1)
     return bits + [(space, number + 1, bit) for space, number, bit in bits] if signal.is_wide else bits
@@ -67,7 +67,7 @@ def _signals(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -> str | None:
-    """Say why two signals may not share a point; None where a floor's door limit is also the switch of that floor."""
+    """Return why two signals may not share a point; None if a floor's door limit is also the switch of that floor."""
     if one[0] == other[0]:
         return f"{text} is twice in this one; give each signal a place of its own"
     by_name = dict((one, other))
@@ -82,7 +82,7 @@ def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, K
 
 
 def _code(part: Signal | Command, key: KeyPath) -> int:
-    """Return the floor code of one entry of a list with one per floor; its place where the given codes are too few."""
+    """Return the floor code of one entry of a list with one per floor; its index if there are too few codes."""
     place = int(key[1])
     return part.floor_codes[place] if place < len(part.floor_codes) else place
 
@@ -93,7 +93,7 @@ def _alike(one: Signal | Command, other: Signal | Command) -> str:
 
 
 def _levels(source: RegisterMap) -> Iterator[Problem]:
-    """Yield doors whose limits are floor switches, and are said to be on at another level than these."""
+    """Yield doors whose limits are floor switches but with another `active`."""
     floor = source.signals.get("car_floor")
     if floor is None or floor.one_of is None:
         return
@@ -142,7 +142,7 @@ def _read_backs(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _echoes(source: RegisterMap) -> Iterator[Problem]:
-    """Yield signals at points that show our own writes."""
+    """Yield signals at points that only show our own writes."""
     claims = Claims()
     for name, command in source.commands.items():
         for key, text in readable_addresses(command):
@@ -160,7 +160,7 @@ def _echoes(source: RegisterMap) -> Iterator[Problem]:
 
 
 def readable_addresses(command: Command) -> tuple[tuple[KeyPath, str], ...]:
-    """Where what a command wrote can be read, with the key."""
+    """Return the addresses where the output of a command can be read, with their keys."""
     return command.keyed_read_addresses or command.keyed_addresses
 
 
@@ -171,7 +171,7 @@ def _echo(
     if command not in CALLS or name not in LAMPS:
         lamps = f"; a lamp in a call button is {LAMPS[0]} or {LAMPS[1]}" if command in CALLS else ""
         cure = f"give the place where the controller reports it{lamps}"
-        # a register that stays at the floor last asked for is a bad witness, and on some lifts the only one
+        # a register that keeps the floor requested last is poor evidence, and on some lifts the only one
         only_one = command in CALLS and SIGNALS.get(name) is Kind.FLOOR
         return Problem(
             path, f"{text} shows what {command} writes, and not what the lift does; {cure}", warning=only_one

@@ -1,4 +1,4 @@
-"""Whether each command of a map is complete and bounded: its points, its values, its action and its times."""
+"""Checks that each command of a map is complete and bounded: its points, values, action and times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Messages = Iterator[tuple[tuple[str | int, ...], str]]
 _OF_A_HOLD = ("until", "max_hold_s", "refresh_s", "on_link_loss", "bounded_by", "repeat_pulse_s")
 _OF_A_HEARTBEAT = frozenset({"at", "action", "every_s", "type", "byte_order", "rest", "shared_word", "note"})
 _REFUSED_ANYWAY = frozenset({"one_of", "as_", "until", "read_at", "read_one_of"})
-"""Keys that other rules refuse a heartbeat."""
+"""Keys of a heartbeat that other rules refuse."""
 
 _ALIASES = {"on": "press", "as_": "as"}
 _KEPT_ON = ("robot_mode", "hold_door.")
@@ -70,7 +70,7 @@ def _of_no_call(name: str, command: Command) -> Messages:
 
 
 def _outputs(command: Command) -> Messages:
-    """One output per floor."""
+    """Yield what is wrong with one output per floor."""
     yield from check_codes(command.codes, command.one_of, "outputs")
     if command.as_ is not None:
         yield ("as",), "`one_of` is one output per floor already; remove `as`"
@@ -232,7 +232,7 @@ def _times(_: RegisterMap, __: str, command: Command) -> Messages:
     if command.gap_s and not command.excludes:
         yield ("gap_s",), "is the pause after the release of what `excludes` names; use `excludes`, or remove it"
     if "granted_within_s" in command.model_fields_set and command.granted_by is None:
-        yield ("granted_within_s",), "belongs to `granted_by`; say what grants it, or remove this"
+        yield ("granted_within_s",), "belongs to `granted_by`; declare what grants it, or remove this"
 
 
 def _payload(source: RegisterMap, _: str, command: Command) -> Messages:

@@ -1,4 +1,4 @@
-"""What the commands of a map name: signals that permit them, commands they exclude, and what proves them."""
+"""Checks the names in the commands of a map: required signals, excluded commands and proofs."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _SHOWS_EFFECT: dict[str, tuple[str, ...]] = {
     "robot_in_place": (),
     "robot_left": (),
 }
-"""Signals in which the effect of a command is seen. What a lift does once it was told about its robot differs from lift to lift."""
+"""Signals that show the effect of a command. The reaction to the robot signals differs from lift to lift."""
 
 _TROUBLE = (SAFETY_FLAGS - {"independent"}) | {
     *("overload", "nudging", "watchdog_tripped"),
     *(f"obstruction.{side}" for side in Side),
 }
-"""Flags whose yes is trouble: a press neither waits for it nor is proved by it. `independent` is what some lifts give to robots."""
+"""Flags that mean trouble when set, so a press neither waits for them nor is proved by them. Not `independent`: some lifts grant robots this mode."""
 
 
 def check_confirm(source: RegisterMap) -> Iterator[Problem]:
-    """Yield names that mean nothing here, and proofs that prove nothing."""
+    """Yield unknown names, and proofs that prove nothing."""
     for name, command in source.commands.items():
         if name not in COMMANDS:
             continue
@@ -51,14 +51,14 @@ def check_confirm(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _only_an_open_door(source: RegisterMap, name: str, command: Command) -> bool:
-    """Whether an open door is all that proves a door hold, though its output can be read back."""
+    """Whether an open door alone proves a door hold although its output can be read back."""
     if not name.startswith("hold_door.") or command.confirm is None:
         return False
     return set(command.confirm.any_of) == {"effect"} and _unreadable(source, command) is None
 
 
 def is_known(source: RegisterMap, name: str) -> bool:
-    """Whether a signal is declared, or is one that the site has to add."""
+    """Whether a signal is declared, or has to be added by the site."""
     return name in source.signals or name in source.needs
 
 
@@ -82,7 +82,7 @@ def _names(source: RegisterMap, name: str, command: Command) -> Messages:
             hint = closest(other, source.commands)
             yield ("excludes", index), f"the map has no command {other}{hint or '; remove it, or declare the command'}"
         elif source.commands[other].is_heartbeat:
-            yield ("excludes", index), f"{other} is never let go, so nothing can exclude it; remove it"
+            yield ("excludes", index), f"{other} is never released, so nothing can exclude it; remove it"
 
 
 def _proofs(source: RegisterMap, name: str, command: Command) -> Messages:
@@ -102,7 +102,7 @@ def _proofs(source: RegisterMap, name: str, command: Command) -> Messages:
 
 
 def _unseen(source: RegisterMap, name: str) -> str | None:
-    """Say why the effect of a command cannot be seen; None when it can."""
+    """Return why the effect of a command is not visible; None if it is."""
     shown_by = _SHOWS_EFFECT.get(name, (f"door.{name.partition('.')[2]}",))
     if any(is_known(source, signal) for signal in shown_by):
         return None
@@ -112,7 +112,7 @@ def _unseen(source: RegisterMap, name: str) -> str | None:
 
 
 def _unreadable(source: RegisterMap, command: Command) -> str | None:
-    """Say why reading back proves nothing of a command; None when it does."""
+    """Return why reading back proves nothing about a command; None if it does."""
     if command.ends_itself:
         return "the device ends this pulse by itself, and may have done so before it is read; name another proof"
     if command.repeat_pulse_s is not None:
@@ -126,7 +126,7 @@ def _unreadable(source: RegisterMap, command: Command) -> str | None:
 
 
 def _unfit(source: RegisterMap, name: str, command: Command, word: str) -> str | None:
-    """Say why a signal cannot prove a command; None when it can."""
+    """Return why a signal cannot prove a command; None if it can."""
     kind = SIGNALS.get(word)
     if not is_known(source, word):
         return _absent(word, source, "effect", "readback")

@@ -1,4 +1,4 @@
-"""Whether a map shows what a robot's safety needs: the car at its floor, the door, fire, and devices that let go by themselves."""
+"""Checks the evidence that robots rely on: the car at its floor, the door, fire, and devices that release by themselves."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from register_maps.words import Side
 
 
 def check_evidence(source: RegisterMap) -> Iterator[Problem]:
-    """Yield what the map claims and cannot show."""
+    """Yield claims of the map that it cannot show."""
     yield from _needs(source)
     yield from _at_floor(source)
     yield from _fire(source)
@@ -47,8 +47,8 @@ def _at_floor(source: RegisterMap) -> Iterator[Problem]:
     shows_the_last = floor is not None and by_number and not (*floor.unknown, *floor.none)
     if evidence.kind == "position_stable" and shows_the_last and "motion" not in source.signals:
         message = (
-            "a floor number that shows the floor last passed stays the same between floors, so it proves nothing; say "
-            "{kind: door_open}, or which code means between floors (`unknown`)"
+            "a floor number that shows the floor last passed stays the same between floors, so it proves nothing; use "
+            "{kind: door_open}, or declare which code means between floors (`unknown`)"
         )
         yield Problem(path, message, warning=True)
     if evidence.kind == "door_limit" and not _limits_show_floor(source):
@@ -61,7 +61,7 @@ def _at_floor(source: RegisterMap) -> Iterator[Problem]:
 
 def _limits_show_floor(source: RegisterMap) -> bool:
     if any(name == "car_floor" or name.startswith("door.") for name in source.needs):
-        return True  # that is for the site to say, and is looked at with its additions
+        return True  # the site adds it, and the result is checked then
     floor = source.signals.get("car_floor")
     doors = [signal for name, signal in source.signals.items() if name.startswith("door.")]
     return floor is not None and any(_same_bits(source, floor, door) for door in doors)
@@ -86,7 +86,7 @@ def _fire(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _watchdogs(source: RegisterMap) -> Iterator[Problem]:
-    """Yield holds that the device lets go of by itself while nothing of ours keeps it from that."""
+    """Yield holds that the device releases by itself because nothing of ours prevents it."""
     cyclic = blocked_cells(source, cyclic=True)
     for name, command in source.commands.items():
         if command.action != "hold" or command.refresh_s is not None or command.repeat_pulse_s is not None:
@@ -102,7 +102,7 @@ def _watchdogs(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _is_fed(source: RegisterMap, command: Command, cyclic: AbstractSet[Cell]) -> bool:
-    """Whether the heartbeat or a cyclic block tells every device of a command that we are there."""
+    """Whether the heartbeat or a cyclic block feeds the watchdog of every device of a command."""
     beat = source.commands.get("heartbeat")
     endpoints = {source.place(text).endpoint for text in beat.addresses} if beat is not None else set()
     places = map(source.place, command.addresses)

@@ -1,4 +1,4 @@
-"""Whether each signal of a map is said in a way that fits its kind."""
+"""Checks that each signal of a map is declared in a form that fits its kind."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FORMS: dict[str, tuple[frozenset[Kind], str]] = {
     "open_limits": (frozenset({Kind.DOOR}), "limits are for doors"),
     "up": (frozenset({Kind.MOTION}), "two directions are for the motion"),
 }
-"""Kinds that may be said in each way, and what the way is for."""
+"""The kinds that each form is for, with the reason for the others."""
 
 _BELONGS: dict[str, tuple[str, ...]] = {
     "values": ("at",),
@@ -40,7 +40,7 @@ _BELONGS: dict[str, tuple[str, ...]] = {
     "none": ("at", "code_of"),
     "code": ("at", "code_of"),
 }
-"""Keys that only some ways have."""
+"""Keys that belong to some forms only."""
 
 
 def check_signals(source: RegisterMap) -> Iterator[Problem]:
@@ -85,7 +85,7 @@ def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Messa
 
 
 def check_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None, sort: str) -> Messages:
-    """Yield what is wrong with the floor codes of a list with one bit or output per floor."""
+    """Yield mistakes in the floor codes of a list with one bit or output per floor."""
     if codes is None or entries is None:
         return
     if len(codes) != len(entries):
@@ -124,7 +124,7 @@ def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Me
 
 
 def _width(source: RegisterMap, signal: Signal) -> int:
-    """Count the bits of the raw value; of a 32-bit number, those of its first register."""
+    """Return the bits of the raw value; of a 32-bit number, those of its first register."""
     if signal.code_of is not None:
         return len(signal.code_of)
     if signal.at is None:
@@ -136,12 +136,12 @@ def _width(source: RegisterMap, signal: Signal) -> int:
 
 
 def _form_of(signal: Signal) -> str:
-    """First key of the way in which a signal says where it is."""
+    """Return the first key of the form in which a signal gives its place."""
     return next(keys[0] for keys in PLACE_KEYS if getattr(signal, keys[0]) is not None)
 
 
 def _form(kind: Kind, signal: Signal) -> Messages:
-    """Each way for its kinds, and each key for its ways."""
+    """Yield forms that do not fit the kind, and keys that do not fit the form."""
     form = _form_of(signal)
     kinds, purpose = _FORMS[form]
     if kind not in kinds:
@@ -197,7 +197,7 @@ def _type(kind: Kind, signal: Signal, width: int) -> Messages:
 
 
 def _level(kind: Kind, signal: Signal, width: int) -> Messages:
-    """Inverted bits, and codes that do not count in binary."""
+    """Yield what is wrong with inverted bits, and with codes other than binary."""
     coded = kind is Kind.FLOOR and signal.type == "uint16" and width > 1
     inverted = kind is Kind.FLAG or (kind is Kind.DOOR and width == 1) or (coded and signal.bits is not None)
     if signal.active == "low" and signal.at is not None and not inverted:
@@ -275,7 +275,7 @@ def _reserved(kind: Kind, signal: Signal) -> Messages:
 
 
 def _codes(signal: Signal, width: int) -> Messages:
-    """Codes that the bits cannot hold, and codes with two meanings."""
+    """Yield codes that the bits cannot hold, and codes with two meanings."""
     meanings: dict[int, str] = {}
     places = [
         *((("values", code), code, word) for code, word in (signal.values or {}).items()),

@@ -86,7 +86,7 @@ MISTAKES: list[Mistake] = [
     ("more counts than a coil takes", TIMED, TIMED.replace("unit_s: 0.1", "unit_s: 0.00001"), "commands.close_door.front.width_s", "50000 counts of 1e-05 s, and 1 to 32767 can be written"),
     ("more counts than a register takes", SECONDS, SECONDS.replace("unit_s: 1", "unit_s: 0.00005"), "commands.hold_door.rear.max_hold_s", "1 to 65535 can be written"),
     # what it names
-    ("an exclusion of the heartbeat", "[hold_door.rear]", "[heartbeat]", "commands.close_door.rear.excludes[0]", "heartbeat is never let go"),
+    ("an exclusion of the heartbeat", "[hold_door.rear]", "[heartbeat]", "commands.close_door.rear.excludes[0]", "heartbeat is never released"),
     # what proves it
     ("a read-back of a lamp", "[calls_registered]", "[readback]", "commands.call.confirm.any_of[0]", "is the lamp calls_registered, lit or not whatever we wrote; name calls_registered"),
     ("a read-back of what ends by itself", TIMED + "    confirm: {any_of: [effect]", TIMED + "    confirm: {any_of: [readback]", "commands.close_door.front.confirm.any_of[0]", "the device ends this pulse by itself"),
