@@ -36,7 +36,7 @@ class State:
     """Floor that `call` asked for, until the robot is in place."""
     leave_at: int | None = None
     """Floor that `go` asked for, until the robot has left."""
-    seen: Given = field(default_factory=dict)
+    given: Given = field(default_factory=dict)
     spent: Given = field(default_factory=dict)
     """Levels of `call` and `go` that were taken, or ended."""
 
@@ -48,39 +48,39 @@ class State:
 
 def step(state: State, given: Given, floor: int, floors: int, rules: Rules) -> tuple[State, frozenset[int]]:
     """One scan further: the state, and the floors to which the car is sent by it. The car is at `floor` of so many."""
-    seen = {name: given[name] for name in NAMES if name in given}
-    if seen == state.seen and not (seen.keys() & {CALL, GO}):
+    present = {name: given[name] for name in NAMES if name in given}
+    if present == state.given and not (present.keys() & {CALL, GO}):
         return state, frozenset()
-    spent = {name: value for name, value in state.spent.items() if seen.get(name) == value}
+    spent = {name: value for name, value in state.spent.items() if present.get(name) == value}
     occupied, enter_at, leave_at = state.occupied, state.enter_at, state.leave_at
     sent: set[int] = set()
-    if _taken_back(CALL, state, seen, rules):
+    if _taken_back(CALL, state, present, rules):
         enter_at = None
-    if _taken_back(GO, state, seen, rules):
+    if _taken_back(GO, state, present, rules):
         leave_at = None
-    if LEFT in seen and LEFT not in state.seen:
+    if LEFT in present and LEFT not in state.given:
         occupied, leave_at = False, None
-        spent |= _level(GO, seen)
-    if rules.in_place_is_occupied and IN_PLACE in state.seen and IN_PLACE not in seen:
+        spent |= _level(GO, present)
+    if rules.in_place_is_occupied and IN_PLACE in state.given and IN_PLACE not in present:
         occupied, leave_at = False, None
-    if IN_PLACE in seen and IN_PLACE not in state.seen:
+    if IN_PLACE in present and IN_PLACE not in state.given:
         occupied, enter_at = True, None
-        spent |= _level(CALL, seen)
+        spent |= _level(CALL, present)
         if rules.in_place_sends_on and floors == 2:  # of more floors nobody says which
             leave_at = 1 - floor
             sent.add(leave_at)
-    if not occupied and CALL in seen and CALL not in spent:
-        enter_at = spent[CALL] = seen[CALL]
+    if not occupied and CALL in present and CALL not in spent:
+        enter_at = spent[CALL] = present[CALL]
         sent.add(enter_at)
-    if occupied and GO in seen and GO not in spent:
-        leave_at = spent[GO] = seen[GO]
+    if occupied and GO in present and GO not in spent:
+        leave_at = spent[GO] = present[GO]
         sent.add(leave_at)
-    return State(occupied, enter_at, leave_at, seen, spent), frozenset(sent)
+    return State(occupied, enter_at, leave_at, present, spent), frozenset(sent)
 
 
-def _taken_back(name: str, state: State, seen: Mapping[str, int], rules: Rules) -> bool:
-    return name in rules.lasting and name in state.seen and name not in seen
+def _taken_back(name: str, state: State, present: Mapping[str, int], rules: Rules) -> bool:
+    return name in rules.lasting and name in state.given and name not in present
 
 
-def _level(name: str, seen: Mapping[str, int]) -> dict[str, int]:
-    return {name: seen[name]} if name in seen else {}
+def _level(name: str, present: Mapping[str, int]) -> dict[str, int]:
+    return {name: present[name]} if name in present else {}

@@ -48,21 +48,21 @@ class NetworkMemory:
 
 
 def listen(
-    heard: NetworkMemory, asked: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool
+    memory: NetworkMemory, commands: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool
 ) -> NetworkMemory:
     """One scan further; what was heard stays the same one where nothing is new."""
-    if signs_of_life == heard.signs_of_life and asked == heard.given and parameters.believes_all:
-        return heard
+    if signs_of_life == memory.signs_of_life and commands == memory.given and parameters.believes_all:
+        return memory
     limit_s = parameters.hold_watchdog_s
     silent_s = 0.0
-    if limit_s is not None and signs_of_life == heard.signs_of_life:
-        silent_s = min(heard.silent_s + parameters.scan_s, limit_s)
+    if limit_s is not None and signs_of_life == memory.signs_of_life:
+        silent_s = min(memory.silent_s + parameters.scan_s, limit_s)
     alive = limit_s is None or silent_s < limit_s - NEGLIGIBLE_S
-    levels = _levels(heard.levels, asked, parameters)
-    fallen = frozenset() if alive else parameters.watched & asked.keys()
+    levels = _levels(memory.levels, commands, parameters)
+    fallen = frozenset() if alive else parameters.watched & commands.keys()
     given = {
         name: value
-        for name, value in asked.items()
+        for name, value in commands.items()
         if name not in fallen
         and (robot_mode or name not in parameters.robot_mode_only)
         and _is_believed(name, levels.get(name), parameters)
@@ -70,10 +70,12 @@ def listen(
     return NetworkMemory(given, levels, signs_of_life, silent_s, tripped=bool(fallen))
 
 
-def _levels(before: Mapping[str, Level], asked: Given, parameters: Parameters) -> Mapping[str, Level]:
+def _levels(before: Mapping[str, Level], commands: Given, parameters: Parameters) -> Mapping[str, Level]:
     if parameters.needs_edge_s is None and parameters.drops_stuck_button_s is None:
         return {}
-    after = {name: _next(before.get(name, Level()), asked.get(name), parameters) for name in asked.keys() | before}
+    after = {
+        name: _next(before.get(name, Level()), commands.get(name), parameters) for name in commands.keys() | before
+    }
     return {name: level for name, level in after.items() if level != Level()}
 
 

@@ -30,7 +30,7 @@ from simulator.faults import (
 from simulator.modes import Key
 from simulator.network import Given
 from simulator.shaft import NEGLIGIBLE_S
-from simulator.shown_signals import NO_LIES, FalseSignals
+from simulator.shown_signals import NO_FALSE_SIGNALS, FalseSignals
 from simulator.state import Parameters, ShownState, State
 
 Foreign = ForeignWriter | ForeignCell
@@ -42,7 +42,7 @@ class ShownRegisters(NamedTuple):
     picture: ShownState
     beat: int
     """Where the alive counter stands."""
-    lies: FalseSignals = NO_LIES
+    false_signals: FalseSignals = NO_FALSE_SIGNALS
 
 
 class RegisterFaults:
@@ -51,15 +51,15 @@ class RegisterFaults:
     def __init__(self, codec: Codec, codes: Sequence[int], cells: Cells) -> None:
         self.present: frozenset[Fault] = frozenset()
         self.foreign = ForeignWriters(codec, tuple(codes), cells)
-        self.off = False
+        self.is_off_network = False
         """The device is not on its network."""
-        self.stands = False
+        self.is_stopped = False
         """No program runs."""
-        self.deaf = False
+        self.ignores_writes = False
         """What is written does not reach the program."""
         self.drops_writes = False
         """And is not even stored."""
-        self.lies = False
+        self.is_falsified = False
         """What is told is not the picture."""
         self._presses: LostPresses | None = None
         self._floors = len(codes)
@@ -69,19 +69,19 @@ class RegisterFaults:
         self._beat: int | None = None
         """Where a frozen heartbeat stands."""
 
-    def begin(self, fault: Fault, now: float, tale: ShownRegisters) -> None:
-        """`tale` is what the registers show at that moment. Raises ValueError for a foreign writer that cannot be."""
+    def begin(self, fault: Fault, now: float, shown: ShownRegisters) -> None:
+        """`falsify` is what the registers show at that moment. Raises ValueError for a foreign writer that cannot be."""
         match fault:
             case ForeignWriter() | ForeignCell():
                 self.foreign.begin(fault, now)
             case FrozenRegisters():
                 self._cells.freeze()
             case IgnoredWrites(stored=True):
-                self._cells.turn_away()
+                self._cells.hide_writes()
             case FrozenHeartbeat():
-                self._beat = tale.beat
+                self._beat = shown.beat
             case Stopped():
-                self._held = tale
+                self._held = shown
             case Reboot() | PowerLoss(outputs_held=False):
                 self._cells.rest()
             case _:
@@ -96,7 +96,7 @@ class RegisterFaults:
             case FrozenRegisters():
                 self._cells.thaw()
             case IgnoredWrites():
-                self._cells.look_again(stored=fault.stored)
+                self._cells.show_writes(stored=fault.stored)
             case FrozenHeartbeat():
                 self._beat = None
             case Stopped():
@@ -105,45 +105,45 @@ class RegisterFaults:
                 pass
         self._now_present(self.present - {fault})
 
-    def lose(self, fault: LostPress, asked: Given) -> None:
-        """Swallow the next presses of `fault`, beside what is `asked` at that moment."""
-        presses = self._presses or LostPresses(asked=asked)
-        presses.left[fault] = fault.times
+    def start_losing(self, fault: LostPress, commands: Given) -> None:
+        """Swallow the next presses of `fault`, beside what is `commands` at that moment."""
+        presses = self._presses or LostPresses(previous=commands)
+        presses.remaining[fault] = fault.times
         self._presses = presses
 
-    def keep(self, fault: LostPress) -> None:
+    def stop_losing(self, fault: LostPress) -> None:
         """Swallow no further presses; those that are swallowed stay so while they last."""
         if self._presses is not None:
-            del self._presses.left[fault]
+            del self._presses.remaining[fault]
 
-    def heard(self, asked: Given, *, ours: bool) -> Given:
+    def visible_commands(self, commands: Given, *, ours: bool) -> Given:
         """Return what the program sees of what is stored; `ours`: it may have been a client that stored it."""
         if self._presses is None:
-            return asked
-        seen = self._presses.heard(asked, ours=ours)
-        if self._presses.over:
+            return commands
+        visible = self._presses.visible_commands(commands, ours=ours)
+        if self._presses.is_over:
             self._presses = None
-        return seen
+        return visible
 
     @property
     def lost(self) -> Mapping[str, int]:
         """Presses that are swallowed and still last, by command."""
         return {} if self._presses is None else self._presses.lost
 
-    def tale(self, told: ShownRegisters) -> ShownRegisters:
+    def falsify(self, shown: ShownRegisters) -> ShownRegisters:
         """Return what is shown in the place of the truth."""
         if self._held is not None:
             return self._held
-        told = lied(told, self.present, self._floors)
-        return told if self._beat is None else told._replace(beat=self._beat)
+        shown = falsify_registers(shown, self.present, self._floors)
+        return shown if self._beat is None else shown._replace(beat=self._beat)
 
     def _now_present(self, faults: frozenset[Fault]) -> None:
         self.present = faults
-        self.off = _any(faults, Reboot, PowerLoss)
-        self.stands = _any(faults, Reboot, Stopped)
-        self.deaf = _any(faults, IgnoredWrites)
+        self.is_off_network = _any(faults, Reboot, PowerLoss)
+        self.is_stopped = _any(faults, Reboot, Stopped)
+        self.ignores_writes = _any(faults, IgnoredWrites)
         self.drops_writes = IgnoredWrites(stored=False) in faults
-        self.lies = _any(faults, SaysWrongFloor, FloorAhead, ContradictingLimits, FrozenHeartbeat, Stopped)
+        self.is_falsified = _any(faults, SaysWrongFloor, FloorAhead, ContradictingLimits, FrozenHeartbeat, Stopped)
 
 
 def _any(faults: frozenset[Fault], *kinds: type) -> bool:
@@ -153,9 +153,9 @@ def _any(faults: frozenset[Fault], *kinds: type) -> bool:
 # -- what is told
 
 
-def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRegisters:
+def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRegisters:
     """Return what these faults make of the truth; the lift has so many floors."""
-    picture = told.picture
+    picture = shown.picture
     sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
     ahead = FloorAhead() in faults and _leaves(picture)
     if ahead:
@@ -163,7 +163,7 @@ def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRe
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
-    return ShownRegisters(picture, told.beat, FalseSignals(floor_between=ahead, contradicting=sides))
+    return ShownRegisters(picture, shown.beat, FalseSignals(floor_between=ahead, contradicting=sides))
 
 
 def _leaves(picture: ShownState) -> bool:
@@ -199,28 +199,28 @@ def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
 class LostPresses:
     """Presses that are stored and that the program does not see."""
 
-    asked: Given
+    previous: Given
     """What was stored before."""
-    left: dict[LostPress, int] = field(default_factory=dict)
+    remaining: dict[LostPress, int] = field(default_factory=dict)
     """How many more each fault swallows."""
     lost: dict[str, int] = field(default_factory=dict)
     """Those that last, by command."""
 
-    def heard(self, asked: Given, *, ours: bool) -> Given:
+    def visible_commands(self, commands: Given, *, ours: bool) -> Given:
         """Return what the program sees; a press that is not ours is never swallowed."""
-        self.lost = {name: value for name, value in self.lost.items() if asked.get(name) == value}
-        pressed = {name: value for name, value in asked.items() if self.asked.get(name) != value}
-        fault = next((fault for fault, left in self.left.items() if left), None)
+        self.lost = {name: value for name, value in self.lost.items() if commands.get(name) == value}
+        pressed = {name: value for name, value in commands.items() if self.previous.get(name) != value}
+        fault = next((fault for fault, remaining in self.remaining.items() if remaining), None)
         if ours and pressed and fault is not None:
-            self.left[fault] -= 1
+            self.remaining[fault] -= 1
             self.lost |= pressed
-        self.asked = asked
-        return {name: value for name, value in asked.items() if self.lost.get(name) != value}
+        self.previous = commands
+        return {name: value for name, value in commands.items() if self.lost.get(name) != value}
 
     @property
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         """Whether nothing is swallowed any longer, or can be."""
-        return not self.left and not self.lost
+        return not self.remaining and not self.lost
 
 
 # -- who else writes
@@ -246,7 +246,7 @@ class ForeignWriters:
         """No further write of this one is due."""
         self._set({other: at for other, at in self._at.items() if other != fault})
 
-    def take(self) -> Foreign:
+    def take_due(self) -> Foreign:
         """Return whose write is due; its next one is due later."""
         fault, at = min(self._at.items(), key=lambda item: item[1])
         self._set({**self._at, fault: at + fault.every_s})
@@ -306,7 +306,7 @@ class ForeignWriters:
 # -- a lift without its program
 
 
-def stand(state: State, dt: float, parameters: Parameters) -> State:
+def step_stopped(state: State, dt: float, parameters: Parameters) -> State:
     """What `dt` real seconds make of the lift while no program runs: the car brakes and stands, doors stay as they are.
 
     In scans like `controller.step`, so that it does not matter how time is cut into steps.

@@ -106,7 +106,7 @@ class Inputs:
     """The lift has failed, and is out of service."""
     robots_allowed: bool = True
     """The key switch that keeps robots off the lift is not turned."""
-    asked: network.Given = field(default_factory=dict)
+    commands: network.Given = field(default_factory=dict)
     """What the network asks for."""
     signs_of_life: int = 0
     """A number that changes with every sign of life from the network: each change renews the watchdog."""
@@ -134,11 +134,11 @@ class State(NamedTuple):
     """Doors that are told to open or stay open, and the mechanical seconds for which they still do once fully open."""
     inputs: Inputs = Inputs()
     """The inputs as the last scan saw them."""
-    heard: network.NetworkMemory = network.NetworkMemory()
+    network_memory: network.NetworkMemory = network.NetworkMemory()
     image: Inputs = Inputs()
     """The inputs with what is believed of the network put on them."""
     handshake: handshake.State = handshake.State()
-    acting: ActiveFaults = NOTHING
+    active_faults: ActiveFaults = NOTHING
     """What is wrong with the machine, as the last scan saw it."""
     homes_from: int | None = None
     """Floor that was known last, while the car drives home; None: it knows where it is."""

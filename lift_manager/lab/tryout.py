@@ -8,7 +8,7 @@ from register_maps import frames
 from register_maps.codec import Codec, CommandCodec, Point
 from register_maps.command_codec import payload_counts
 from register_maps.words import Table
-from simulator.asks import watchdog_s
+from simulator.network_commands import watchdog_s
 
 _TYPE = {Table.COIL: 0, Table.DISCRETE: 1, Table.INPUT: 3, Table.HOLDING: 4}
 """mbpoll's option -t."""

@@ -134,10 +134,10 @@ class WrongEcho(ShapeFault):
         if function not in frames.WRITES:
             return answer
         place = _DATA_AT if self.part is EchoPart.ADDRESS else _VALUE_AT
-        told = _word(answer, place)
-        if place == _VALUE_AT and function == frames.WRITE_COIL and told in (0, _COIL_FLIP):
-            return _with_word(answer, place, told ^ _COIL_FLIP)
-        return _with_word(answer, place, told + self.by)
+        value = _word(answer, place)
+        if place == _VALUE_AT and function == frames.WRITE_COIL and value in (0, _COIL_FLIP):
+            return _with_word(answer, place, value ^ _COIL_FLIP)
+        return _with_word(answer, place, value + self.by)
 
 
 @dataclass(frozen=True, slots=True)

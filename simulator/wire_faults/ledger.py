@@ -109,7 +109,7 @@ class Ledger:
 
     seed: int
     start: float | None
-    done: list[StruckFault] = field(default_factory=list)
+    strikes: list[StruckFault] = field(default_factory=list)
     on_exchange: Callable[[Exchange], None] | None = None
     entries: list[Entry] = field(default_factory=list)
     clients: int = 0
@@ -162,6 +162,6 @@ class Ledger:
             if isinstance(fault, ConnectionLimit) and self.clients < fault.clients:
                 continue
             if entry.strikes(elapsed_s):
-                self.done.append(StruckFault(now, fault, None))
+                self.strikes.append(StruckFault(now, fault, None))
                 return fault
         return None

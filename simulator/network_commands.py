@@ -15,7 +15,7 @@ WATCHDOG_REFRESHES = 3
 many of its beats. Chosen: one lost write must not open a grip, and people wait no longer than that for their lift."""
 
 
-def asked(codec: Codec, written: Image, codes: Sequence[int]) -> dict[str, int]:
+def present_commands(codec: Codec, written: Image, codes: Sequence[int]) -> dict[str, int]:
     """Return the commands that are present: the index of the floor for a call, 1 for others; unknown floors are no call."""
     found: dict[str, int] = {}
     for name, command in codec.commands.items():
@@ -27,7 +27,7 @@ def asked(codec: Codec, written: Image, codes: Sequence[int]) -> dict[str, int]:
     return found
 
 
-def beat(codec: Codec, written: Image) -> int | None:
+def heartbeat_count(codec: Codec, written: Image) -> int | None:
     """Return what the client's heartbeat stands at; None where the map has none."""
     command = codec.commands.get("heartbeat")
     return None if command is None else command.decode(written)
@@ -44,7 +44,7 @@ def watchdog_s(codec: Codec) -> float | None:
     return max(spec.refresh_s or 1.0 for spec in watched) * WATCHDOG_REFRESHES
 
 
-def as_the_map_says(parameters: Parameters, codec: Codec) -> Parameters:
+def apply_map(parameters: Parameters, codec: Codec) -> Parameters:
     """Set a controller to what its map says of watchdog, robot mode and handshake.
 
     A `hold_watchdog_s` that is given goes before that of the map, and infinity is no watchdog at all. What is given as
