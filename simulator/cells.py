@@ -1,7 +1,7 @@
-"""The registers and bits of a simulated lift: what was written to them, and what they show when they are read.
+"""The registers and bits of a simulated lift: the values written, and the values they show.
 
-Both differ more often than not. Where the lift speaks, writes do not last; an output may be read back at another address
-than it is written to; a lamp on the point of a call shows what is registered, whatever was pressed.
+These often differ. Signals of the lift override writes; an output may be read back at another address than it is written to;
+a lamp on the point of a call shows what is registered, whatever was pressed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _Place = tuple[str, int]
 
 
 class ExceptionReply(Exception):
-    """The device answers with an exception code instead."""
+    """The device answers with an exception code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"exception {code}")
@@ -32,7 +32,7 @@ class ExceptionReply(Exception):
 
 
 class NoReply(Exception):
-    """The device is not on its network: no answer comes at all, and no connection lasts."""
+    """The device is off its network: it does not answer, and connections end."""
 
 
 class _Cleared:
@@ -70,7 +70,7 @@ class _Cleared:
             yield point, spec.rest & point.mask
 
     def forget(self) -> None:
-        """Power came on."""
+        """Forget everything, as after power-on."""
         self.holds.clear()
         self._clears.clear()
 
@@ -82,21 +82,21 @@ class Cells:
         """All outputs at rest, and every other cell 0."""
         self._served = codec.served
         self.written = codec.empty_image()
-        """What clients wrote, and can read back where nothing else is shown."""
+        """The values that clients wrote, and read back where nothing else is shown."""
         self.program_cells = self.written
-        """What the program sees of it; commands are read from here."""
+        """The values written as the program sees them; commands are read from here."""
         self.stale = True
-        """Something was written where it is not for the client alone to say what is shown."""
+        """A cell was written that does not simply show what was written."""
         self.next_end = inf
-        """When the device next lets something go by itself; infinity when nothing is on that it ends."""
+        """When the device next releases an output by itself; infinity if there is none."""
         self._shown = codec.empty_image()
         self._read = self._shown
-        """What clients get to read."""
+        """The values that clients read."""
         self._pretended: dict[_Place, int] = {}
-        """What was answered as if it had been written."""
+        """Values answered as if written."""
         self._rest: list[tuple[Point, int]] = []
         self._timed: dict[_Place, list[tuple[Point, CommandCodec]]] = {}
-        """Points that the device lets go by itself."""
+        """Points that the device releases by itself."""
         self._ends: dict[Point, tuple[float, int]] = {}
         """When such a point comes to rest, and the value of rest."""
         self._cleared = _Cleared()
@@ -130,11 +130,11 @@ class Cells:
             self._echoes += zip(command.points, command.read_points, strict=True)
 
     def read(self, endpoint: str, table: Table, address: int, count: int) -> list[int]:
-        """Return what is shown. Raises ExceptionReply outside what the map serves."""
+        """Return the values shown. Raises ExceptionReply outside what the map serves."""
         return self._served_cells(self._read, endpoint, table, address, count)[address : address + count]
 
     def stored(self, endpoint: str, table: Table, address: int) -> int:
-        """Return what was written to one cell, or seems to be. Raises ExceptionReply outside what the map serves."""
+        """Return the value written to one cell, or pretended to be. Raises ExceptionReply outside what the map serves."""
         cell = self._served_cells(self.written, endpoint, table, address, 1)[address]
         return self._pretended.get((space(endpoint, table), address), cell) if self._pretended else cell
 
@@ -194,7 +194,7 @@ class Cells:
         return self._cleared.holds
 
     def end_next(self) -> None:
-        """Let the device end what it ends next."""
+        """Carry out the next release of the device itself."""
         if self._cleared.next_at == self.next_end:
             for point, rest in self._cleared.end(self.next_end):
                 self._release(point, rest)
@@ -206,7 +206,7 @@ class Cells:
         self._release(point, rest)
 
     def rest(self) -> None:
-        """Put all outputs at rest, as after power came on."""
+        """Put all outputs at rest, as after power-on."""
         self.stale = True
         self._ends.clear()
         self._cleared.forget()
@@ -219,26 +219,26 @@ class Cells:
             self._release(point, value)
 
     def hide_writes(self) -> None:
-        """From here on the program does not see what is written."""
+        """Hide further writes from the program."""
         self.program_cells = _copy(self.written)
 
     def show_writes(self, *, stored: bool) -> None:
-        """Take back `hide_writes` where it was `stored`, otherwise `pretend`; the program sees what was stored meanwhile."""
+        """Undo `hide_writes` if the writes were `stored`, else `pretend`; the program sees the stored writes."""
         if stored:
             self.program_cells = self.written
         else:
             self._pretended.clear()
 
     def freeze(self) -> None:
-        """From here on clients read what is shown now."""
+        """Let clients read the present values from now on."""
         self._read = _copy(self._shown)
 
     def thaw(self) -> None:
-        """Clients read what is shown."""
+        """Let clients read current values again."""
         self._read = self._shown
 
     def show(self, insert_signals: Callable[[dict[str, list[int]]], None]) -> None:
-        """Bring what is shown up to date; `insert_signals` puts the lift's signals into it."""
+        """Update the values shown; `insert_signals` puts the lift's signals into them."""
         self.stale = False
         for (name, address), is_output in self._overridden.items():
             self._shown[name][address] = self.written[name][address] if is_output else 0
@@ -274,7 +274,7 @@ class Cells:
         value, rest = point.within(self.written[point.space][point.address]), command.encode(None)[point]
         if value == rest:
             self._ends.pop(point, None)
-        elif value != before or point.is_whole:  # a write of neighbouring bits does not begin it anew
+        elif value != before or point.is_whole:  # a write of neighbouring bits does not restart it
             lasts_s = spec.width_s if spec.action == "pulse" else spec.max_hold_s
             if spec.payload is not None:
                 lasts_s = value * spec.payload.unit_s

@@ -34,7 +34,7 @@ __all__ = [
 
 
 def initial(parameters: Parameters, *, floor_index: int = 0, key: Key = Key.NORMAL) -> State:
-    """The car standing level at a floor with its doors closed, in the mode that the key says."""
+    """The car standing level at a floor with its doors closed, in the mode of the key."""
     if floor_index not in parameters.shaft.floors:
         raise ValueError(f"floor {floor_index} is not one of the floors 0 to {parameters.shaft.floors[-1]}")
     mode = modes.overriding_mode(key, fire=False, emergency=False, fault=False)
@@ -176,7 +176,7 @@ def _sample(state: State, inputs: Inputs, landing: int | None, parameters: Param
 
 
 def _suffer(state: State, inputs: Inputs) -> tuple[State, bool]:
-    """Take up a change of faults; returns also whether all calls are forgotten because of it."""
+    """Apply a change of faults; returns also whether it drops all calls."""
     before, active = state.active_faults, machine_faults.combine_faults(inputs.faults)
     homes_from = state.homes_from
     if active.homes and not before.homes:
@@ -188,7 +188,7 @@ def _suffer(state: State, inputs: Inputs) -> tuple[State, bool]:
 
 
 def _image(inputs: Inputs, given: network.Given, parameters: Parameters) -> Inputs:
-    """Put what the network presses beside what people do."""
+    """Combine the presses of the network with those of people."""
     buttons = {given[name] for name in CALLS if name in given}
     if parameters.handshake is not None:
         buttons = {given[name] for name in CALLS if name in given and name not in handshake.NAMES}
@@ -230,7 +230,7 @@ def _change_mode(state: State, parameters: Parameters) -> State:
 
 
 def _shake_hands(state: State, rules: handshake.Rules, floors: int, *, forgets: bool) -> tuple[State, frozenset[int]]:
-    """Take what is said about the robot; returns the floors to which the car is sent by it."""
+    """Step the handshake; returns the floors to which it sends the car."""
     shaken, sent = handshake.step(state.handshake, state.network_memory.given, state.shaft.floor, floors, rules)
     if forgets or not SERVICE[state.mode].car_calls:
         shaken = replace(shaken, enter_at=None, leave_at=None)
@@ -352,7 +352,7 @@ def _dwell(state: State, side: Side, landing: int, dt: float, parameters: Parame
 
 
 def _is_kept_open(state: State, side: Side, landing: int, parameters: Parameters) -> bool:
-    """Whether a door is to open, or to stay open, whatever its timer says."""
+    """Whether a door is to open, or to stay open, regardless of its timer."""
     image, mode, fraction = state.image, state.mode, state.shaft.doors[side].fraction
     trouble, knows_floor = state.active_faults.trouble, state.homes_from is None
     if image.overload and mode is not Mode.INSPECTION:

@@ -17,7 +17,7 @@ def next_stop(
     """The stop to travel to (None: stay) and the direction that this commits the car to.
 
     A moving car gets the first call that it can still stop for, or else the first floor at which it can stop and turn. A
-    car that stands between floors is brought to the nearest one even if nobody calls.
+    car that stands between floors drives to the nearest one even without a call.
     """
     if not car.standing:
         return _next_while_moving(car, calls, parameters), car.motion

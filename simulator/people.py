@@ -48,7 +48,7 @@ class Traffic:
     bold: float = 0.1
     """Share who get into a car that is in robot mode. Chosen: signs are read by most."""
     heavy: float = 0.02
-    """Share who bring more than the car can carry, hear it complain, and take the stairs. Chosen."""
+    """Share whose load is too much for the car: they notice the overload signal and take the stairs. Chosen."""
     overload_s: float = 3.0
     """How long too much load stands in the doorway: the load of the heavy, or one more than there is room for. Chosen."""
     looks_s: float = 0.25
@@ -68,7 +68,7 @@ class Counts:
     waiting: int
     riding: int
     delivered: int
-    """Got out at the floor they wanted."""
+    """Got out at their floor."""
     given_up: int
     """Took the stairs: after waiting too long, after getting out elsewhere, or with too much to carry."""
 

@@ -154,12 +154,12 @@ class _Outbox:
         self._changed.set()
 
     def leave(self) -> None:
-        """The client sends nothing more: it gets what the device still says, but waits for nothing that is delayed."""
+        """The client sends nothing more: it gets the remaining answers of the device, but no delayed ones."""
         self._is_client_done = True
         self._changed.set()
 
     def abandon(self) -> None:
-        """Nobody wants it any more."""
+        """Discard the remaining segments."""
         self._abandoned = True
         self._changed.set()
 
@@ -189,7 +189,7 @@ class _Relay:
     def __init__(
         self, client: _Stream, device: _Stream | None, connection: Connection, clock: Callable[[], float]
     ) -> None:
-        """`device` is None for a client to whom nothing is ever said."""
+        """`device` is None for a client that never gets an answer."""
         self._client = client
         self._device = device
         self._connection = connection
@@ -201,11 +201,11 @@ class _Relay:
         async with asyncio.TaskGroup() as group:
             requests = group.create_task(self._requests())
             answers = group.create_task(self._answers())
-            with suppress(OSError):  # the client is gone, and so is what was left to tell it
+            with suppress(OSError):  # the client is gone, and so are the remaining answers
                 await self._outbox.send(self._client[1])
             requests.cancel()
             if self._connection.dead:
-                # The device does not hear that its client is gone, as with a cable that was pulled out.
+                # The device is not notified that its client is gone, as with a pulled cable.
                 await self._forget_client()
             else:
                 answers.cancel()
@@ -308,5 +308,5 @@ def _reset(writer: asyncio.StreamWriter) -> None:
 
 async def _close(writer: asyncio.StreamWriter) -> None:
     writer.close()
-    with suppress(OSError):  # that it broke was seen where it was read
+    with suppress(OSError):  # the break was noticed by the reader
         await writer.wait_closed()

@@ -1,4 +1,4 @@
-"""What the faults of registers and network do to one register face: what is told, what is heard, who else writes."""
+"""Applies the faults of registers and network to one register face: false values, lost writes, other writers."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ Foreign = ForeignWriter | ForeignCell
 
 
 class ShownRegisters(NamedTuple):
-    """What the registers are to show."""
+    """The values that the registers show."""
 
     picture: ShownState
     beat: int
-    """Where the alive counter stands."""
+    """Count of the alive counter."""
     false_signals: FalseSignals = NO_FALSE_SIGNALS
 
 
 class RegisterFaults:
-    """The faults of one register face, and what they do to its cells."""
+    """The faults of one register face, applied to its cells."""
 
     def __init__(self, codec: Codec, codes: Sequence[int], cells: Cells) -> None:
         self.present: frozenset[Fault] = frozenset()
@@ -56,21 +56,21 @@ class RegisterFaults:
         self.is_stopped = False
         """No program runs."""
         self.ignores_writes = False
-        """What is written does not reach the program."""
+        """Writes do not reach the program."""
         self.drops_writes = False
-        """And is not even stored."""
+        """Writes are not even stored."""
         self.is_falsified = False
-        """What is told is not the picture."""
+        """The registers do not show the truth."""
         self._presses: LostPresses | None = None
         self._floors = len(codes)
         self._cells = cells
         self._held: ShownRegisters | None = None
-        """What a stopped program said last."""
+        """The last values of a stopped program."""
         self._beat: int | None = None
-        """Where a frozen heartbeat stands."""
+        """Count of a frozen heartbeat."""
 
     def begin(self, fault: Fault, now: float, shown: ShownRegisters) -> None:
-        """`falsify` is what the registers show at that moment. Raises ValueError for a foreign writer that cannot be."""
+        """Begin a fault; `shown` are the values at that moment. Raises ValueError for an impossible foreign writer."""
         match fault:
             case ForeignWriter() | ForeignCell():
                 self.foreign.begin(fault, now)
@@ -89,7 +89,7 @@ class RegisterFaults:
         self._now_present(self.present | {fault})
 
     def end(self, fault: Fault) -> None:
-        """Take a fault away that is present."""
+        """End a fault that is present."""
         match fault:
             case ForeignWriter() | ForeignCell():
                 self.foreign.end(fault)
@@ -106,18 +106,18 @@ class RegisterFaults:
         self._now_present(self.present - {fault})
 
     def start_losing(self, fault: LostPress, commands: Given) -> None:
-        """Swallow the next presses of `fault`, beside what is `commands` at that moment."""
+        """Lose the next presses of `fault`, except the `commands` that are present now."""
         presses = self._presses or LostPresses(previous=commands)
         presses.remaining[fault] = fault.times
         self._presses = presses
 
     def stop_losing(self, fault: LostPress) -> None:
-        """Swallow no further presses; those that are swallowed stay so while they last."""
+        """Lose no further presses; those that are lost stay so while they last."""
         if self._presses is not None:
             del self._presses.remaining[fault]
 
     def visible_commands(self, commands: Given, *, ours: bool) -> Given:
-        """Return what the program sees of what is stored; `ours`: it may have been a client that stored it."""
+        """Return the stored commands that the program sees; `ours` tells whether a client may have stored them."""
         if self._presses is None:
             return commands
         visible = self._presses.visible_commands(commands, ours=ours)
@@ -127,11 +127,11 @@ class RegisterFaults:
 
     @property
     def lost(self) -> Mapping[str, int]:
-        """Presses that are swallowed and still last, by command."""
+        """Lost presses that still last, by command."""
         return {} if self._presses is None else self._presses.lost
 
     def falsify(self, shown: ShownRegisters) -> ShownRegisters:
-        """Return what is shown in the place of the truth."""
+        """Return the values to show instead of the truth."""
         if self._held is not None:
             return self._held
         shown = falsify_registers(shown, self.present, self._floors)
@@ -150,11 +150,11 @@ def _any(faults: frozenset[Fault], *kinds: type) -> bool:
     return any(isinstance(fault, kinds) for fault in faults)
 
 
-# -- what is told
+# -- false values
 
 
 def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRegisters:
-    """Return what these faults make of the truth; the lift has so many floors."""
+    """Return the values falsified by these faults; the lift has so many floors."""
     picture = shown.picture
     sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
     ahead = FloorAhead() in faults and _leaves(picture)
@@ -178,7 +178,7 @@ def _next_floor(picture: ShownState, floors: int) -> int:
 
 
 def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
-    """Every sensor of a floor speaks for another one."""
+    """Return the picture with every floor sensor reporting another floor."""
 
     def other(floor: int) -> int:
         to = min(max(floor + by, 0), floors - 1)
@@ -192,7 +192,7 @@ def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
     )
 
 
-# -- what is heard
+# -- lost presses
 
 
 @dataclass
@@ -200,14 +200,14 @@ class LostPresses:
     """Presses that are stored and that the program does not see."""
 
     previous: Given
-    """What was stored before."""
+    """The commands stored before."""
     remaining: dict[LostPress, int] = field(default_factory=dict)
-    """How many more each fault swallows."""
+    """How many more presses each fault loses."""
     lost: dict[str, int] = field(default_factory=dict)
-    """Those that last, by command."""
+    """Lost presses that last, by command."""
 
     def visible_commands(self, commands: Given, *, ours: bool) -> Given:
-        """Return what the program sees; a press that is not ours is never swallowed."""
+        """Return the commands that the program sees; only our presses are lost."""
         self.lost = {name: value for name, value in self.lost.items() if commands.get(name) == value}
         pressed = {name: value for name, value in commands.items() if self.previous.get(name) != value}
         fault = next((fault for fault, remaining in self.remaining.items() if remaining), None)
@@ -219,7 +219,7 @@ class LostPresses:
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is swallowed any longer, or can be."""
+        """Whether no press is lost or can be lost any more."""
         return not self.remaining and not self.lost
 
 
@@ -227,7 +227,7 @@ class LostPresses:
 
 
 class ForeignWriters:
-    """Others who write to the cells of one map, each at instants of its own."""
+    """Other writers to the cells of one map, each at its own instants."""
 
     def __init__(self, codec: Codec, codes: tuple[int, ...], cells: Cells) -> None:
         self.next_at = inf
@@ -238,16 +238,16 @@ class ForeignWriters:
         self._cells = cells
 
     def begin(self, fault: Foreign, now: float) -> None:
-        """The first write is due at once. Raises ValueError for a writer that this map cannot have."""
+        """Begin a writer, whose first write is due at once. Raises ValueError for one that this map cannot have."""
         self._check(fault)
         self._set({**self._at, fault: now})
 
     def end(self, fault: Foreign) -> None:
-        """No further write of this one is due."""
+        """End a writer."""
         self._set({other: at for other, at in self._at.items() if other != fault})
 
     def take_due(self) -> Foreign:
-        """Return whose write is due; its next one is due later."""
+        """Return the writer whose write is due, and schedule its next one."""
         fault, at = min(self._at.items(), key=lambda item: item[1])
         self._set({**self._at, fault: at + fault.every_s})
         return fault
@@ -291,7 +291,7 @@ class ForeignWriters:
     def _check_cell(self, fault: ForeignCell) -> None:
         cell = f"{fault.endpoint}/{fault.table}:{fault.address}".removeprefix("/")
         if fault.table not in (Table.COIL, Table.HOLDING):
-            raise ValueError(f"nobody can write to {cell}: only coils and holding registers are written")
+            raise ValueError(f"{cell} cannot be written: only coils and holding registers can")
         highest = 1 if fault.table is Table.COIL else 0xFFFF
         if not 0 <= fault.value <= highest:
             raise ValueError(f"{cell} takes 0 to {highest}, not {fault.value}")
@@ -322,13 +322,13 @@ def step_stopped(state: State, dt: float, parameters: Parameters) -> State:
 
 
 def _braked(car: shaft.State, parameters: Parameters) -> shaft.State:
-    """One scan further; told of no doors, because the mechanics would close them."""
+    """Return the car one scan later; without doors, because the mechanics would close them."""
     without = replace(car, doors={})
     braked = shaft.step(without, shaft.Orders(), parameters.scan_s * parameters.speed, parameters.shaft)
     return replace(braked, doors=car.doors)
 
 
 def restarted(state: State, key: Key, parameters: Parameters) -> State:
-    """A program that has just begun, with car and doors where they are."""
+    """Return the state of a program that has just started, with car and doors where they are."""
     fresh = controller.initial(parameters, floor_index=state.shaft.floor, key=key)
     return fresh._replace(shaft=state.shaft, since_scan_s=state.since_scan_s)

@@ -35,15 +35,15 @@ __all__ = [
 ]
 
 BEATS_PER_S = 2
-"""How often the alive counter counts. Chosen: twice as often as the generic map asks for."""
+"""How often the alive counter counts. Chosen: twice as often as the generic map requires."""
 
 
 _picture_fields = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
-"""What a picture is made of; the time since the last scan shows nowhere."""
+"""The fields of a state that a picture depends on; not the time since the last scan."""
 _signal_fields = attrgetter(
     *(field.name for field in fields(ShownState) if field.name not in ("position_m", "speed_m_s"))
 )
-"""What a map can say of a picture, unless it has a car position."""
+"""The fields of a picture that signals show, unless there is a car position."""
 _signal_fields_with_position = attrgetter(*(field.name for field in fields(ShownState) if field.name != "speed_m_s"))
 
 
@@ -74,24 +74,24 @@ class RegisterFace:
         )
         self._shown_fields = _signal_fields_with_position if "car_position" in codec.signals else _signal_fields
         self._shown: State | None = None
-        """The state when the registers were last brought up to date, what of it they were made of, and what they say."""
+        """The state when the registers were last updated, the fields they depend on, and the values they show."""
         self._made_of: object = None
         self._last_shown: object = None
         self._counts = any(signal.kind is Kind.COUNTER for signal in codec.signals.values())
         self._beats = 0
-        """What the alive counter stood at when it was last looked at."""
+        """The last count of the alive counter."""
         self._beats_from = 0.0
         self._register_faults = RegisterFaults(codec, self._codes, self._cells)
         self._homes = False
-        """The program has begun, and does not know yet where its car is."""
+        """The program has started and does not know the position of its car yet."""
         self._watchers: list[Callable[[], None]] = []
         self._pictured: tuple[State, object, ShownState] | None = None
-        """The picture last made, of which state, and of what in it: one that has not changed since is the same one."""
+        """The last picture, with its state and the fields it was made of; reused while they have not changed."""
         self._show()
 
     @property
     def picture(self) -> ShownState:
-        """What the lift really does, by its own physics."""
+        """The true state of the lift, by its own physics."""
         state, last = self._state, self._pictured
         if last is not None and last[0] is state:
             return last[2]
@@ -102,32 +102,32 @@ class RegisterFace:
 
     @property
     def inputs(self) -> Inputs:
-        """Return what people press, hold and turn, the key that the lift began with among it."""
+        """What people press, hold and turn, including the initial key."""
         return self._inputs
 
     @property
     def commands(self) -> Mapping[str, int]:
-        """Return what the controller is asked for over the network: the index of the floor for a call, 1 for others."""
+        """The commands present on the network: the index of the floor for a call, 1 for others."""
         return self._inputs.commands
 
     @property
     def cleared_holds(self) -> Collection[str]:
-        """Return the holds that go on although the program has taken them out of their points."""
+        """The holds that continue although the program has cleared their points."""
         return self._cells.cleared_holds
 
     @property
     def cells(self) -> Image:
-        """What the program sees of what clients wrote, as raw cells."""
+        """The written cells as the program sees them."""
         return self._cells.program_cells
 
     @property
     def lost(self) -> Mapping[str, int]:
-        """Presses that are stored and that the program does not see, by command."""
+        """Presses that are stored but not seen by the program, by command."""
         return self._register_faults.lost
 
     @property
     def believed(self) -> Mapping[str, int]:
-        """What of `commands` the controller acts on: no hold whose watchdog ran out, nothing that needs robot mode without it."""
+        """The `commands` that the controller acts on: no hold whose watchdog ran out, nothing that needs robot mode without it."""
         return self._state.network_memory.given
 
     def endpoint(self, name: str) -> Endpoint:
@@ -151,7 +151,7 @@ class RegisterFace:
         self._show()
 
     def people(self, now: float, inputs: Inputs) -> None:
-        """Change what people press, hold and turn, beside what comes over the network and what `begin` began."""
+        """Change what people press, hold and turn; network commands and faults stay."""
         self.advance(now)
         self._peoples_faults = inputs.faults
         commands, signs_of_life = self._inputs.commands, self._inputs.signs_of_life
@@ -161,11 +161,11 @@ class RegisterFace:
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """Those that were begun and not ended."""
+        """The faults that were begun and not ended."""
         return self._register_faults.present
 
     def begin(self, fault: Fault, now: float) -> None:
-        """Let a fault begin; one that is present stays as it is.
+        """Begin a fault; one that is present stays as it is.
 
         Raises ValueError for a foreign writer that this map cannot have.
         """
@@ -188,7 +188,7 @@ class RegisterFace:
         self._change(fault, now)
 
     def end(self, fault: Fault, now: float) -> None:
-        """Take a fault away; one that is not present is none to take away."""
+        """End a fault; nothing happens if it is not present."""
         self.advance(now)
         if fault not in self.faults:
             return
@@ -206,7 +206,7 @@ class RegisterFace:
         self._change(fault, now)
 
     def _change(self, fault: Fault, now: float) -> None:
-        """Take and show what follows from a fault that has begun or ended."""
+        """Apply and show the effect of a fault that has begun or ended."""
         self._inputs = replace(self._inputs, faults=self._machine_faults)
         self._shown = self._made_of = self._last_shown = None
         self._take_inputs()
@@ -221,7 +221,7 @@ class RegisterFace:
         return not self._register_faults.is_off_network
 
     def admits(self, now: float) -> bool:
-        """Whether it lets a further connection in; existing ones end when it is no longer on the network."""
+        """Whether it accepts another connection; existing ones end when it is off the network."""
         self.advance(now)
         return self.on_network and SlotKept() not in self.faults
 
@@ -269,7 +269,7 @@ class RegisterFace:
             raise NoReply
 
     def _written(self) -> None:
-        """A client wrote: that, or a heartbeat that moved on, is a sign of life."""
+        """Handle a write of a client: that, or with a heartbeat its change, is a sign of life."""
         faults = self._register_faults
         beat = network_commands.heartbeat_count(self._codec, self._cells.program_cells)
         if (beat is None or beat != self._beat) and not (faults.ignores_writes or faults.is_stopped):
@@ -278,7 +278,7 @@ class RegisterFace:
         self._show()
 
     def _write_foreign(self, now: float) -> None:
-        """Somebody else wrote: a sign of life only if it is the heartbeat."""
+        """Carry out a foreign write: a sign of life only if it is the heartbeat."""
         fault = self._register_faults.foreign.take_due()
         if self._register_faults.is_off_network or self._register_faults.drops_writes:
             return
@@ -323,7 +323,7 @@ class RegisterFace:
         return self._peoples_faults | begun | ({Homing()} if self._homes else frozenset())
 
     def _show(self) -> None:
-        """Bring what the registers show up to date, if that can have changed."""
+        """Update the values shown, if they can have changed."""
         state, stale = self._state, self._cells.stale
         if state is self._shown and not stale:
             return
@@ -377,11 +377,11 @@ class Endpoint:
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """What is the matter with the lift of this device."""
+        """The faults of the lift of this device."""
         return self._face.faults
 
     def admits(self, now: float) -> bool:
-        """Whether a further connection is let in."""
+        """Whether it accepts another connection."""
         return self._face.admits(now)
 
     def watch(self, watcher: Callable[[], None]) -> None:

@@ -109,7 +109,7 @@ class _Slots:
             self._kept += self._keeps_slots
 
     def clear(self) -> None:
-        """The controller listens anew."""
+        """The controller listens again."""
         self._connected.clear()
         self._kept = 0
 

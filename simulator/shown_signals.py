@@ -1,4 +1,4 @@
-"""What a map's signals say of a lift: its picture, put into the words and codes that the map has. Pure."""
+"""Puts the picture of a lift into the signals of a map. Pure."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _MODES = {
     "independent": Mode.INDEPENDENT,
     "out_of_service": Mode.OUT_OF_SERVICE,
 }
-"""Flags that tell one mode."""
+"""Flags that report one mode."""
 
 
 @dataclass(frozen=True, slots=True)
 class FalseSignals:
-    """What is said otherwise than the picture has it."""
+    """Signals that differ from the picture."""
 
     floor_between: bool = False
     """The floor shows between two floors too, where each floor has a switch of its own."""
     contradicting: frozenset[Side] = frozenset()
-    """Doors that say open and closed at once."""
+    """Doors that report open and closed at once."""
 
 
 NO_FALSE_SIGNALS = FalseSignals()
@@ -57,7 +57,7 @@ class ShownSignals:
         ]
         position = codec.map.signals.get("car_position")
         self._positions = _positions(position, self._codes, heights_m) if position is not None else ()
-        """Height of each floor in metres, and the position that is told there."""
+        """Height of each floor in metres, and the position reported there."""
         self._knows_no_position = position is not None and bool(position.unknown)
         self._raw: dict[str, dict[Value, int | None]] = {name: {} for name in codec.signals}
         """What each value was found to be in raw bits; None: there are none for it."""
@@ -167,7 +167,7 @@ class ShownSignals:
         return flags.get(name, False)
 
     def _encoded(self, signal: SignalCodec, value: Value) -> int | None:
-        """Return the bits of the nearest word this map has; None for a word it has no code for at all."""
+        """Return the bits of the nearest value this map has a code for, or None."""
         for candidate in (value, *self._nearest(signal, value)):
             try:
                 return signal.encode(candidate)
@@ -176,7 +176,7 @@ class ShownSignals:
         return None
 
     def _contradict(self, image: dict[str, list[int]], side: Side) -> None:
-        """Say what no door can be; where every code is a word of the map, the truth stays."""
+        """Show an impossible door; if the map lists every code, the truth stays."""
         for signal, places in self._signals:
             if signal.name == f"door.{side}":
                 spec = self._codec.map.signals[signal.name]
@@ -189,7 +189,7 @@ class ShownSignals:
 
     def _nearest(self, signal: SignalCodec, value: Value) -> tuple[Value, ...]:
         if value in (Door.OPENING, Door.CLOSING):
-            # one contact tells one of its two words truly, and of everything else that it is not so
+            # one contact reports one of its two values truly, and otherwise that it is not so
             at_rest = (self._codec.map.signals[signal.name].values or {}).get(0, Door.CLOSED)
             return Door.MOVING, Door(at_rest), Door.CLOSED
         if value is Door.OPEN:

@@ -66,7 +66,7 @@ class WireFaults:
 
     @property
     def strikes(self) -> list[StruckFault]:
-        """Every strike in its order. It grows without limit; whoever runs for long may clear it."""
+        """Every strike, in order. It grows without limit; long runs may clear it."""
         return self._ledger.strikes
 
     @property
@@ -83,7 +83,7 @@ class WireFaults:
     def on_exchange(self) -> Callable[[Exchange], None] | None:
         """Hears of each exchange as soon as its answers are planned, so their times may lie ahead.
 
-        An answer that is kept back counts when it is let go, and one that never came when the connection is closed.
+        An answer that is held back counts when it is sent, one that is never sent when the connection is closed.
         """
         return self._ledger.on_exchange
 
@@ -104,7 +104,7 @@ class WireFaults:
         self._ledger.remove(fault)
 
     def clear(self) -> None:
-        """Take all away. A connection that is dead stays dead, and what is on its way comes."""
+        """Remove all faults. A dead connection stays dead, and bytes under way still arrive."""
         self._ledger.entries.clear()
 
     def connection(self, now: float) -> Connection:
@@ -155,7 +155,7 @@ class Connection:
             ledger.clients += 1
 
     def request(self, frame: bytes, now: float, answer: Answer) -> list[Reply]:
-        """One request and all that comes of it, for a device that says at once what it will answer."""
+        """Handle one request completely, for a device that answers at once."""
         verdict = self.take(frame, now)
         if not verdict.executed:
             return list(verdict.replies)
@@ -242,7 +242,7 @@ class Connection:
         return plan
 
     def _replies(self, plan: _Plan, at: float, now: float) -> list[Reply]:
-        """What the client gets for a request whose answer is there, or will never be asked for."""
+        """Return the replies to a request whose answer is there, or is not needed."""
         replies: Replies = () if plan.right is None else ((0.0, plan.right),)
         if plan.instead is not None:
             entry, instead = plan.instead
