@@ -1,4 +1,4 @@
-"""What the benchmarks share: controllers that cost little, and a manager of lifts on top of them."""
+"""Shared by the benchmarks: cheap controllers, and a manager of lifts on top of them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ REGISTERS = 8
 STANDING = (1, 1, 1, 1, 0b101, 0, 0)
 """After the alive counter: at floor 1, stopped, door closed, normal, no fire (1) and level, no destination, no call."""
 FORK = multiprocessing.get_context("fork")
-_FILES_BESIDE = 100
+_OTHER_FILES = 100
 
 ROOT = Path(__file__).resolve().parents[1]
 FLOOR_NAMES = tuple(FLOORS)
@@ -57,7 +57,7 @@ _GRANTED = 0b10
 
 
 def building(ports: list[int], poll_s: float) -> Building:
-    """Return a manager of one lift at each port, watched only, put together as a site file would be."""
+    """Return a read-only manager of one lift at each port, built as from a site file."""
     lift = {"floors": FLOORS, "poll_s": poll_s}
     site = Site.model_validate(
         {
@@ -77,7 +77,7 @@ def make_link(port: int, tls: LinkTls | None = None) -> Link:
 
 
 def make_driver(link: Link) -> ModbusLift:
-    """Return the driver of one lift that is watched only."""
+    """Return the read-only driver of one lift."""
     return ModbusLift(compile_map(load(MAP).map), link, LiftSettings(name="lift", floors=FLOORS, control=False))
 
 
@@ -112,7 +112,7 @@ def pin(core: int | None) -> None:
 
 def allow_files(connections: int) -> None:
     """Raise the soft limit of open files as far as so many connections need it."""
-    needed = connections + _FILES_BESIDE
+    needed = connections + _OTHER_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == resource.RLIM_INFINITY or soft >= needed:
         return
@@ -138,22 +138,22 @@ def controllers(count: int, beat: int, core: int | None, tls: ssl.SSLContext | N
 
 
 class _Controller(asyncio.Protocol):
-    """The same image to every request, from bytes made beforehand."""
+    """Answers every request with the same image, from precomputed bytes."""
 
     def __init__(self, answers: list[bytes]) -> None:
         self._answers = answers
-        self._asked = 0
+        self._requests = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = transport
 
     def data_received(self, data: bytes) -> None:
-        self._asked += 1
-        self._transport.write(data[:2] + self._answers[self._asked % len(self._answers)])  # type: ignore[attr-defined]
+        self._requests += 1
+        self._transport.write(data[:2] + self._answers[self._requests % len(self._answers)])  # type: ignore[attr-defined]
 
 
-def _serve(count: int, beat: int, core: int | None, tell: Connection, tls: ssl.SSLContext | None) -> None:
-    """Open the ports, tell which, and answer until terminated. The alive counter counts every `beat` answers."""
+def _serve(count: int, beat: int, core: int | None, pipe: Connection, tls: ssl.SSLContext | None) -> None:
+    """Open the ports, send their numbers, and answer until terminated. The alive counter counts every `beat` answers."""
     pin(core)
     head = struct.pack(">HHBBB", 0, 3 + 2 * REGISTERS, 1, 3, 2 * REGISTERS)
     answers = [head + struct.pack(f">{REGISTERS}H", place // beat, *STANDING) for place in range(100 * beat)]
@@ -163,7 +163,7 @@ def _serve(count: int, beat: int, core: int | None, tell: Connection, tls: ssl.S
         servers = [
             await loop.create_server(lambda: _Controller(answers), "127.0.0.1", 0, ssl=tls) for _ in range(count)
         ]
-        tell.send([server.sockets[0].getsockname()[1] for server in servers])
+        pipe.send([server.sockets[0].getsockname()[1] for server in servers])
         await loop.create_future()
 
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
@@ -171,13 +171,13 @@ def _serve(count: int, beat: int, core: int | None, tell: Connection, tls: ssl.S
 
 
 class Controller(asyncio.Protocol):
-    """A lift that stands still, believes what is written, and knows when that was."""
+    """A lift that stands still, accepts writes, and records when the car is called."""
 
     def __init__(self) -> None:
         self.registers = [0] * _PLC_REGISTERS
         for address, value in _IDLE.items():
             self.registers[address] = value
-        self._asked = 0
+        self._requests = 0
         self._awaited: tuple[int, asyncio.Future[float]] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -188,8 +188,8 @@ class Controller(asyncio.Protocol):
         head, function = data[:4], data[7]
         if function == 3:
             start, count = struct.unpack(">HH", data[8:12])
-            self._asked += 1
-            self.registers[ALIVE] = self._asked // 2 & 0xFFFF
+            self._requests += 1
+            self.registers[ALIVE] = self._requests // 2 & 0xFFFF
             values = struct.pack(f">{count}H", *self.registers[start : start + count])
             self._answer(head, data[6:8] + bytes([2 * count]) + values)
         elif function == 6:
@@ -202,7 +202,7 @@ class Controller(asyncio.Protocol):
             self._answer(head, data[6:12])
 
     def called(self, code: int) -> asyncio.Future[float]:
-        """When the car is called to that floor."""
+        """Return a future of the time when the car is called to that floor."""
         future: asyncio.Future[float] = asyncio.get_running_loop().create_future()
         self._awaited = code, future
         return future
@@ -222,7 +222,7 @@ class Controller(asyncio.Protocol):
 
 
 def only(controller: Controller) -> Controller:
-    """One connection at a time is all that a controller gets."""
+    """Return the one protocol object of a controller, which has one connection at a time."""
     return controller
 
 
@@ -242,14 +242,14 @@ def site_file(folder: Path, ports: Mapping[str, int], poll_s: float) -> Path:
 
 
 @contextlib.contextmanager
-def running(*words: str, says: str, tree: Path = ROOT) -> Iterator[re.Match[str]]:
-    """Run the `lift-manager` of a source tree in a process of its own until the block ends; gives what it says when it is ready."""
+def running(*arguments: str, pattern: str, tree: Path = ROOT) -> Iterator[re.Match[str]]:
+    """Run the `lift-manager` of a source tree in its own process until the block ends; yields the match of its ready message."""
     with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen(  # noqa: S603  our own program, with words of our own
-            [sys.executable, "-m", "lift_manager", *words], cwd=tree, stdout=subprocess.PIPE, stderr=log, text=True
+        process = subprocess.Popen(  # noqa: S603  our own program and arguments
+            [sys.executable, "-m", "lift_manager", *arguments], cwd=tree, stdout=subprocess.PIPE, stderr=log, text=True
         )
         try:
-            yield _said(process, says)
+            yield _first_match(process, pattern)
         except BaseException:
             log.seek(0)
             print(log.read(), file=sys.stderr)
@@ -259,7 +259,7 @@ def running(*words: str, says: str, tree: Path = ROOT) -> Iterator[re.Match[str]
             process.wait(READY_WITHIN_S)
 
 
-def _said(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
+def _first_match(process: subprocess.Popen[str], pattern: str) -> re.Match[str]:
     for line in process.stdout or ():
         if (found := re.search(pattern, line)) is not None:
             return found

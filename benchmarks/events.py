@@ -36,7 +36,7 @@ POLL_S = 0.1
 SETTLE_S = 3.0
 """Streams open, caches fill."""
 WITHIN_S = 0.050
-"""What is asked of the 99th percentile."""
+"""The limit of the 99th percentile."""
 CLIENTS = 20
 """Connections over which requests are made."""
 LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
@@ -44,13 +44,13 @@ LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
     "asyncio": asyncio.new_event_loop,
 }
 MARK = b"published at "
-ASK = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: localhost\r\n\r\n"
-LISTEN = b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
+STATE_REQUEST = b"GET /open-rmf/demo-lift/lift_state?lift_name=%s HTTP/1.1\r\nHost: localhost\r\n\r\n"
+STREAM_REQUEST = b"GET /api/v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How much is asked for."""
+    """The load of one round."""
 
     streams: int
     rate: float
@@ -61,8 +61,8 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """What the clients saw."""
+class Received:
+    """What the clients received."""
 
     lags: list[float]
     """Seconds from publication to receipt, of every event of every stream."""
@@ -73,7 +73,7 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What it took the manager."""
+    """The cost to the manager."""
 
     core: float
     """CPU time over wall time."""
@@ -83,7 +83,7 @@ class Cost:
 
 
 class Listener(asyncio.Protocol):
-    """One event stream: notes how old each event is when it comes, and keeps no more of it than that."""
+    """One event stream: records the age of each event on receipt, and nothing else."""
 
     def __init__(self, lags: list[float]) -> None:
         self._lags = lags
@@ -91,11 +91,11 @@ class Listener(asyncio.Protocol):
         self.lost = 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Ask."""
-        transport.write(LISTEN)  # type: ignore[attr-defined]  # it is a transport for writing
+        """Request the events."""
+        transport.write(STREAM_REQUEST)  # type: ignore[attr-defined]  # it is a transport for writing
 
     def data_received(self, data: bytes) -> None:
-        """Take what came: whole events end with an empty line."""
+        """Take received data: whole events end with an empty line."""
         now = time.monotonic()
         *whole, self._rest = (self._rest + data).split(b"\n\n")
         for event in whole:
@@ -105,64 +105,66 @@ class Listener(asyncio.Protocol):
                 self._lags.append(now - float(published[: published.index(b" ")]))
 
 
-class Asker(asyncio.Protocol):
+class Requester(asyncio.Protocol):
     """One connection over which requests are made, one after the other."""
 
     def __init__(self, answers: list[float]) -> None:
         self._answers = answers
-        self._asked_at: float | None = None
+        self._requested_at: float | None = None
         self._counts = True
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the way to ask."""
+        """Keep the transport."""
         self._transport = transport
 
-    def ask(self, lift: str) -> None:
-        """Ask for the state of a lift, unless an answer is awaited still."""
-        if self._asked_at is None:
-            self._asked_at = time.monotonic()
-            self._transport.write(ASK % lift.encode())  # type: ignore[attr-defined]  # it is a transport for writing
+    def request(self, lift: str) -> None:
+        """Request the state of a lift, unless an answer is still awaited."""
+        if self._requested_at is None:
+            self._requested_at = time.monotonic()
+            self._transport.write(STATE_REQUEST % lift.encode())  # type: ignore[attr-defined]  # it is a transport for writing
 
     def forget(self) -> None:
-        """Do not count what was asked before this."""
+        """Do not count the answer to an earlier request."""
         self._counts = False
 
     def data_received(self, data: bytes) -> None:
         """Take an answer, which is one packet."""
-        if self._asked_at is not None and self._counts:
-            self._answers.append(time.monotonic() - self._asked_at)
-        self._asked_at, self._counts = None, True
+        if self._requested_at is not None and self._counts:
+            self._answers.append(time.monotonic() - self._requested_at)
+        self._requested_at, self._counts = None, True
 
 
-def _clients(port: int, lifts: list[str], plan: Plan, tell: Connection) -> None:
-    """The process of the clients: opens everything, settles, counts for so many seconds, tells."""
+def _clients(port: int, lifts: list[str], plan: Plan, pipe: Connection) -> None:
+    """Run the process of the clients: open everything, settle, count for so many seconds, send the result."""
     common.allow_files(plan.streams + CLIENTS)
 
-    async def play() -> Heard:
+    async def play() -> Received:
         loop, lags, answers = asyncio.get_running_loop(), list[float](), list[float]()
         dice = random.Random(1)
         listeners = [
             (await loop.create_connection(lambda: Listener(lags), "127.0.0.1", port))[1] for _ in range(plan.streams)
         ]
-        askers = [(await loop.create_connection(lambda: Asker(answers), "127.0.0.1", port))[1] for _ in range(CLIENTS)]
-        tell.send("open")
+        requesters = [
+            (await loop.create_connection(lambda: Requester(answers), "127.0.0.1", port))[1] for _ in range(CLIENTS)
+        ]
+        pipe.send("open")
         begins = loop.time() + SETTLE_S
         ends, due, number, counting = begins + plan.seconds, loop.time(), 0, False
         while due < ends:
             due += 1 / plan.requests
             await asyncio.sleep(max(0.0, due - loop.time()))
-            askers[number % CLIENTS].ask(dice.choice(lifts))
+            requesters[number % CLIENTS].request(dice.choice(lifts))
             number += 1
             if not counting and loop.time() >= begins:
                 counting = True
                 lags.clear()
                 answers.clear()
-                for asker in askers:
-                    asker.forget()
-        return Heard(lags, sum(listener.lost for listener in listeners), answers)
+                for requester in requesters:
+                    requester.forget()
+        return Received(lags, sum(listener.lost for listener in listeners), answers)
 
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        tell.send(runner.run(play()))
+        pipe.send(runner.run(play()))
 
 
 async def _publish(building: Building, rate: float, until: float) -> int:
@@ -202,41 +204,41 @@ async def measure(ports: list[int], plan: Plan, clients: Connection, port_of: Co
     return Cost(cpu / took, polls / took, events)
 
 
-def _manager(ports: list[int], plan: Plan, name: str, clients: Connection, tell: Connection) -> None:
+def _manager(ports: list[int], plan: Plan, name: str, clients: Connection, pipe: Connection) -> None:
     """The process of the manager."""
     common.allow_files(len(ports) + plan.streams + 2 * CLIENTS)
     with asyncio.Runner(loop_factory=LOOPS[name]) as runner:
-        tell.send(runner.run(measure(ports, plan, clients, tell)))
+        pipe.send(runner.run(measure(ports, plan, clients, pipe)))
 
 
-def round_of(ports: list[int], plan: Plan, name: str) -> tuple[Cost, Heard]:
+def round_of(ports: list[int], plan: Plan, name: str) -> tuple[Cost, Received]:
     """Run a manager and its clients, each in a process of its own."""
-    manager_tells, manager = common.FORK.Pipe(duplex=False)
-    clients_tell, clients = common.FORK.Pipe(duplex=False)
+    from_manager, manager = common.FORK.Pipe(duplex=False)
+    from_clients, clients = common.FORK.Pipe(duplex=False)
     opened, open_ = common.FORK.Pipe(duplex=False)
-    serving = common.FORK.Process(target=_manager, args=(ports, plan, name, opened, manager), daemon=True)
-    serving.start()
-    port, lifts = manager_tells.recv()
-    asking = common.FORK.Process(target=_clients, args=(port, list(lifts), plan, clients), daemon=True)
-    asking.start()
+    server = common.FORK.Process(target=_manager, args=(ports, plan, name, opened, manager), daemon=True)
+    server.start()
+    port, lifts = from_manager.recv()
+    client = common.FORK.Process(target=_clients, args=(port, list(lifts), plan, clients), daemon=True)
+    client.start()
     try:
-        open_.send(clients_tell.recv())
-        heard: Heard = clients_tell.recv()
-        cost: Cost = manager_tells.recv()
+        open_.send(from_clients.recv())
+        received: Received = from_clients.recv()
+        cost: Cost = from_manager.recv()
     finally:
-        for process in (asking, serving):
+        for process in (client, server):
             process.terminate()
             process.join()
-    return cost, heard
+    return cost, received
 
 
-def show(name: str, cost: Cost, heard: Heard, plan: Plan) -> bool:
-    """Print one round; returns whether the lag is what is asked for."""
-    lags, answers = (statistics.quantiles(found, n=100) for found in (heard.lags, heard.answers))
+def show(name: str, cost: Cost, received: Received, plan: Plan) -> bool:
+    """Print one round; returns whether the lag is within its limit."""
+    lags, answers = (statistics.quantiles(found, n=100) for found in (received.lags, received.answers))
     print(
-        f"{name:<9}{cost.polls_per_s:>9.0f}{len(heard.lags) / plan.seconds:>10.0f}{lags[49] * 1e3:>9.1f} ms{lags[98] * 1e3:>7.1f} ms"
-        f"{max(heard.lags) * 1e3:>7.1f} ms{len(heard.answers) / plan.seconds:>10.0f}{answers[49] * 1e3:>9.1f} ms{answers[98] * 1e3:>7.1f} ms"
-        f"{cost.core:>8.1%}{heard.lost:>6}{os.getloadavg()[0]:>7.1f}",
+        f"{name:<9}{cost.polls_per_s:>9.0f}{len(received.lags) / plan.seconds:>10.0f}{lags[49] * 1e3:>9.1f} ms{lags[98] * 1e3:>7.1f} ms"
+        f"{max(received.lags) * 1e3:>7.1f} ms{len(received.answers) / plan.seconds:>10.0f}{answers[49] * 1e3:>9.1f} ms{answers[98] * 1e3:>7.1f} ms"
+        f"{cost.core:>8.1%}{received.lost:>6}{os.getloadavg()[0]:>7.1f}",
         flush=True,
     )
     return lags[98] < WITHIN_S

@@ -175,7 +175,7 @@ def _memory() -> int:
     for line in Path("/proc/self/status").read_text("ascii").splitlines():
         if line.startswith("RssAnon:"):
             return int(line.split()[1]) * 1024
-    raise SystemExit("this kernel does not tell RssAnon in /proc/self/status")
+    raise SystemExit("this kernel does not report RssAnon in /proc/self/status")
 
 
 def run_round(name: str, ports: list[int], plan: Plan) -> Round:
@@ -193,10 +193,10 @@ def run_round(name: str, ports: list[int], plan: Plan) -> Round:
     return result
 
 
-def _round_process(name: str, ports: list[int], plan: Plan, tell: Connection) -> None:
+def _round_process(name: str, ports: list[int], plan: Plan, pipe: Connection) -> None:
     common.pin(plan.core)
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        tell.send(runner.run(measure(CONTESTANTS[name], ports, plan)))
+        pipe.send(runner.run(measure(CONTESTANTS[name], ports, plan)))
 
 
 def _median(rounds: list[Round]) -> Round:

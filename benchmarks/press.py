@@ -35,14 +35,14 @@ ATTEMPTS = 5
 
 
 def post(port: str, floor: str) -> bool:
-    """Ask for a floor by the workshop's API; False where that is refused, as on a computer too busy to read its lift in time."""
+    """Request a floor by the workshop's API; False if refused, as on a computer too busy to read its lift in time."""
     connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=WITHIN_S)
     body = json.dumps({"floor": floor, "door_state": 2})
     path = "/open-rmf/demo-lift/lift_request?lift_name=lift"
     connection.request("POST", path, body, {"content-type": "application/json"})
-    said = json.loads(connection.getresponse().read())
+    reply = json.loads(connection.getresponse().read())
     connection.close()
-    return bool(said["success"])
+    return bool(reply["success"])
 
 
 async def measured(tree: Path, folder: Path, presses: int) -> list[float]:
@@ -52,16 +52,16 @@ async def measured(tree: Path, folder: Path, presses: int) -> list[float]:
     site = site_file(folder, {"lift": server.sockets[0].getsockname()[1]}, 0.1)
     manager = ExitStack()
     try:
-        serve = running("serve", str(site), "--port", "0", says=r"http://[\d.]+:(\d+)/docs", tree=tree)
-        said = await asyncio.to_thread(manager.enter_context, serve)
+        serve = running("serve", str(site), "--port", "0", pattern=r"http://[\d.]+:(\d+)/docs", tree=tree)
+        match = await asyncio.to_thread(manager.enter_context, serve)
         for number in range(ATTEMPTS * presses):
             code = 2 + number % 2
-            called, asked_at = controller.called(code), time.monotonic()
-            if await asyncio.to_thread(post, said[1], FLOOR_NAMES[code - 1]):
+            called, requested_at = controller.called(code), time.monotonic()
+            if await asyncio.to_thread(post, match[1], FLOOR_NAMES[code - 1]):
                 async with asyncio.timeout(WITHIN_S):
                     wrote_at = await called
                 if number:  # the first one waits until the controller has granted robot mode
-                    took.append((wrote_at - asked_at) * 1e3)
+                    took.append((wrote_at - requested_at) * 1e3)
             if len(took) == presses:
                 break
             await asyncio.sleep(dice.uniform(*PAUSE_S))

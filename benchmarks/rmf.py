@@ -33,36 +33,36 @@ from lift_manager.rmf.ros_settings import RosSettings
 
 OVERHEAD_S = 0.005
 WITHIN_S = 10.0
-"""What takes longer is an error, and no measurement."""
+"""Anything slower is an error, not a measurement."""
 PAUSE_S = (0.7, 1.1)
 """Between two requests of one lift: a press lasts 0.5 s."""
 
 
 class Rmf:
-    """RMF's side: notes when a lift says that it moves. Implements `dds.OnlookerHears`, in a thread of Cyclone DDS."""
+    """RMF's side: records when a lift reports that it moves. Implements `dds.OnlookerHears`, in a thread of Cyclone DDS."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._awaited: dict[str, tuple[int, asyncio.Future[float]]] = {}
-        self.heard: set[str] = set()
+        self.lifts_received: set[str] = set()
 
     def on_state(self, state: LiftState) -> None:
-        """Wake whoever waits for this."""
+        """Complete the future that waits for this."""
         now = time.monotonic()
-        self.heard.add(state.lift_name)
+        self.lifts_received.add(state.lift_name)
         awaited = self._awaited.get(state.lift_name)
         if awaited is not None and state.motion_state == awaited[0]:
             self._loop.call_soon_threadsafe(_set, awaited[1], now)
 
     def on_request(self, topic: str, request: LiftRequest) -> None:
-        """Nobody else is here."""
+        """Ignore requests: there is no other fleet."""
 
     def on_unreadable(self, text: str) -> None:
         """Stop measuring."""
         raise SystemExit(f"a message that cannot be read: {text}")
 
     def moving(self, lift: str, motion: int) -> asyncio.Future[float]:
-        """When a lift says that motion."""
+        """Return a future of the time when a lift reports that motion."""
         future: asyncio.Future[float] = self._loop.create_future()
         self._awaited[lift] = motion, future
         return future
@@ -82,27 +82,27 @@ def _set(future: asyncio.Future[float], now: float) -> None:
 
 
 @contextlib.contextmanager
-def _manager(way: str, site: Path) -> Iterator[None]:
-    inside = ["--rmf"] if way == "inside" else []
-    with running("serve", str(site), "--port", "0", *inside, says=r"http://[\d.]+:(\d+)/docs") as said:
-        if way == "inside":
+def _manager(process_layout: str, site: Path) -> Iterator[None]:
+    rmf_option = ["--rmf"] if process_layout == "inside" else []
+    with running("serve", str(site), "--port", "0", *rmf_option, pattern=r"http://[\d.]+:(\d+)/docs") as match:
+        if process_layout == "inside":
             yield
         else:
-            with running("rmf", "--manager-port", said[1], says="lift adapter"):
+            with running("rmf", "--manager-port", match[1], pattern="lift adapter"):
                 yield
 
 
 async def _requests(lift: str, controller: Controller, monitor: Monitor, times: Times, count: int) -> None:
-    """Ask for one floor after the other."""
+    """Request one floor after the other."""
     dice, session = random.Random(lift), f"fleet/{lift}"
     for number in range(count + 1):
         code = 2 + number % 2
-        called, asked_at = controller.called(code), time.monotonic()
+        called, requested_at = controller.called(code), time.monotonic()
         monitor.send_request(
             LiftRequest(lift, Time.of(time.time()), session, AGV_MODE, FLOOR_NAMES[code - 1], DOOR_OPEN), direct=True
         )
         async with asyncio.timeout(WITHIN_S):
-            took = await called - asked_at
+            took = await called - requested_at
         if number:  # the first one waits until the controller has granted robot mode
             times.requests.append(took)
         await asyncio.sleep(dice.uniform(*PAUSE_S))
@@ -110,18 +110,18 @@ async def _requests(lift: str, controller: Controller, monitor: Monitor, times: 
 
 
 async def _changes(lift: str, controller: Controller, rmf: Rmf, times: Times, count: int, poll_s: float) -> None:
-    """Let the car begin to move, and stop, at moments that have nothing to do with the polls."""
+    """Let the car start and stop at moments independent of the polls."""
     dice = random.Random(lift)
     for number in range(2 * count):
         moves = not number % 2
-        seen = rmf.moving(lift, 1 if moves else 0)
+        stated = rmf.moving(lift, 1 if moves else 0)
         await asyncio.sleep(dice.uniform(1, 3) * poll_s)
         changed_at, controller.registers[MOTION] = time.monotonic(), UP if moves else STOPPED
         async with asyncio.timeout(WITHIN_S):
-            times.changes.append(await seen - changed_at)
+            times.changes.append(await stated - changed_at)
 
 
-async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times:
+async def _measured(process_layout: str, folder: Path, chosen: argparse.Namespace) -> Times:
     loop, times = asyncio.get_running_loop(), Times()
     controllers = {f"lift{number}": Controller() for number in range(1, chosen.lifts + 1)}
     servers = {name: await loop.create_server(partial(only, one), "127.0.0.1", 0) for name, one in controllers.items()}
@@ -132,9 +132,9 @@ async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times
     monitor = Monitor(RosSettings.of(os.environ), rmf, lambda call: call())
     starting = contextlib.ExitStack()
     try:
-        await asyncio.to_thread(starting.enter_context, _manager(way, site))
+        await asyncio.to_thread(starting.enter_context, _manager(process_layout, site))
         async with asyncio.timeout(READY_WITHIN_S):
-            while len(rmf.heard) < len(controllers):  # noqa: ASYNC110  filled by a thread of Cyclone DDS
+            while len(rmf.lifts_received) < len(controllers):  # noqa: ASYNC110  filled by a thread of Cyclone DDS
                 await asyncio.sleep(0.05)
         await asyncio.sleep(REPLAY_S + 0.5)
         async with asyncio.TaskGroup() as tasks:
@@ -151,11 +151,11 @@ async def _measured(way: str, folder: Path, chosen: argparse.Namespace) -> Times
     return times
 
 
-def _show(way: str, what: str, found: list[float], poll_s: float) -> bool:
+def _show(process_layout: str, what: str, found: list[float], poll_s: float) -> bool:
     parts = statistics.quantiles(found, n=100)
     median, most = parts[49], parts[98]
     print(
-        f"{way:<9}{what:<28}{len(found):>6}{median * 1e3:>9.1f} ms{most * 1e3:>8.1f} ms{median / poll_s:>10.2f}{most / poll_s:>8.2f}"
+        f"{process_layout:<9}{what:<28}{len(found):>6}{median * 1e3:>9.1f} ms{most * 1e3:>8.1f} ms{median / poll_s:>10.2f}{most / poll_s:>8.2f}"
         f"{os.getloadavg()[0]:>7.1f}",
         flush=True,
     )
@@ -171,15 +171,15 @@ def main() -> None:
     parser.add_argument("--way", choices=("inside", "beside"), nargs="+", default=["inside", "beside"])
     parser.add_argument("--folder", type=Path, help="where the site and its journal are; a temporary folder without it")
     chosen = parser.parse_args()
-    # a domain of its own: no lift of a building that is near may be asked for
+    # its own domain: a lift of a nearby building must not be called
     os.environ.update(ROS_DOMAIN_ID=str(1 + os.getpid() % 100), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     print(f"{'':<9}{'':<28}{'':>6}{'median':>12}{'p99':>11}{'/ poll':>10}{'':>8}{'load':>7}", flush=True)
     good = []
-    for way in chosen.way:
+    for process_layout in chosen.way:
         with tempfile.TemporaryDirectory(dir=chosen.folder) as folder:
-            times = asyncio.run(_measured(way, Path(folder), chosen))
-        good.append(_show(way, "change -> lift_states", times.changes, chosen.poll))
-        good.append(_show(way, "request -> controller write", times.requests, chosen.poll))
+            times = asyncio.run(_measured(process_layout, Path(folder), chosen))
+        good.append(_show(process_layout, "change -> lift_states", times.changes, chosen.poll))
+        good.append(_show(process_layout, "request -> controller write", times.requests, chosen.poll))
     if not all(good):
         raise SystemExit(f"a median is above the poll period plus {OVERHEAD_S * 1e3:g} ms")
 

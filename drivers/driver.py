@@ -23,53 +23,52 @@ Report = Outcome | OutputChanged | Written | DriverFailed
 
 
 class DriverOwner(Protocol):
-    """The side that commands a driver."""
+    """Commands a driver and receives what it reports."""
 
     def blocked_by(self, command: Command, press: PressId | None) -> str | None:
-        """Return what forbids this command now; None where nothing does. Changes nothing.
+        """Return what forbids this command now, or None. Has no side effects.
 
-        Asked immediately before the bytes leave, with no await in between, for the command itself and for every other one
-        that the same write asserts; and at other times for an estimate. `press` is the press that has not been written yet;
-        None for a hold, and for what is on already.
+        The driver calls it immediately before the bytes leave, with no await in between, for the command itself and for every
+        other command that the same write asserts; and at other times for an estimate. `press` is the press that is not written
+        yet; None for a hold and for outputs that are already on.
         """
         ...
 
     def report(self, item: Report) -> None:
-        """Take note of something. The driver is in the middle of its work: queue what needs an answer."""
+        """Receive a report. The driver is in the middle of its work: queue what needs an answer."""
         ...
 
 
 class NoOwner:
-    """Nobody is above: every press is refused, and reports go nowhere."""
+    """Stands in until an owner is attached: refuses every press and drops every report."""
 
     def blocked_by(self, command: Command, press: PressId | None) -> str | None:
-        """Forbid everything."""
-        return "nobody commands this lift"
+        """Forbid every command."""
+        return "no owner is attached to this driver"
 
     def report(self, item: Report) -> None:
-        """Drop it."""
+        """Drop the report."""
 
 
 class LiftDriver(Protocol):
-    """One lift as an object: what it says and what it can be told.
+    """Reads and commands one lift.
 
-    `declare`, `press` and `cancel` only take note and return at once; `run` carries them out. The driver knows its map's rules
-    (what excludes what, pauses, endings, verification, other writers) and nothing of sessions, journals or disks: whoever must
-    write something down first calls it afterwards.
+    `declare`, `press` and `cancel` return at once; `run` carries them out. The driver knows its map's rules (exclusions, pauses,
+    endings, verification, other writers) and nothing of sessions, journals or disks: record first, then call the driver.
     """
 
     @property
     def capabilities(self) -> Capabilities:
-        """What this lift can say and be told."""
+        """The signals and commands of this lift."""
         ...
 
     @property
     def source(self) -> str:
-        """Where it is, for messages: controller name and address."""
+        """Controller name and address, for messages."""
         ...
 
-    def attach(self, above: DriverOwner) -> None:
-        """Ask and report to `above` from now on. Until then nothing may be pressed."""
+    def attach(self, owner: DriverOwner) -> None:
+        """Consult and report to `owner` from now on. Until then nothing may be pressed."""
         ...
 
     async def run(self) -> None:
@@ -77,45 +76,46 @@ class LiftDriver(Protocol):
         ...
 
     async def read(self) -> LiftReading:
-        """Poll once. Raises DriverError: then there is no reading, and nothing old stands in for it."""
+        """Poll once. Raises DriverError; an old reading is never returned instead."""
         ...
 
     def declare(self, holds: Mapping[Command, Hold]) -> None:
-        """Replace what should be on. What is absent is released: repeated until verified or the controller is gone.
+        """Replace the set of outputs that should be on.
 
-        Repeat it whenever `until` moves; a hold that could not be put on, with nothing of it sent, is then tried again. What is
-        declared before the lift is read for the first time without `begin` is kept if the first look finds it on. Presses that
-        are on their way are left alone, and so are pulses: they end by themselves.
+        Outputs that are absent are released; a release is repeated until it is verified or the controller is gone. Declare again
+        whenever `until` moves; a hold of which nothing could be sent is then tried again. A hold declared without `begin` before
+        the first reading is kept if that reading finds it on. Presses under way are not affected, nor are pulses, which end by
+        themselves.
         """
         ...
 
     def press(self, press: PressId, command: Command, leave_by: float) -> None:
-        """Give a command once. It is never repeated, whatever happens to it; its `Outcome` is reported once.
+        """Press a command once. It is never repeated, whatever happens to it; its `Outcome` is reported once.
 
-        One that was not written by the monotonic time `leave_by`, and the pauses that the map asks for, is given up. What stays
-        on is kept for as long as it is declared, at most for `max_hold_s`. A newer press of the same command replaces it.
+        A press that is not written by the monotonic time `leave_by`, plus the pauses that the map requires, is given up. An output
+        that stays on is kept while it is declared, at most for `max_hold_s`. A newer press of the same command replaces it.
         """
         ...
 
     def cancel(self, press: PressId) -> None:
-        """Take a press back: it does not leave any more, and what it put on is released, unless that is declared.
+        """Cancel a press: it is no longer sent, and its output is released unless that is declared.
 
-        Without an outcome until then it ends as unconfirmed.
+        A press without an outcome ends as unconfirmed.
         """
         ...
 
     def frames(self, command: Command) -> tuple[str, ...]:
-        """Return the writes that a press of this command would be, as far as they are known without reading."""
+        """Return the writes that a press of this command would send, as far as they are known without reading."""
         ...
 
     def fence(self, until: float) -> None:
-        """Write nothing at or after this monotonic time, releases included; a later time lifts the fence."""
+        """Write nothing at or after this monotonic time, not even releases; a later time lifts the fence."""
         ...
 
     def signals(self, now: float) -> tuple[SignalValue, ...]:
-        """Return every signal of the map as it was read last, with its age at the monotonic time `now`; decoded when asked for."""
+        """Return every signal of the map as last read, with its age at the monotonic time `now`; decoded on each call."""
         ...
 
     async def released(self) -> None:
-        """Return once every output is at rest, and that is verified; while a controller is away it waits, so bound it."""
+        """Return once every output is verified to be at rest. Waits while a controller is away, so give it a time limit."""
         ...

@@ -9,11 +9,11 @@ DriverError
     ControllerException      the controller answered with an exception code
         UnitOffline          a gateway answered for a unit that it cannot reach (0A, 0B)
         PointsRefused        the answer to a poll, with the signals that it is about
-    PressRefused             the permit said no immediately before the bytes left
+    PressRefused             the permit refused immediately before the bytes left
     HeartbeatStopped         the controller answers, but its program stands still
-        HeartbeatAwaited     the connection is new, and its program was not seen to run yet
+        HeartbeatAwaited     the connection is new, and its program has not been shown to run yet
     ControllerTaken          another process on this machine drives this controller
-    LockUnusable             it cannot be known whether one does
+    LockUnusable             the lock against other processes cannot be relied on
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ConnectProblem(StrEnum):
     """Why a connection could not be made."""
 
     REFUSED = "refused"
-    """Nothing listens on that port, or the host turns us away."""
+    """Nothing listens on that port, or the host rejects the connection."""
     TIMED_OUT = "timed out"
     HOST_NOT_FOUND = "host not found"
     TLS = "tls"
@@ -54,7 +54,7 @@ class ConnectProblem(StrEnum):
 
 
 class DriverError(Exception):
-    """Root of everything that a driver raises on purpose."""
+    """Base of all errors that a driver raises on purpose."""
 
     def __init__(self, text: str, sent: Delivery) -> None:
         super().__init__(text)
@@ -123,14 +123,14 @@ class ControllerException(DriverError):
         self.tls = tls
         if sent is None:
             sent = Delivery.NO if code == BUSY else Delivery.YES
-        told = f": {about}" if about else ""
-        super().__init__(f"{link}: {request}: exception {code:02X} ({self.name}){told}", sent)
+        details = f": {about}" if about else ""
+        super().__init__(f"{link}: {request}: exception {code:02X} ({self.name}){details}", sent)
 
 
 class UnitOffline(ControllerException):
     """A gateway answered for a unit that it cannot reach; other units on the same link may be well.
 
-    0A: nothing was passed on. 0B: it was passed on and not answered, so nobody knows.
+    0A: nothing was passed on. 0B: it was passed on but not answered, so it may have been carried out.
     """
 
     def __init__(self, link: str, request: str, code: int) -> None:
@@ -145,7 +145,7 @@ class PointsRefused(ControllerException):
 
 
 class PressRefused(DriverError):
-    """The permit said no immediately before the bytes would have left."""
+    """The permit refused immediately before the bytes would have left."""
 
     def __init__(self, link: str, request: str, reason: str) -> None:
         super().__init__(f"{link}: {request}: not sent: {reason}", Delivery.NO)
@@ -153,21 +153,21 @@ class PressRefused(DriverError):
 
 
 class HeartbeatStopped(DriverError):
-    """The controller answers, but the counter that shows a running program stands still: what it says may be old."""
+    """The controller answers, but its alive counter stands still: its values may be old."""
 
     def __init__(self, link: str, still_for_s: float, limit_s: float, hint: str = "", text: str = "") -> None:
-        """`hint` says what else may be the matter; `text` stands in for the usual words."""
-        told = text or f"its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)"
-        super().__init__(f"{link}: {told}{hint}", Delivery.NO)
+        """`hint` names another possible cause; `text` replaces the standard message."""
+        details = text or f"its alive counter has not changed for {still_for_s:.1f} s (limit {limit_s:g} s)"
+        super().__init__(f"{link}: {details}{hint}", Delivery.NO)
         self.still_for_s = still_for_s
         self.limit_s = limit_s
 
 
 class HeartbeatAwaited(HeartbeatStopped):
-    """The connection is new, and the counter that shows a running program was not seen to change on it yet."""
+    """The connection is new, and the alive counter has not changed on it yet."""
 
     def __init__(self, link: str, still_for_s: float, limit_s: float, hint: str = "") -> None:
-        """`hint` says what else may be the matter."""
+        """`hint` names another possible cause."""
         text = f"waits for the first change of its alive counter, {still_for_s:.1f} s so far (limit {limit_s:g} s)"
         super().__init__(link, still_for_s, limit_s, hint, text)
 

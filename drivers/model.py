@@ -1,4 +1,4 @@
-"""What a lift says and what it can be told, free of registers and of the manager."""
+"""The signals, commands and outcomes of one lift, independent of registers and of the manager."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ FloorName = str
 """A floor as the site names it, such as `L1`."""
 
 PressId = int
-"""Names one press; whoever presses makes it, and no two presses of one lift have the same."""
+"""Identifies one press. The caller chooses it, unique among the presses of one lift."""
 
 
 @unique
 class CommandKind(StrEnum):
-    """The commands the manager knows; only what a passenger can do, and the controller's own robot signals."""
+    """The commands the manager knows: what a passenger can do, and the controller's own robot signals."""
 
     GO_TO = "go_to"
     CALL = "call"
-    """Moves the empty car, on a lift that tells it from the occupied one."""
+    """Moves the empty car, on a lift that distinguishes it from the occupied one."""
     GO = "go"
     """Moves the occupied car."""
     ROBOT_IN_PLACE = "robot_in_place"
@@ -35,7 +35,7 @@ class CommandKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One thing to tell the lift."""
+    """One command to the lift."""
 
     kind: CommandKind
     floor: FloorName | None = None
@@ -47,7 +47,7 @@ class Command:
     """The name the map uses: `go_to`, `go_to.rear`, `hold_door.front`."""
 
     def __post_init__(self) -> None:
-        """Work the name out once: it is looked at dozens of times for every press."""
+        """Compute the name once: it is read dozens of times for every press."""
         name = str(self.kind) if self.side is None else f"{self.kind}.{self.side}"
         object.__setattr__(self, "name", name)
 
@@ -57,11 +57,11 @@ class Command:
 
 @unique
 class Result(StrEnum):
-    """How a command ended. Acknowledged is not done."""
+    """How a command ended. An acknowledged write confirms nothing."""
 
     CONFIRMED = "confirmed"
     REJECTED = "rejected"
-    """It was not carried out: nothing was sent, or the controller said no."""
+    """It was not carried out: nothing was sent, or the controller refused it."""
     UNCONFIRMED = "unconfirmed"
     """It was sent, or may have been, and nothing shows that it took effect."""
 
@@ -76,7 +76,7 @@ class Proof(StrEnum):
     LAMP = "lamp"
     """A signal that the map names for it."""
     EFFECT = "effect"
-    """The lift does it."""
+    """The lift does what was commanded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +89,10 @@ class Outcome:
     proof: Proof = Proof.NONE
     frames: tuple[str, ...] = ()
     """The writes as hex, transaction id left out, in the order they were sent."""
-    not_granted: bool = False
+    grant_missing: bool = False
     """Rejected only because the lift did not grant what the command requires, such as robot mode; nothing was sent."""
     press: PressId = 0
-    """Which press of it."""
+    """The press that ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +100,10 @@ class Hold:
     """An output that should be on."""
 
     begin: int
-    """0 keeps what is on and never puts it on. Each higher number permits one beginning: the hold is put on by it from rest, or
-    once more after it was found off. Once it was written, found off or released, only a still higher number puts it on."""
+    """0 keeps an output that is on and never switches it on. Each higher number permits one beginning: it switches the hold on from
+    rest, or again after it was found off. Once it was written, found off or released, only a still higher number does so."""
     until: float
-    """Monotonic seconds; it falls then unless it is declared for longer, and `max_hold_s` after its last declaration at the latest."""
+    """Monotonic seconds; the hold is released then unless it is declared for longer, and `max_hold_s` after its last declaration at the latest."""
 
 
 @unique
@@ -111,22 +111,22 @@ class OutputState(StrEnum):
     """Where one output is, as far as the driver knows."""
 
     AT_REST = "at rest"
-    """Nothing of it is on or wanted, and that is verified."""
+    """It is off and not requested, and that is verified."""
     REQUESTED = "requested"
-    """It waits to be written, or for the first look whether it is on."""
+    """It waits to be written, or for the first reading that shows whether it is on."""
     ON = "on"
-    """It was written, and it is not verified, or no longer."""
+    """It was written, and is not or no longer verified."""
     HELD = "held"
     """It is on and verified, by read-back or, where the map asks for it, by its effect."""
     LOST = "lost"
-    """A hold was found off. It stays off until a higher `begin` is declared, or it is declared no longer."""
+    """A hold was found off. It stays off until a higher `begin` is declared, or it is no longer declared."""
     RELEASING = "releasing"
-    """It is being written to rest, or that is not verified yet."""
+    """It is being released, or the release is not verified yet."""
 
 
 @dataclass(frozen=True, slots=True)
 class OutputChanged:
-    """An output is in another state than before."""
+    """The state of an output has changed."""
 
     name: str
     """As the map names it, such as `hold_door.front`."""
@@ -135,28 +135,28 @@ class OutputChanged:
 
 @dataclass(frozen=True, slots=True)
 class DriverFailed:
-    """A bug was met: the driver releases everything, takes no commands any more, and `run` raises it."""
+    """The driver met a bug: it releases everything, accepts no more commands, and `run` raises."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """One write of one command, as it went out."""
+    """One write of one command, as it was sent."""
 
     name: str
     """The command as the map names it; empty for a block that is written in a cycle."""
     what: str
     """`press`, `release`, `refresh`, `reset`, `pause`, `beat` or `cycle`."""
     frames: tuple[str, ...]
-    """Unit, function and data as hex, transaction id left out."""
+    """Unit, function and data as hex, without the transaction id."""
     failure: str = ""
-    """Why it failed, empty if it was echoed; it may have arrived nevertheless."""
+    """Why it failed; empty if it was echoed. A failed write may have arrived."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiftValues:
-    """Everything one lift says at one moment. A signal the map does not have is None (or absent)."""
+    """The values of all signals of one lift at one moment. A signal the map does not have is None (or absent)."""
 
     floor: FloorName | None = None
     """The floor the car reports; None between floors, unlisted or contradictory."""
@@ -167,34 +167,34 @@ class LiftValues:
     motion: Motion | None = None
     mode: Mode = Mode.UNKNOWN
     fire_word: bool = False
-    """The mode word says fire while `mode`, by a flag that ranks higher, is another."""
+    """The mode word reads fire while `mode` is another one because of a flag that ranks higher."""
     doors: Mapping[Side, Door] = field(default_factory=dict)
     flags: Mapping[str, bool] = field(default_factory=dict)
     """Flag signals by name; a flag that cannot be read is absent."""
     watchdog_s: float | None = None
-    """How long the controller's I/O module waits for us before it lets go, 0 for never; None where it is not told."""
+    """How long the controller's I/O module waits for us before it releases its outputs, 0 for never; None if it is not reported."""
     unknown: Mapping[str, int] = field(default_factory=dict)
     """Signals whose raw value is outside their table, with that value."""
 
 
 class LiftReading(NamedTuple):
-    """One whole poll of one lift. A tuple, because every poll makes one and a frozen dataclass costs twice as much."""
+    """One complete poll of one lift. A tuple, because every poll makes one and a frozen dataclass costs twice as much."""
 
     at: float
-    """Monotonic seconds when the first request of the poll left: nothing in here is older."""
+    """Monotonic seconds when the first request of the poll was sent: no value is older."""
     epoch: int
-    """Which connection it came over; a new epoch means that nothing from before may be assumed."""
+    """Number of the connection it came over; with a new epoch nothing from before may be assumed."""
     values: LiftValues
     """The same object as in the reading before when no register changed."""
     notices: tuple[str, ...] = ()
-    """What a person should know, each once: somebody else writes our outputs."""
+    """Messages for a person, each once: another client writes our outputs."""
     outputs: Mapping[str, OutputState] = MappingProxyType({})
     """The state of every output, by its name; the same object as before while none has changed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalValue:
-    """One signal as it was read last, for people who look at the wires."""
+    """One signal as last read, for people who inspect the wiring."""
 
     name: str
     """As the map names it, such as `door.front`."""
@@ -205,21 +205,21 @@ class SignalValue:
     addresses: tuple[str, ...]
     """Where it is, as the map writes it, such as `holding:12`."""
     age_s: float | None
-    """Of the block that it came with, the oldest where it came with several; None where nothing was read."""
+    """Age of the block it was read with, the oldest if there are several; None if nothing was read."""
     wire: tuple[str, ...] = ()
     """The same places on the wire, where the first one is 0, moved by the lift's offset: `holding 11 bits 4 to 5`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What this lift, with this map, can say and be told."""
+    """The signals, commands and rules of this lift, from its map and its site."""
 
     commands: frozenset[str]
-    """Names as in the map, such as `hold_door.front`; empty where the site grants no control."""
+    """Names as in the map, such as `hold_door.front`; empty if the site grants no control."""
     signals: frozenset[str]
     doors: tuple[Side, ...]
     one_block: bool
-    """Floor, doors and motion come from one request, so one reading cannot be torn."""
+    """Floor, doors and motion come from one request, so a reading is consistent."""
     evidence: str
     """`level`, `motion_stopped` or `position_stable`."""
     evidence_for_s: float
@@ -229,29 +229,29 @@ class Capabilities:
     granted_within_s: float
     arrive_within_s: float
     until: Mapping[str, str]
-    """What ends each call that is a level: `arrived`, `robot_in_place` or `robot_left`; a pulse is absent."""
-    levels: frozenset[str]
-    """Commands that stay on until they are let go."""
+    """What ends each call that is held: `arrived`, `robot_in_place` or `robot_left`; a pulse is absent."""
+    held_commands: frozenset[str]
+    """Commands that stay on until they are released."""
     max_hold_s: Mapping[str, float]
-    """How long each level lasts after it was last wanted; one without a limit is absent."""
+    """How long each held command lasts after its last declaration; one without a limit is absent."""
     excludes: Mapping[str, frozenset[str]]
     """Commands that may not be on together; one that excludes none is absent."""
     needs_occupancy: bool
-    """The car goes on only after `robot_in_place`, and is free only after `robot_left`."""
+    """The car departs only after `robot_in_place`, and is free only after `robot_left`."""
     door_opens_within_s: float
     """How long a lift that opens its door for a call may take over it."""
     door_closes_within_s: float
-    """How long a door that is told by its open contact alone may take to close."""
+    """How long a door with an open contact only may take to close."""
     open_contacts: frozenset[Side]
-    """Doors that are told by their open contact alone: `closed` is no more than "not open"."""
+    """Doors with an open contact only: `closed` means no more than "not open"."""
     watched: bool
-    """Some hold relies on the watchdog of the I/O module, and the map reads its time."""
+    """At least one hold relies on the watchdog of the I/O module, and the map reads its time."""
     same_floor_call: bool
     """A call, not the door hold, opens the door where the car already stands."""
     not_visible: Mapping[str, str]
     map_name: str
     map_hash: str
-    """Changes with everything that the map says, the changes of the site included."""
+    """Changes with the content of the map, including the changes of the site."""
     printed: Mapping[str, tuple[str, ...]]
-    """Where each signal and command is, as the map writes it."""
+    """The address of each signal and command, as the map writes it."""
     trust: str

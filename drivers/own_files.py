@@ -1,4 +1,4 @@
-"""Files that this program keeps for itself, where other users of the computer may be able to write."""
+"""Opens files that belong to this program alone, in places where other users may be able to write."""
 
 from __future__ import annotations
 
@@ -6,30 +6,30 @@ import errno
 import os
 from pathlib import Path
 
-_NOT_FOLLOWED = "it is a symbolic link, and these are not followed; put the file itself there"
+_NOT_FOLLOWED = "it is a symbolic link, and links are not followed; put the file itself there"
 
 
 def open_own(path: Path, flags: int = os.O_RDWR) -> int:
-    """Return a descriptor of a file, which is made for this user alone if it is not there. Raises OSError, also for a link."""
+    """Return a descriptor of a file; create it for this user alone if it is missing. Raises OSError, also for a link."""
     return _open(path, flags | os.O_CREAT)
 
 
 def make_own(path: Path) -> int:
-    """Return a descriptor for writing to a file that is made for this user alone; one that is left of a crash is removed. Raises OSError."""
+    """Return a descriptor for writing to a new file of this user alone; one left by a crash is removed. Raises OSError."""
     path.unlink(missing_ok=True)
     return _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
 
 
 def read_own(path: Path) -> tuple[bytes, os.stat_result]:
-    """Return what a file holds, and whose it is. Raises OSError, also for a link."""
+    """Return the content and the status of a file. Raises OSError, also for a link."""
     with open(_open(path, os.O_RDONLY), "rb") as file:
         return file.read(), os.fstat(file.fileno())
 
 
 def is_shared(folder: Path) -> bool:
-    """Whether other users can put files into a folder, or replace those in it. One that is not there is not shared; nor is one of root's.
+    """Whether other users can add or replace files in a folder. A missing folder is not shared, nor is one of root's.
 
-    Root itself works in the folders of other users, whose services it looks after.
+    For root, the folders of other users are not shared: it runs services on their behalf.
     """
     try:
         status = folder.stat()

@@ -1,4 +1,4 @@
-"""Work that may block, in threads that nobody has to wait for at the end."""
+"""Runs work that may block in threads that do not delay the end of the program."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ Result = TypeVar("Result")
 
 
 class Worker:
-    """One thread, in which a connection can live: it does one job after the other, in the order in which they were given.
+    """Runs jobs one after the other in one thread, in the order of submission; a connection can live there.
 
-    Not `asyncio.to_thread`: the end of a loop waits for those threads, and a disk that hangs would keep the manager from its
-    orderly end.
+    Not `asyncio.to_thread`: a loop waits for those threads when it ends, so a disk that hangs would prevent an orderly shutdown.
     """
 
     def __init__(self, name: str) -> None:
-        """Name the thread; it begins with the first job."""
+        """Name the thread; it starts with the first job."""
         self._name = name
         self._jobs: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._started = False
 
-    def do(self, work: Callable[[], Result]) -> Future[Result]:
-        """Give it a job. Raises OSError if this computer has no thread to spare."""
+    def submit(self, work: Callable[[], Result]) -> Future[Result]:
+        """Submit a job. Raises OSError if no thread can be started."""
         if not self._started:
             try:
                 threading.Thread(target=self._run, name=self._name, daemon=True).start()
@@ -37,21 +36,21 @@ class Worker:
                 raise OSError(errno.EAGAIN, f"this computer is too busy: {error}") from error
             self._started = True
         loop = asyncio.get_running_loop()
-        done: Future[Result] = loop.create_future()
+        future: Future[Result] = loop.create_future()
 
         def job() -> None:
             try:
-                finish = partial(_succeed, done, work())
-            except BaseException as error:  # noqa: BLE001  it is raised again where somebody waits for it
-                finish = partial(_fail, done, error)
+                finish = partial(_succeed, future, work())
+            except BaseException as error:  # noqa: BLE001  raised again where the job is awaited
+                finish = partial(_fail, future, error)
             with suppress(RuntimeError):  # the loop may be closed by then
                 loop.call_soon_threadsafe(finish)
 
         self._jobs.put(job)
-        return done
+        return future
 
     def stop(self) -> None:
-        """End the thread after the jobs that it has."""
+        """End the thread after the submitted jobs."""
         self._jobs.put(None)
 
     def _run(self) -> None:
@@ -59,19 +58,19 @@ class Worker:
             job()
 
 
-def _succeed(done: Future[Result], result: Result) -> None:
-    if not done.done():
-        done.set_result(result)
+def _succeed(future: Future[Result], result: Result) -> None:
+    if not future.done():
+        future.set_result(result)
 
 
-def _fail(done: Future[Result], error: BaseException) -> None:
-    if not done.done():
-        done.set_exception(error)
+def _fail(future: Future[Result], error: BaseException) -> None:
+    if not future.done():
+        future.set_exception(error)
 
 
 async def in_thread(work: Callable[[], None]) -> None:
-    """Do one job in a thread of its own and wait for it. Raises what it raises, and what `Worker.do` raises."""
+    """Run one job in a thread of its own and wait for it. Raises what the job and `Worker.submit` raise."""
     worker = Worker("lift-manager-files")
-    done = worker.do(work)
+    future = worker.submit(work)
     worker.stop()
-    await done
+    await future

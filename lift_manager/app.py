@@ -17,7 +17,7 @@ from drivers.modbus.capabilities import LiftSettings
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link
 from drivers.modbus.lock import controller_lock
-from drivers.modbus.plan import polled
+from drivers.modbus.plan import polled_points
 from drivers.modbus.settings import LinkSettings
 from drivers.modbus.tls import LinkTls
 from drivers.modbus.units import Unit
@@ -288,7 +288,7 @@ def patience(loaded: LoadedSite, links: tuple[Link, ...]) -> dict[str, float]:
         settings = [link_of[controller].settings for controller in used[name]]
         found[name] = patience_s(
             poll_s=loaded.poll_s(name),
-            addresses=len({point.cell for point in polled(codec)} | outputs),
+            addresses=len({point.cell for point in polled_points(codec)} | outputs),
             lifts=max(sum(controller in other for other in used.values()) for controller in used[name]),
             answer_s=max(setting.most_timeout_s + setting.busy_retries * setting.busy_pause_s for setting in settings),
             gap_s=max(setting.min_gap_s for setting in settings),

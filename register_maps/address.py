@@ -1,4 +1,4 @@
-"""How an address is written, and where on the wire it is.
+"""Parses addresses as written in a map into places on the wire.
 
 Plain addresses name the table and the number that the source prints (`holding:12`, `coil:0x20`, `input:7.3`). Modicon numbers
 carry the table in their first digit (`40013`), and the letters of a PLC (`X17`, `%QX0.3`) are looked up in a preset.
@@ -47,18 +47,18 @@ class Place:
 
     @property
     def space(self) -> str:
-        """Name of the table in register images: the table itself, or `endpoint/table`."""
+        """Key of the table in register images: the table itself, or `endpoint/table`."""
         return space(self.endpoint, self.table)
 
 
 @cache
 def space(endpoint: str, table: Table) -> str:
-    """Name one table of one endpoint; the controller's own tables go by their plain names."""
+    """Return the key of one table of one endpoint; for the controller's own tables just the table."""
     return f"{endpoint}/{table}" if endpoint else table
 
 
 def parse(text: str, addressing: Addressing, elsewhere: Mapping[str, Addressing] | None = None) -> Place:
-    """Read one address of a map; `elsewhere` says how endpoints count that do not count as the map does.
+    """Read one address of a map; `elsewhere` has the addressing of endpoints that differ from the map's.
 
     Raises ValueError with the form that is expected.
     """
@@ -79,7 +79,7 @@ def parse(text: str, addressing: Addressing, elsewhere: Mapping[str, Addressing]
 
 
 def served_number(table: Table, printed: int, addressing: Addressing) -> int:
-    """Turn a number under `served` into the address on the wire; presets count there as the wire does."""
+    """Return the address on the wire of a number under `served`; with a preset they are the same."""
     if addressing.notation == MODICON:
         digit = _MODICON_DIGITS[table]
         six = digit * 100_000
@@ -88,7 +88,7 @@ def served_number(table: Table, printed: int, addressing: Addressing) -> int:
 
 
 def notations() -> tuple[str, ...]:
-    """Every word that `notation` may be."""
+    """Return every value that `notation` may have."""
     return (MODICON, *PRESETS)
 
 

@@ -1,7 +1,7 @@
-"""What only makes sense across the fields of a map: every problem at once, each with the way to mend it.
+"""Checks a map across its fields and reports every problem at once, each with its cure.
 
-A map is read in three steps: the schema checks each field, `check_places.unreadable` finds addresses that say no place, and
-`check` looks at what is left.
+A map is read in three steps: the schema checks each field, `check_places.find_unreadable` finds addresses that are
+no places, and `check` examines the rest.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether blocks are written as the device allows and over nothing else, and words that others write in are said to be shared."""
+"""Checks write blocks, and registers of which others write some bits."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def check_blocks(source: RegisterMap) -> Iterator[Problem]:
 
 
 def blocked_cells(source: RegisterMap, *, cyclic: bool = False) -> set[Cell]:
-    """Every address that a write block covers; with `cyclic`, only of those that are written by themselves."""
+    """Return every address that a write block covers; with `cyclic`, only of blocks that are written in a cycle."""
     return {
         (place.space, place.number + offset)
         for block in source.write_blocks
@@ -68,34 +68,34 @@ def _too_long(source: RegisterMap, place: Place, count: int) -> str | None:
 
 
 def _coverage(source: RegisterMap, cells: list[Cell], start: Place, *, gaps: bool) -> Iterator[str]:
-    inside = set(cells)
+    block_cells = set(cells)
     owned: set[Cell] = set()
     for name, command in source.commands.items():
         points = cells_of(source, command)
         owned |= points
-        if points & inside and points - inside:
+        if points & block_cells and points - block_cells:
             yield f"covers only a part of {name}; widen the block to all its outputs"
-    strangers = [cell for cell in cells if cell not in owned]
-    if strangers and not gaps:
-        cure = "shorten or split the block, or say `gaps: 0` if the device wants 0 there"
-        yield f"{_listed(source, start, strangers)} in it belong to no command, and are never written; {cure}"
+    gaps_in_block = [cell for cell in cells if cell not in owned]
+    if gaps_in_block and not gaps:
+        cure = "shorten or split the block, or use `gaps: 0` if the device requires 0 there"
+        yield f"{_list_addresses(source, start, gaps_in_block)} in it belong to no command, and are never written; {cure}"
         return
-    yield from _over_signals(source, start, strangers)
-    yield from _unserved(source, cells, start, strangers)
+    yield from _over_signals(source, start, gaps_in_block)
+    yield from _unserved(source, cells, start, gaps_in_block)
 
 
 def _over_signals(source: RegisterMap, start: Place, strangers: list[Cell]) -> Iterator[str]:
     for name, signal in source.signals.items():
         places = {bit[:2] for text in signal.addresses for bit in signal_bits(source, signal, text)}
         if hidden := [cell for cell in strangers if cell in places]:
-            yield f"{_listed(source, start, hidden)} in it is read as {name}, and 0 would be written over it; split the block"
+            yield f"{_list_addresses(source, start, hidden)} in it is read as {name}, and 0 would be written over it; split the block"
 
 
 def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: list[Cell]) -> Iterator[str]:
-    """Yield what the device does not take; commands outside what is served are found by themselves."""
+    """Yield gaps that the device does not serve; commands outside what is served are found by another check."""
     ranges = source.served_wire.get(start.space, ())
     if missing := [cell for cell in strangers if not any(cell[1] in span for span in ranges)]:
-        yield f"{_listed(source, start, missing)} in it is not served; shorten the block, or correct `served`"
+        yield f"{_list_addresses(source, start, missing)} in it is not served; shorten the block, or correct `served`"
     elif all(any(number in span for span in ranges) for _, number in cells) and not any(
         cells[0][1] in span and cells[-1][1] in span for span in ranges
     ):
@@ -103,38 +103,38 @@ def _unserved(source: RegisterMap, cells: list[Cell], start: Place, strangers: l
 
 
 def _cycle(source: RegisterMap, block: WriteBlock, cells: list[Cell]) -> Iterator[str]:
-    """Yield what cannot be written with a block, or not again and again."""
-    inside = set(cells)
+    """Yield commands that cannot be written with a block, or not repeatedly."""
+    block_cells = set(cells)
     for name, command in source.commands.items():
-        if not cells_of(source, command) & inside or not command.ends_itself:
+        if not cells_of(source, command) & block_cells or not command.ends_itself:
             continue
         if command.payload is not None and source.place(block.at).table is Table.COIL:
             yield f"{name} writes a time to a coil, which only function 5 can; leave it out of the block"
         elif block.every_s is not None:
-            yield f"{name} is a pulse that the device ends, and each cycle would start it anew; leave it out of the block"
-        elif others := _others(source, name, inside):
-            yield f"{_anew(name, others)}; give it a write of its own, outside the block"
+            yield f"{name} is a pulse that the device ends, and each cycle would restart it; leave it out of the block"
+        elif others := _others(source, name, block_cells):
+            yield f"{_restarts(name, others)}; give it a write of its own, outside the block"
     if block.every_s is not None and block.every_s < source.link.min_gap_s:
         gap = f"{source.link.min_gap_s:g} s between requests (min_gap_s)"
         yield f"every_s of {block.every_s:g} s cannot be kept: the link leaves {gap}; give more than that"
 
 
 def _others(source: RegisterMap, name: str, cells: AbstractSet[Cell]) -> list[str]:
-    """Name the other commands that write to any of these addresses."""
+    """Return the other commands that write to any of these addresses."""
     return [other for other, command in source.commands.items() if other != name and cells_of(source, command) & cells]
 
 
-def _anew(name: str, others: list[str]) -> str:
-    return f"{name} is a pulse that the device ends, and each write of {', '.join(others)} would start it anew"
+def _restarts(name: str, others: list[str]) -> str:
+    return f"{name} is a pulse that the device ends, and each write of {', '.join(others)} would restart it"
 
 
 def cells_of(source: RegisterMap, command: Command) -> set[Cell]:
-    """Every address a command writes to."""
+    """Return every address a command writes to."""
     return {(place.space, place.number) for place in map(source.place, command.addresses)}
 
 
-def _listed(source: RegisterMap, start: Place, cells: list[Cell]) -> str:
-    """Write addresses of a block as the map prints them, the first five of them."""
+def _list_addresses(source: RegisterMap, start: Place, cells: list[Cell]) -> str:
+    """Return the first five of these addresses as the map prints them."""
     printed = [str(number + (source.addressing.base or 0)) for _, number in cells[:5]]
     wire = "" if source.addressing.notation is None else " on the wire"
     table = f"{start.endpoint}/{start.table}" if start.endpoint else start.table
@@ -142,7 +142,7 @@ def _listed(source: RegisterMap, start: Place, cells: list[Cell]) -> str:
 
 
 def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
-    """Yield commands in bits of registers that do not say, or not alike, who else writes there."""
+    """Yield commands in bits of registers without, or with different, `shared_word`."""
     first: dict[Cell, str] = {}
     blocked = blocked_cells(source)
     for name, command in source.commands.items():
@@ -156,13 +156,13 @@ def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
                 yield Problem((*path, "shared_word"), message)
             continue
         if command.shared_word is None:
-            yield Problem(path, _unsaid(source, command))
+            yield Problem(path, _no_shared_word(source, command))
             continue
         for cell in words:
             other = first.setdefault(cell, name)
             if source.commands[other].shared_word != command.shared_word:
                 message = (
-                    f"{other} lies in the same register and says `{source.commands[other].shared_word}`; say the same"
+                    f"{other} lies in the same register and has `{source.commands[other].shared_word}`; use the same"
                 )
                 yield Problem((*path, "shared_word"), message)
             elif command.shared_word == "owned":
@@ -173,37 +173,37 @@ def check_shared_words(source: RegisterMap) -> Iterator[Problem]:
 
 
 def _words(source: RegisterMap, command: Command) -> list[Cell]:
-    """Registers of which a command writes some bits."""
+    """Return the registers of which a command writes some bits."""
     places = [place for place in map(source.place, command.addresses) if place.bit is not None]
     return list(dict.fromkeys((place.space, place.number) for place in places))
 
 
-def _unsaid(source: RegisterMap, command: Command) -> str:
+def _no_shared_word(source: RegisterMap, command: Command) -> str:
     text = next(text for text in command.addresses if source.place(text).bit is not None)
     return (
-        f"{text} is a bit in a register; say `shared_word: owned` if nobody else writes in that register, `mask_write` if the "
+        f"{text} is a bit in a register; use `shared_word: owned` if nobody else writes in that register, `mask_write` if the "
         "device knows function 22, or `accepted` if it may be read and written back whole, though a change in between is lost"
     )
 
 
 def _owned(source: RegisterMap, name: str, cell: Cell, *, whole: bool) -> Iterator[Problem]:
-    """Yield what a command in a word of our own cannot share it with; with `whole`, what nothing of ours in it can."""
+    """Yield what cannot share an `owned` word with a command; with `whole`, also signals in the word."""
     path = ("commands", name, "shared_word")
     if source.commands[name].ends_itself and (others := _others(source, name, {cell})):
-        cure = "say `mask_write` in each of them if the device knows function 22, else leave this pulse out"
-        yield Problem(path, f"{_anew(name, others)}; {cure}")
+        cure = "use `mask_write` in each of them if the device knows function 22, else leave this pulse out"
+        yield Problem(path, f"{_restarts(name, others)}; {cure}")
     if whole:
         yield from _read_there(source, cell, path)
 
 
 def _read_there(source: RegisterMap, cell: Cell, path: tuple[str | int, ...]) -> Iterator[Problem]:
-    """Yield signals in a word that is said to be ours alone."""
+    """Yield signals in a word that is declared as `owned`."""
     there = [command for command in source.commands.values() if cell in _words(source, command)]
     if any(command.keyed_read_addresses for command in there):
-        return  # what is read at this address is something else than what is written there
+        return  # reading and writing this address access different values
     ours = {source.place(text).bit for command in there for text in command.addresses}
     for name, signal in source.signals.items():
         bits = {bit for text in signal.addresses for bit in signal_bits(source, signal, text)}
         if any((space, number) == cell and bit not in ours for space, number, bit in bits):
-            message = f"{name} is read from the same register, so it is not ours alone; say `mask_write` or `accepted`"
+            message = f"{name} is read from the same register, so it is not ours alone; use `mask_write` or `accepted`"
             yield Problem(path, message)

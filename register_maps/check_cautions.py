@@ -1,10 +1,10 @@
-"""What may be right in a map and is worth a second look: warnings, none of which refuses it."""
+"""Warns about what may be right in a map but deserves a second look; warnings do not refuse a map."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from register_maps.check_confirm import known
+from register_maps.check_confirm import is_known
 from register_maps.codec import compile_map
 from register_maps.errors import Problem
 from register_maps.points import UNLISTED
@@ -16,13 +16,15 @@ _HEALTHY = (Door.OPEN, Door.CLOSED, Mode.NORMAL, Mode.ROBOT)
 
 def check_cautions(source: RegisterMap, wrong: Collection[str] = ()) -> Iterator[Problem]:
     """Yield warnings; `wrong` are the signals that have mistakes of their own."""
-    if not known(source, "car_floor"):
-        yield _warning("no car_floor: the lift cannot say where its car is, and no robot can use it by this map alone")
-    if not any(known(source, f"door.{side}") for side in Side):
+    if not is_known(source, "car_floor"):
+        yield _warning(
+            "no car_floor: the lift does not report where its car is, and no robot can use it by this map alone"
+        )
+    if not any(is_known(source, f"door.{side}") for side in Side):
         yield _warning("no door signal: no door can be shown open, and no robot can use the lift by this map alone")
-    if known(source, "may_leave") and not known(source, "may_enter"):
+    if is_known(source, "may_leave") and not is_known(source, "may_enter"):
         cure = "declare `may_enter` too, if the controller has it; without it an open door alone invites a robot in"
-        yield _warning(f"may_leave without may_enter: the way in needs no permission, and the way out does; {cure}")
+        yield _warning(f"may_leave without may_enter: entering needs no permission, and leaving does; {cure}")
     if not source.needs and not any(_safe_at_zero(source, name) for name in source.signals if name not in wrong):
         cure = "let a code of 0 be `unknown`, or fire `active: low`, where the controller can do that"
         yield _warning(f"a controller that serves only zeros would pass for a healthy lift; {cure}")
@@ -33,7 +35,7 @@ def _warning(message: str) -> Problem:
 
 
 def _safe_at_zero(source: RegisterMap, name: str) -> bool:
-    """Whether this signal, read as zeros, keeps robots out by itself."""
+    """Whether this signal alone keeps robots out when it reads zero."""
     alone = {"signals": {name: source.signals[name]}, "commands": {}, "write_blocks": ()}
     value = compile_map(source.model_copy(update=alone)).signals[name].decode(0)
     kind = SIGNALS[name]

@@ -1,4 +1,4 @@
-"""Whether every point belongs to one signal, or to one command: what else shares it shares it by design."""
+"""Checks that every point belongs to one signal or command, except where sharing is intended."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Bit = tuple[str, int, int]
 
 
 class Claims:
-    """Who uses which bits; an owner is a name and the key of one of its addresses."""
+    """The owners of bits; an owner is a name and the key of one of its addresses."""
 
     def __init__(self) -> None:
         self._owners: dict[Bit, list[tuple[str, KeyPath]]] = {}
 
-    def at(self, bits: list[Bit]) -> list[tuple[str, KeyPath]]:
-        """Owners of any of these bits, each once."""
+    def owners_of(self, bits: list[Bit]) -> list[tuple[str, KeyPath]]:
+        """Return the owners of any of these bits, each once."""
         return list(dict.fromkeys(owner for bit in bits for owner in self._owners.get(bit, ())))
 
-    def take(self, bits: list[Bit], name: str, key: KeyPath) -> None:
+    def add(self, bits: list[Bit], name: str, key: KeyPath) -> None:
         """Add an owner."""
         for bit in bits:
             self._owners.setdefault(bit, []).append((name, key))
@@ -40,7 +40,7 @@ def check_claims(source: RegisterMap) -> Iterator[Problem]:
 
 
 def bits_at(source: RegisterMap, text: str, low: int = 0, width: int = 16) -> list[Bit]:
-    """Every bit of a place; the field only matters where a register is named without a bit."""
+    """Return every bit of a place; the field only matters for a register without a bit."""
     place = source.place(text)
     if place.table in BIT_TABLES or place.bit is not None:
         return [(place.space, place.number, place.bit or 0)]
@@ -48,10 +48,10 @@ def bits_at(source: RegisterMap, text: str, low: int = 0, width: int = 16) -> li
 
 
 def signal_bits(source: RegisterMap, signal: Signal, text: str) -> list[Bit]:
-    """Every bit that one address of a signal stands for."""
+    """Return every bit at one address of a signal."""
     low, high = (0, 0) if signal.at is None else signal.bits or (0, 15)
     bits = bits_at(source, text, low, high - low + 1)
-    return bits + [(space, number + 1, bit) for space, number, bit in bits] if signal.wide else bits
+    return bits + [(space, number + 1, bit) for space, number, bit in bits] if signal.is_wide else bits
 
 
 def _signals(source: RegisterMap) -> Iterator[Problem]:
@@ -59,15 +59,15 @@ def _signals(source: RegisterMap) -> Iterator[Problem]:
     for name, signal in source.signals.items():
         for key, text in signal.keyed_addresses if name not in source.derived else ():
             bits = signal_bits(source, signal, text)
-            for other, other_key in claims.at(bits):
+            for other, other_key in claims.owners_of(bits):
                 if (message := _conflict(source, (name, key), (other, other_key), text)) is not None:
                     yield Problem(("signals", name, *key), message)
                     break
-            claims.take(bits, name, key)
+            claims.add(bits, name, key)
 
 
 def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, KeyPath], text: str) -> str | None:
-    """Say why two signals may not share a point; None where a floor's door limit is also the switch of that floor."""
+    """Return why two signals may not share a point; None if a floor's door limit is also the switch of that floor."""
     if one[0] == other[0]:
         return f"{text} is twice in this one; give each signal a place of its own"
     by_name = dict((one, other))
@@ -82,7 +82,7 @@ def _conflict(source: RegisterMap, one: tuple[str, KeyPath], other: tuple[str, K
 
 
 def _code(part: Signal | Command, key: KeyPath) -> int:
-    """Return the floor code of one entry of a list with one per floor; its place where the given codes are too few."""
+    """Return the floor code of one entry of a list with one per floor; its index if there are too few codes."""
     place = int(key[1])
     return part.floor_codes[place] if place < len(part.floor_codes) else place
 
@@ -93,7 +93,7 @@ def _alike(one: Signal | Command, other: Signal | Command) -> str:
 
 
 def _levels(source: RegisterMap) -> Iterator[Problem]:
-    """Yield doors whose limits are floor switches, and are said to be on at another level than these."""
+    """Yield doors whose limits are floor switches but with another `active`."""
     floor = source.signals.get("car_floor")
     if floor is None or floor.one_of is None:
         return
@@ -101,7 +101,7 @@ def _levels(source: RegisterMap) -> Iterator[Problem]:
     for name, signal in source.signals.items():
         limits = {bit for text in signal.open_limits or () for bit in signal_bits(source, signal, text)}
         if switches & limits and signal.active != floor.active:
-            message = "its limits are switches of car_floor as well, which has another `active`; say the same in both"
+            message = "its limits are switches of car_floor as well, which has another `active`; use the same in both"
             yield Problem(("signals", name), message)
 
 
@@ -110,14 +110,14 @@ def _commands(source: RegisterMap) -> Iterator[Problem]:
     for name, command in source.commands.items():
         for key, text in command.keyed_addresses:
             bits = bits_at(source, text)
-            owners = claims.at(bits)
+            owners = claims.owners_of(bits)
             if owners:
                 same = "twice in this one" if owners[0][0] == name else f"in {owners[0][0]} already"
                 message = f"{text} is {same}; give each command a place of its own"
                 if not _same_shape(source, text, owners[0]):
                     message += "; a register is written either whole or bit by bit"
                 yield Problem(("commands", name, *key), message)
-            claims.take(bits, name, key)
+            claims.add(bits, name, key)
 
 
 def _same_shape(source: RegisterMap, text: str, owner: tuple[str, KeyPath]) -> bool:
@@ -131,36 +131,36 @@ def _read_backs(source: RegisterMap) -> Iterator[Problem]:
     for name, command in source.commands.items():
         if not command.keyed_read_addresses and not command.ends_itself and not command.is_heartbeat:
             for key, text in command.keyed_addresses:
-                claims.take(bits_at(source, text), name, key)
+                claims.add(bits_at(source, text), name, key)
     for name, command in source.commands.items():
         for key, text in command.keyed_read_addresses:
             bits = bits_at(source, text)
-            if owners := claims.at(bits):
+            if owners := claims.owners_of(bits):
                 same = "twice in this one" if owners[0][0] == name else f"where {owners[0][0]} is read back"
                 yield Problem(("commands", name, *key), f"{text} is {same}; give the place where this output is read")
-            claims.take(bits, name, key)
+            claims.add(bits, name, key)
 
 
 def _echoes(source: RegisterMap) -> Iterator[Problem]:
-    """Yield signals at points that show our own writes."""
+    """Yield signals at points that only show our own writes."""
     claims = Claims()
     for name, command in source.commands.items():
-        for key, text in shown_at(command):
-            claims.take(bits_at(source, text), name, key)
+        for key, text in readable_addresses(command):
+            claims.add(bits_at(source, text), name, key)
     for name, signal in source.signals.items():
         if name in source.derived:
             continue
         echoes = (
             _echo(source, name, key, text, *owner)
             for key, text in signal.keyed_addresses
-            for owner in claims.at(signal_bits(source, signal, text))
+            for owner in claims.owners_of(signal_bits(source, signal, text))
         )
         if (problem := next(filter(None, echoes), None)) is not None:
             yield problem
 
 
-def shown_at(command: Command) -> tuple[tuple[KeyPath, str], ...]:
-    """Where what a command wrote can be read, with the key."""
+def readable_addresses(command: Command) -> tuple[tuple[KeyPath, str], ...]:
+    """Return the addresses where the output of a command can be read, with their keys."""
     return command.keyed_read_addresses or command.keyed_addresses
 
 
@@ -170,8 +170,8 @@ def _echo(
     path = ("signals", name, *key)
     if command not in CALLS or name not in LAMPS:
         lamps = f"; a lamp in a call button is {LAMPS[0]} or {LAMPS[1]}" if command in CALLS else ""
-        cure = f"give the place where the controller says it{lamps}"
-        # a register that stays at the floor last asked for is a bad witness, and on some lifts the only one
+        cure = f"give the place where the controller reports it{lamps}"
+        # a register that keeps the floor requested last is poor evidence, and on some lifts the only one
         only_one = command in CALLS and SIGNALS.get(name) is Kind.FLOOR
         return Problem(
             path, f"{text} shows what {command} writes, and not what the lift does; {cure}", warning=only_one

@@ -1,23 +1,23 @@
-"""Whether each command of a map is complete and bounded: its points, its values, its action and its times."""
+"""Checks that each command of a map is complete and bounded: its points, values, action and times."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
 from register_maps.address import Place
-from register_maps.check_confirm import known
+from register_maps.check_confirm import is_known
 from register_maps.check_signals import check_codes
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, Command, RegisterMap
 from register_maps.words import BIT_TABLES, WRITABLE_TABLES, Table
 
-Said = Iterator[tuple[tuple[str | int, ...], str]]
+Messages = Iterator[tuple[tuple[str | int, ...], str]]
 
 _OF_A_HOLD = ("until", "max_hold_s", "refresh_s", "on_link_loss", "bounded_by", "repeat_pulse_s")
 _OF_A_HEARTBEAT = frozenset({"at", "action", "every_s", "type", "byte_order", "rest", "shared_word", "note"})
 _REFUSED_ANYWAY = frozenset({"one_of", "as_", "until", "read_at", "read_one_of"})
-"""Keys that other rules refuse a heartbeat."""
+"""Keys of a heartbeat that other rules refuse."""
 
 _ALIASES = {"on": "press", "as_": "as"}
 _KEPT_ON = ("robot_mode", "hold_door.")
@@ -41,19 +41,19 @@ def is_bit(place: Place) -> bool:
     return place.table in BIT_TABLES or place.bit is not None
 
 
-def _floors(_: RegisterMap, name: str, command: Command) -> Said:
+def _floors(_: RegisterMap, name: str, command: Command) -> Messages:
     if name not in CALLS:
         yield from _of_no_call(name, command)
         return
     if command.one_of is None and command.as_ is None:
-        yield (), f"{name} carries a floor: say `as: floor` for a number, or `one_of` for one output per floor"
+        yield (), f"{name} carries a floor: use `as: floor` for a number, or `one_of` for one output per floor"
     if command.codes is not None and command.one_of is None:
         yield ("codes",), "belongs to `one_of`, with one output per floor; a number is the floor code itself"
     if command.one_of is not None:
         yield from _outputs(command)
 
 
-def _of_no_call(name: str, command: Command) -> Said:
+def _of_no_call(name: str, command: Command) -> Messages:
     for key in ("as_", "one_of"):
         if getattr(command, key) is not None:
             yield (
@@ -69,8 +69,8 @@ def _of_no_call(name: str, command: Command) -> Said:
         yield ("arrive_within_s",), f"belongs to a call, and {name} goes nowhere; remove it"
 
 
-def _outputs(command: Command) -> Said:
-    """One output per floor."""
+def _outputs(command: Command) -> Messages:
+    """Yield what is wrong with one output per floor."""
     yield from check_codes(command.codes, command.one_of, "outputs")
     if command.as_ is not None:
         yield ("as",), "`one_of` is one output per floor already; remove `as`"
@@ -83,7 +83,7 @@ def _outputs(command: Command) -> Said:
             yield (key,), "is for a number in a register, and `one_of` has one bit per floor; remove it"
 
 
-def _point(source: RegisterMap, __: str, command: Command) -> Said:
+def _point(source: RegisterMap, __: str, command: Command) -> Messages:
     for key, text in command.keyed_addresses:
         place = source.place(text)
         if place.table not in WRITABLE_TABLES:
@@ -104,7 +104,7 @@ def _point(source: RegisterMap, __: str, command: Command) -> Said:
         yield ("code",), "BCD has no sign; use `type: uint16`"
 
 
-def _bit(place: Place, command: Command) -> Said:
+def _bit(place: Place, command: Command) -> Messages:
     if command.as_ is not None:
         what = "a coil" if place.table is Table.COIL else "a bit"
         yield ("at",), f"{what} cannot carry a floor number; give a holding register, or `one_of`"
@@ -114,17 +114,17 @@ def _bit(place: Place, command: Command) -> Said:
         yield ("byte_order",), "is for a whole register, and this is 1 bit; remove it"
 
 
-def _read_back(source: RegisterMap, _: str, command: Command) -> Said:
+def _read_back(source: RegisterMap, _: str, command: Command) -> Messages:
     reads = command.keyed_read_addresses
     if not reads:
         return
     if command.read_at is not None and command.read_one_of is not None:
         yield ("read_at",), "`read_at` goes with `at`, and `read_one_of` with `one_of`; remove one of the two"
         return
-    way, wanted = ("at", "read_at") if command.at is not None else ("one_of", "read_one_of")
+    form, needed = ("at", "read_at") if command.at is not None else ("one_of", "read_one_of")
     given = "read_at" if command.read_at is not None else "read_one_of"
-    if given != wanted:
-        yield (given,), f"the command is written with `{way}`; say `{wanted}`"
+    if given != needed:
+        yield (given,), f"the command is written with `{form}`; use `{needed}`"
         return
     if command.ends_itself or command.is_heartbeat:
         why = "a heartbeat changes all the time" if command.is_heartbeat else "the device ends this pulse by itself"
@@ -137,14 +137,14 @@ def _read_back(source: RegisterMap, _: str, command: Command) -> Said:
             yield key, f"{at} is {sort}, and {text} is not; read it back from {sort}"
 
 
-def _action(_: RegisterMap, name: str, command: Command) -> Said:
+def _action(_: RegisterMap, name: str, command: Command) -> Messages:
     if (name == "heartbeat") is not command.is_heartbeat:
         if name == "heartbeat":
-            yield ("action",), "our sign of life has to change for ever; use `action: count` or `action: toggle`"
+            yield ("action",), "the heartbeat has to keep changing; use `action: count` or `action: toggle`"
         else:
             yield ("action",), f"`{command.action}` is for the heartbeat; use `action: pulse` or `action: hold`"
     elif command.action == "pulse" and name.startswith(_KEPT_ON):
-        cure = "use `action: hold`; for a controller that wants repeated presses say `repeat_pulse_s` with it"
+        cure = "use `action: hold`; for a controller that needs repeated presses use `repeat_pulse_s` with it"
         yield ("action",), f"it has to be kept on, and a pulse is never repeated; {cure}"
     if command.action != "hold" and not command.is_heartbeat:
         for key in _OF_A_HOLD:
@@ -153,24 +153,24 @@ def _action(_: RegisterMap, name: str, command: Command) -> Said:
     if command.action == "hold" and command.width_s is not None and command.repeat_pulse_s is None:
         yield ("width_s",), "belongs to `action: pulse`; a hold is bounded by `max_hold_s`"
     if command.timed_by == "device" and command.action == "hold":
-        yield ("timed_by",), "is for a pulse; for a hold that the device ends say `on_link_loss: timed_by_device`"
+        yield ("timed_by",), "is for a pulse; for a hold that the device ends use `on_link_loss: timed_by_device`"
 
 
-def _taken(_: RegisterMap, name: str, command: Command) -> Said:
+def _taken(_: RegisterMap, name: str, command: Command) -> Messages:
     given = [key for key in ("self_clearing", "cleared_after_s") if getattr(command, key) and not command.is_heartbeat]
     fits = command.action == "hold" and command.repeat_pulse_s is None and name not in CALLS
     for key in given:
         if not fits:
             yield (key,), "belongs to a hold that is one level and no call; remove it"
         elif command.refresh_s is None:
-            yield (key,), "a hold that the controller clears has to be written again: say `refresh_s`"
+            yield (key,), "a hold that the controller clears has to be written again: use `refresh_s`"
     if fits and command.self_clearing:
         yield from _self_clearing(command)
     elif fits and (command.cleared_after_s or 0.0) <= (command.refresh_s or 0.0) and given:
-        yield ("cleared_after_s",), "is not longer than `refresh_s`: say `self_clearing: true` instead"
+        yield ("cleared_after_s",), "is not longer than `refresh_s`: use `self_clearing: true` instead"
 
 
-def _self_clearing(command: Command) -> Said:
+def _self_clearing(command: Command) -> Messages:
     if command.cleared_after_s is not None:
         yield ("cleared_after_s",), "`self_clearing` is cleared at once; remove one of the two"
     confirms = command.confirm.any_of if command.confirm is not None else ("readback",)
@@ -179,7 +179,7 @@ def _self_clearing(command: Command) -> Said:
         yield ("self_clearing",), f"a point that the controller clears confirms nothing; {cure}"
 
 
-def _heartbeat(source: RegisterMap, name: str, command: Command) -> Said:
+def _heartbeat(source: RegisterMap, name: str, command: Command) -> Messages:
     if name != "heartbeat" or not command.is_heartbeat:
         if name != "heartbeat" and command.every_s is not None:
             yield ("every_s",), "belongs to the heartbeat; a hold is written again every `refresh_s`"
@@ -195,28 +195,28 @@ def _heartbeat(source: RegisterMap, name: str, command: Command) -> Said:
         yield (_ALIASES.get(key, key),), "a heartbeat is written all the time and never pressed; remove it"
 
 
-def _until(source: RegisterMap, name: str, command: Command) -> Said:
+def _until(source: RegisterMap, name: str, command: Command) -> Messages:
     match command.until:
         case "arrived" if name not in CALLS:
             yield ("until",), f"belongs to a call ({', '.join(CALLS)}), and {name} goes nowhere; remove it"
-        case "arrived" if not known(source, "car_floor"):
-            yield ("until",), "nobody can see the car arrive without car_floor; declare it, or remove `until`"
+        case "arrived" if not is_known(source, "car_floor"):
+            yield ("until",), "the arrival of the car is not visible without car_floor; declare it, or remove `until`"
         case "closed" if not name.startswith("close_door."):
             yield ("until",), "`closed` ends close_door; remove it"
         case "closed":
             door = f"door.{name.partition('.')[2]}"
-            if not known(source, door):
-                yield ("until",), f"nobody can see the door closed without {door}; declare it, or remove `until`"
+            if not is_known(source, door):
+                yield ("until",), f"a closed door is not visible without {door}; declare it, or remove `until`"
         case "robot_in_place" | "robot_left" as end:
             if name not in ("call", "go"):
-                yield ("until",), f"`{end}` ends call or go, the calls of a robot outside and inside; remove it"
+                yield ("until",), f"`{end}` ends call or go, the calls of a robot outside and aboard; remove it"
             elif end not in source.commands:
                 yield ("until",), f"the map has no command {end}; declare it, or remove `until`"
         case _:
             pass
 
 
-def _times(_: RegisterMap, __: str, command: Command) -> Said:
+def _times(_: RegisterMap, __: str, command: Command) -> Messages:
     for key in ("refresh_s", "repeat_pulse_s"):
         given = getattr(command, key)
         if given is not None and command.max_hold_s is not None and given >= command.max_hold_s:
@@ -230,12 +230,12 @@ def _times(_: RegisterMap, __: str, command: Command) -> Said:
             message = "a hold is either written again, or pressed again every `repeat_pulse_s`; remove one of the two"
             yield ("refresh_s",), message
     if command.gap_s and not command.excludes:
-        yield ("gap_s",), "is the pause after letting go what `excludes` names; say `excludes`, or remove it"
+        yield ("gap_s",), "is the pause after the release of what `excludes` names; use `excludes`, or remove it"
     if "granted_within_s" in command.model_fields_set and command.granted_by is None:
-        yield ("granted_within_s",), "belongs to `granted_by`; say what grants it, or remove this"
+        yield ("granted_within_s",), "belongs to `granted_by`; declare what grants it, or remove this"
 
 
-def _payload(source: RegisterMap, _: str, command: Command) -> Said:
+def _payload(source: RegisterMap, _: str, command: Command) -> Messages:
     payload = command.payload
     if payload is None or command.is_heartbeat:
         return
@@ -243,11 +243,11 @@ def _payload(source: RegisterMap, _: str, command: Command) -> Said:
         yield ("payload",), "a call writes its floor, and cannot carry a time; remove `payload`"
         return
     if command.one_of is not None and not command.ends_itself:
-        yield ("payload",), "one output per floor carries a time only if the device ends it; say `timed_by: device`"
+        yield ("payload",), "one output per floor carries a time only if the device ends it; use `timed_by: device`"
         return
-    wanted = "width_s" if command.action == "pulse" else "max_hold_s"
-    if payload.time != wanted:
-        yield ("payload", "time"), f"the time of a {command.action} is `{wanted}`; say `time: {wanted}`"
+    needed = "width_s" if command.action == "pulse" else "max_hold_s"
+    if payload.time != needed:
+        yield ("payload", "time"), f"the time of a {command.action} is `{needed}`; use `time: {needed}`"
         return
     if command.at is not None and "on" in command.model_fields_set:
         yield ("press",), "the value written is the time; remove `press`, or `payload`"
@@ -257,13 +257,13 @@ def _payload(source: RegisterMap, _: str, command: Command) -> Said:
         return
     if any(place.table is Table.COIL for place in places) and not command.ends_itself:
         message = (
-            "a coil takes a time only for a pulse that the device ends; say `action: pulse` and `timed_by: device`"
+            "a coil takes a time only for a pulse that the device ends; use `action: pulse` and `timed_by: device`"
         )
         yield ("payload",), message
     seconds = command.width_s if command.action == "pulse" else command.max_hold_s
     most = 0xFFFF if all(_takes_a_word(place, command) for place in places) else 0x7FFF
     for message in _counts(seconds or 0.0, payload.unit_s, most):
-        yield (wanted,), message
+        yield (needed,), message
 
 
 def _takes_a_word(place: Place, command: Command) -> bool:
@@ -278,7 +278,7 @@ def _counts(seconds: float, unit_s: float, most: int) -> Iterator[str]:
         yield f"{seconds:g} s is {counts:.0f} counts of {unit_s:g} s, and 1 to {most} can be written; give a time that fits"
 
 
-_RULES: tuple[Callable[[RegisterMap, str, Command], Said], ...] = (
+_RULES: tuple[Callable[[RegisterMap, str, Command], Messages], ...] = (
     _floors,
     _point,
     _read_back,

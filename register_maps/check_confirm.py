@@ -1,17 +1,17 @@
-"""What the commands of a map name: signals that permit them, commands they exclude, and what proves them."""
+"""Checks the names in the commands of a map: required signals, excluded commands and proofs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from register_maps.check_claims import bits_at, shown_at, signal_bits
+from register_maps.check_claims import bits_at, readable_addresses, signal_bits
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, Command, Kind, RegisterMap
 from register_maps.vocabulary import LAMPS
 from register_maps.words import Side
 
-Said = Iterator[tuple[tuple[str | int, ...], str]]
+Messages = Iterator[tuple[tuple[str | int, ...], str]]
 
 _SHOWS_EFFECT: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(CALLS, ("car_floor", "motion")),
@@ -19,17 +19,17 @@ _SHOWS_EFFECT: dict[str, tuple[str, ...]] = {
     "robot_in_place": (),
     "robot_left": (),
 }
-"""Signals in which the effect of a command is seen. What a lift does once it was told about its robot differs from lift to lift."""
+"""Signals that show the effect of a command. The reaction to the robot signals differs from lift to lift."""
 
 _TROUBLE = (SAFETY_FLAGS - {"independent"}) | {
     *("overload", "nudging", "watchdog_tripped"),
     *(f"obstruction.{side}" for side in Side),
 }
-"""Flags whose yes is trouble: a press neither waits for it nor is proved by it. `independent` is what some lifts give to robots."""
+"""Flags that mean trouble when set, so a press neither waits for them nor is proved by them. Not `independent`: some lifts grant robots this mode."""
 
 
 def check_confirm(source: RegisterMap) -> Iterator[Problem]:
-    """Yield names that mean nothing here, and proofs that prove nothing."""
+    """Yield unknown names, and proofs that prove nothing."""
     for name, command in source.commands.items():
         if name not in COMMANDS:
             continue
@@ -46,35 +46,35 @@ def check_confirm(source: RegisterMap) -> Iterator[Problem]:
             yield Problem(path, "a hold needs `confirm`, such as {any_of: [readback], within_s: 2}")
         else:
             otherwise = "" if command.ends_itself else " unless it reads back"
-            message = f"nothing confirms this press; say `confirm`, or it counts as unconfirmed{otherwise}"
+            message = f"nothing confirms this press; use `confirm`, or it counts as unconfirmed{otherwise}"
             yield Problem(path, message, warning=True)
 
 
 def _only_an_open_door(source: RegisterMap, name: str, command: Command) -> bool:
-    """Whether an open door is all that proves a door hold, though its output can be read back."""
+    """Whether an open door alone proves a door hold although its output can be read back."""
     if not name.startswith("hold_door.") or command.confirm is None:
         return False
     return set(command.confirm.any_of) == {"effect"} and _unreadable(source, command) is None
 
 
-def known(source: RegisterMap, name: str) -> bool:
-    """Whether a signal is declared, or is one that the site has to add."""
+def is_known(source: RegisterMap, name: str) -> bool:
+    """Whether a signal is declared, or has to be added by the site."""
     return name in source.signals or name in source.needs
 
 
-def _names(source: RegisterMap, name: str, command: Command) -> Said:
+def _names(source: RegisterMap, name: str, command: Command) -> Messages:
     named: list[tuple[tuple[str | int, ...], str]] = []
     named += [(("requires", index), flag) for index, flag in enumerate(command.requires)]
     if command.granted_by is not None:
         named.append((("granted_by",), command.granted_by))
     for place, flag in named:
-        if not known(source, flag):
+        if not is_known(source, flag):
             yield place, _absent(flag, source)
         elif SIGNALS.get(flag) is not Kind.FLAG:
             yield place, f"{flag} is no flag; name one that reads yes or no"
         elif flag in _TROUBLE:
             why = f"`requires` waits for a yes and cannot be inverted, and a yes of {flag} is trouble"
-            yield place, f"{why}; remove it, since {flag} is heeded without being named"
+            yield place, f"{why}; remove it, since {flag} is respected without being named"
     for index, other in enumerate(command.excludes):
         if other == name:
             yield ("excludes", index), "a command cannot exclude itself; remove it"
@@ -82,10 +82,10 @@ def _names(source: RegisterMap, name: str, command: Command) -> Said:
             hint = closest(other, source.commands)
             yield ("excludes", index), f"the map has no command {other}{hint or '; remove it, or declare the command'}"
         elif source.commands[other].is_heartbeat:
-            yield ("excludes", index), f"{other} is never let go, so nothing can exclude it; remove it"
+            yield ("excludes", index), f"{other} is never released, so nothing can exclude it; remove it"
 
 
-def _proofs(source: RegisterMap, name: str, command: Command) -> Said:
+def _proofs(source: RegisterMap, name: str, command: Command) -> Messages:
     if command.confirm is None or command.is_heartbeat:
         return
     for index, word in enumerate(command.confirm.any_of):
@@ -102,22 +102,22 @@ def _proofs(source: RegisterMap, name: str, command: Command) -> Said:
 
 
 def _unseen(source: RegisterMap, name: str) -> str | None:
-    """Say why the effect of a command cannot be seen; None when it can."""
+    """Return why the effect of a command is not visible; None if it is."""
     shown_by = _SHOWS_EFFECT.get(name, (f"door.{name.partition('.')[2]}",))
-    if any(known(source, signal) for signal in shown_by):
+    if any(is_known(source, signal) for signal in shown_by):
         return None
     if not shown_by:
-        return f"lifts differ in what follows {name}; say `readback`, or the flag with which this one answers"
+        return f"lifts differ in what follows {name}; use `readback`, or the flag with which this lift answers"
     return f"the effect cannot be seen without {' or '.join(shown_by)}; declare it, or name another proof"
 
 
 def _unreadable(source: RegisterMap, command: Command) -> str | None:
-    """Say why reading back proves nothing of a command; None when it does."""
+    """Return why reading back proves nothing about a command; None if it does."""
     if command.ends_itself:
         return "the device ends this pulse by itself, and may have done so before it is read; name another proof"
     if command.repeat_pulse_s is not None:
-        return "between its pulses it reads as let go; name another proof, such as effect"
-    bits = {bit for _, text in shown_at(command) for bit in bits_at(source, text)}
+        return "between its pulses it reads as released; name another proof, such as effect"
+    bits = {bit for _, text in readable_addresses(command) for bit in bits_at(source, text)}
     for lamp in (name for name in LAMPS if name in source.signals):
         signal = source.signals[lamp]
         if any(not bits.isdisjoint(signal_bits(source, signal, text)) for text in signal.addresses):
@@ -126,9 +126,9 @@ def _unreadable(source: RegisterMap, command: Command) -> str | None:
 
 
 def _unfit(source: RegisterMap, name: str, command: Command, word: str) -> str | None:
-    """Say why a signal cannot prove a command; None when it can."""
+    """Return why a signal cannot prove a command; None if it can."""
     kind = SIGNALS.get(word)
-    if not known(source, word):
+    if not is_known(source, word):
         return _absent(word, source, "effect", "readback")
     if kind not in (Kind.FLAG, Kind.FLOOR, Kind.FLOORS):
         return f"{word} is a {kind}; only a flag or a floor confirms"

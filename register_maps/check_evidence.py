@@ -1,4 +1,4 @@
-"""Whether a map shows what a robot's safety needs: the car at its floor, the door, fire, and devices that let go by themselves."""
+"""Checks the evidence that robots rely on: the car at its floor, the door, fire, and devices that release by themselves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from collections.abc import Set as AbstractSet
 
 from register_maps.check_blocks import Cell, blocked_cells
-from register_maps.check_confirm import known
+from register_maps.check_confirm import is_known
 from register_maps.errors import Problem
 from register_maps.plain import closest
 from register_maps.schema import SIGNALS, Command, RegisterMap, Signal
@@ -14,7 +14,7 @@ from register_maps.words import Side
 
 
 def check_evidence(source: RegisterMap) -> Iterator[Problem]:
-    """Yield what the map claims and cannot show."""
+    """Yield claims of the map that it cannot show."""
     yield from _needs(source)
     yield from _at_floor(source)
     yield from _fire(source)
@@ -30,28 +30,28 @@ def _needs(source: RegisterMap) -> Iterator[Problem]:
         elif name in source.signals:
             yield Problem(path, "the map declares this signal itself; remove this line")
         elif not reason.strip():
-            yield Problem(path, "give the reason why a site has to add it; it is shown to whoever writes the site file")
+            yield Problem(path, "give the reason why a site has to add it; it is shown to the author of the site file")
 
 
 def _at_floor(source: RegisterMap) -> Iterator[Problem]:
     evidence = source.at_floor_evidence
     path = ("at_floor_evidence",)
     needed = {"level": "level", "motion_stopped": "motion"}.get(evidence.kind)
-    if needed is not None and not known(source, needed):
+    if needed is not None and not is_known(source, needed):
         cure = f"declare `{needed}`, or use {{kind: position_stable, for_s: 1.0}}"
         yield Problem(path, f"the map has no signal {needed} to show that the car stands; {cure}")
-    if evidence.kind == "door_open" and not any(known(source, f"door.{side}") for side in Side):
+    if evidence.kind == "door_open" and not any(is_known(source, f"door.{side}") for side in Side):
         yield Problem(path, "the map has no door to show that the car stands; declare `door.front`")
     floor = source.signals.get("car_floor")
     by_number = floor is not None and (floor.at or floor.code_of) and floor.positions is None
     shows_the_last = floor is not None and by_number and not (*floor.unknown, *floor.none)
     if evidence.kind == "position_stable" and shows_the_last and "motion" not in source.signals:
         message = (
-            "a floor number that shows the floor last passed stays the same between floors, so it proves nothing; say "
-            "{kind: door_open}, or which code means between floors (`unknown`)"
+            "a floor number that shows the floor last passed stays the same between floors, so it proves nothing; use "
+            "{kind: door_open}, or declare which code means between floors (`unknown`)"
         )
         yield Problem(path, message, warning=True)
-    if evidence.kind == "door_limit" and not _limits_tell_the_floor(source):
+    if evidence.kind == "door_limit" and not _limits_show_floor(source):
         message = (
             "door_limit means that the open limit of each floor is also its floor switch: give a door `open_limits` and "
             "car_floor `one_of` with the same addresses and codes in the same order, or use {kind: position_stable, for_s: 1.0}"
@@ -59,9 +59,9 @@ def _at_floor(source: RegisterMap) -> Iterator[Problem]:
         yield Problem(path, message)
 
 
-def _limits_tell_the_floor(source: RegisterMap) -> bool:
+def _limits_show_floor(source: RegisterMap) -> bool:
     if any(name == "car_floor" or name.startswith("door.") for name in source.needs):
-        return True  # that is for the site to say, and is looked at with its additions
+        return True  # the site adds it, and the result is checked then
     floor = source.signals.get("car_floor")
     doors = [signal for name, signal in source.signals.items() if name.startswith("door.")]
     return floor is not None and any(_same_bits(source, floor, door) for door in doors)
@@ -77,41 +77,41 @@ def _same_bits(source: RegisterMap, floor: Signal, door: Signal) -> bool:
 
 def _fire(source: RegisterMap) -> Iterator[Problem]:
     mode = source.signals.get("mode")
-    visible = known(source, "fire") or (mode is not None and "fire" in (mode.values or {}).values())
+    visible = is_known(source, "fire") or (mode is not None and "fire" in (mode.values or {}).values())
     if visible and "fire" in source.not_visible:
         yield Problem(("not_visible", "fire"), "the map has a fire signal; remove this line")
     if not visible and not source.not_visible.get("fire", "").strip():
         cure = "declare `fire`, or give the reason: `not_visible: {fire: ...}`; every face shows it"
-        yield Problem(("not_visible",), f"the map has no fire signal, and no mode that says fire; {cure}")
+        yield Problem(("not_visible",), f"the map has no fire signal, and no mode that means fire; {cure}")
 
 
 def _watchdogs(source: RegisterMap) -> Iterator[Problem]:
-    """Yield holds that the device lets go of by itself while nothing of ours keeps it from that."""
+    """Yield holds that the device releases by itself because nothing of ours prevents it."""
     cyclic = blocked_cells(source, cyclic=True)
     for name, command in source.commands.items():
         if command.action != "hold" or command.refresh_s is not None or command.repeat_pulse_s is not None:
             continue
-        if command.on_link_loss == "device_watchdog" and not _fed(source, command, cyclic):
-            yield Problem(("commands", name, "on_link_loss"), _hungry(source))
+        if command.on_link_loss == "device_watchdog" and not _is_fed(source, command, cyclic):
+            yield Problem(("commands", name, "on_link_loss"), _unfed_message(source))
         if command.on_link_loss == "timed_by_device":
             message = (
-                "the device ends it after its own time, also while we still hold: say `refresh_s`, shorter than "
+                "the device ends it after its own time, even while we still hold: use `refresh_s`, shorter than "
                 f"max_hold_s, {command.max_hold_s:g} s"
             )
             yield Problem(("commands", name, "on_link_loss"), message)
 
 
-def _fed(source: RegisterMap, command: Command, cyclic: AbstractSet[Cell]) -> bool:
-    """Whether the heartbeat or a cyclic block tells every device of a command that we are there."""
+def _is_fed(source: RegisterMap, command: Command, cyclic: AbstractSet[Cell]) -> bool:
+    """Whether the heartbeat or a cyclic block feeds the watchdog of every device of a command."""
     beat = source.commands.get("heartbeat")
-    heard = {source.place(text).endpoint for text in beat.addresses} if beat is not None else set()
+    endpoints = {source.place(text).endpoint for text in beat.addresses} if beat is not None else set()
     places = map(source.place, command.addresses)
-    return all(place.endpoint in heard or (place.space, place.number) in cyclic for place in places)
+    return all(place.endpoint in endpoints or (place.space, place.number) in cyclic for place in places)
 
 
-def _hungry(source: RegisterMap) -> str:
+def _unfed_message(source: RegisterMap) -> str:
     elsewhere = "the heartbeat goes to another device; " if "heartbeat" in source.commands else ""
     return (
-        f"a device that lets go when nobody writes also lets go while we hold: {elsewhere}say `refresh_s`, shorter than its "
+        f"a device that releases its outputs when nobody writes does so also during our holds: {elsewhere}use `refresh_s`, shorter than its "
         f"watchdog, or declare {'the' if elsewhere else 'a'} heartbeat at this device, or a write block with `every_s`"
     )

@@ -1,4 +1,4 @@
-"""Whether every address of a map can be read, exists, and is served by its device."""
+"""Checks that every address of a map can be parsed, exists, and is served by its device."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KeyPath = tuple[str | int, ...]
 
 
 def addresses(source: RegisterMap) -> Iterator[tuple[KeyPath, str]]:
-    """Every address of a map with its key: of signals, commands (written and read back) and write blocks."""
+    """Yield every address of a map with its key: of signals, commands (written and read back) and write blocks."""
     for name, signal in source.signals.items():
         for key, text in signal.keyed_addresses if name not in source.derived else ():
             yield ("signals", name, *key), text
@@ -26,10 +26,10 @@ def addresses(source: RegisterMap) -> Iterator[tuple[KeyPath, str]]:
         yield ("write_blocks", index, "at"), block.at
 
 
-def unreadable(source: RegisterMap) -> list[Problem]:
-    """Return addresses that say no place: not in the map's notation, beyond the wire, or at a device nobody declares.
+def find_unreadable(source: RegisterMap) -> list[Problem]:
+    """Return addresses that are no places: not in the map's notation, out of range, or at an undeclared device.
 
-    `check` may only see a map without the signals, commands and write blocks they belong to.
+    `check` needs a map without the signals, commands and write blocks they belong to.
     """
     problems = []
     for path, text in addresses(source):
@@ -46,7 +46,7 @@ def unreadable(source: RegisterMap) -> list[Problem]:
 
 
 def check_served(source: RegisterMap) -> Iterator[Problem]:
-    """Yield ranges that cannot be, addresses outside them, and endpoints that nothing uses."""
+    """Yield impossible ranges, addresses outside the ranges, and unused endpoints."""
     yield from _ranges(_counting(source, ""), ("served",), source.served)
     used = {source.place(text).endpoint for _, text in addresses(source)}
     for name, endpoint in source.endpoints.items():
@@ -56,19 +56,19 @@ def check_served(source: RegisterMap) -> Iterator[Problem]:
             yield Problem(("endpoints",), message, warning=True)
     for path, text in addresses(source):
         if path[0] == "write_blocks":
-            continue  # its commands are in this list themselves, and what it writes besides is checked with its limits
+            continue  # its commands are in this list too, and its gaps are checked with its limits
         if (unserved := _unserved(source, text, count=_registers(source, path))) is not None:
             yield Problem(path, unserved)
 
 
 def _registers(source: RegisterMap, path: KeyPath) -> int:
-    return 2 if path[0] == "signals" and source.signals[str(path[1])].wide else 1
+    return 2 if path[0] == "signals" and source.signals[str(path[1])].is_wide else 1
 
 
 def _unserved(source: RegisterMap, text: str, *, count: int) -> str | None:
     place = source.place(text)
-    wanted = range(place.number, place.number + count)
-    if any(wanted[0] in span and wanted[-1] in span for span in source.served_wire.get(place.space, ())):
+    numbers = range(place.number, place.number + count)
+    if any(numbers[0] in span and numbers[-1] in span for span in source.served_wire.get(place.space, ())):
         return None
     served = source.endpoints[place.endpoint].served if place.endpoint else source.served
     ranges = ", ".join(f"{first} to {last}" for first, last in served.get(place.table, ())) or "nothing"
@@ -97,13 +97,13 @@ def _ranges(counting: Addressing, path: KeyPath, served: Served) -> Iterator[Pro
 
 
 def _counting(source: RegisterMap, endpoint: str) -> Addressing:
-    """Return how a device counts: as the map does, unless it says otherwise."""
+    """Return the addressing of a device: its own, or else that of the map."""
     own = source.endpoints[endpoint].addressing if endpoint in source.endpoints else None
     return own or source.addressing
 
 
 def _beyond(counting: Addressing, printed: str, number: int, table: Table) -> str | None:
-    """Say why a number cannot be on the wire; None when it can."""
+    """Return why a number cannot be an address on the wire; None if it can."""
     if number > HIGHEST:
         return f"{printed} is {number} on the wire, and the highest address there is {HIGHEST}"
     if number >= 0:

@@ -1,4 +1,4 @@
-"""Whether each signal of a map is said in a way that fits its kind."""
+"""Checks that each signal of a map is declared in a form that fits its kind."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from register_maps.signal_codec import highest_bcd
 from register_maps.signal_schema import PLACE_KEYS
 from register_maps.words import BIT_TABLES
 
-Said = Iterator[tuple[tuple[str | int, ...], str]]
+Messages = Iterator[tuple[tuple[str | int, ...], str]]
 
 _SINGLE = frozenset(Kind) - {Kind.FLOORS}
-_WAYS: dict[str, tuple[frozenset[Kind], str]] = {
+_FORMS: dict[str, tuple[frozenset[Kind], str]] = {
     "at": (_SINGLE, "one point is not enough for one bit per floor"),
     "one_of": (frozenset({Kind.FLOOR}), "one bit per floor is for floors"),
     "each_of": (frozenset({Kind.FLOORS}), "any number of bits at once is for calls_registered"),
@@ -24,7 +24,7 @@ _WAYS: dict[str, tuple[frozenset[Kind], str]] = {
     "open_limits": (frozenset({Kind.DOOR}), "limits are for doors"),
     "up": (frozenset({Kind.MOTION}), "two directions are for the motion"),
 }
-"""Kinds that may be said in each way, and what the way is for."""
+"""The kinds that each form is for, with the reason for the others."""
 
 _BELONGS: dict[str, tuple[str, ...]] = {
     "values": ("at",),
@@ -40,7 +40,7 @@ _BELONGS: dict[str, tuple[str, ...]] = {
     "none": ("at", "code_of"),
     "code": ("at", "code_of"),
 }
-"""Keys that only some ways have."""
+"""Keys that belong to some forms only."""
 
 
 def check_signals(source: RegisterMap) -> Iterator[Problem]:
@@ -58,7 +58,7 @@ def check_signals(source: RegisterMap) -> Iterator[Problem]:
             yield Problem((*path, *key), message)
 
 
-def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Said:
+def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Messages:
     width = _width(source, signal)
     yield from _form(kind, signal)
     yield from _single_bits(source, signal)
@@ -75,7 +75,7 @@ def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Said:
         if name != "car_floor":
             yield ("known_while",), "belongs to car_floor; remove it"
         elif "motion" not in source.signals:
-            yield ("known_while",), "nothing tells when the car is stopped; declare `motion`, or remove it"
+            yield ("known_while",), "no signal shows when the car is stopped; declare `motion`, or remove it"
     if signal.at is not None:
         yield from _words(kind, signal, width)
         yield from _flag(kind, signal, width)
@@ -84,8 +84,8 @@ def _signal(source: RegisterMap, name: str, kind: Kind, signal: Signal) -> Said:
         yield from _codes(signal, width)
 
 
-def check_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None, sort: str) -> Said:
-    """Yield what is wrong with the floor codes of a list with one bit or output per floor."""
+def check_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None, sort: str) -> Messages:
+    """Yield mistakes in the floor codes of a list with one bit or output per floor."""
     if codes is None or entries is None:
         return
     if len(codes) != len(entries):
@@ -98,13 +98,13 @@ def check_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None, 
             yield ("codes", index), f"code {code} is given twice; every floor has a code of its own"
 
 
-def _byte_order(signal: Signal, width: int) -> Said:
+def _byte_order(signal: Signal, width: int) -> Messages:
     if signal.byte_order == "low_first" and signal.at is not None and (width < 16 or signal.bits is not None):
         message = "is for whole registers; name the bits as they are on the wire, and remove it"
         yield ("byte_order",), message
 
 
-def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Said:
+def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Messages:
     positions, tolerance = signal.positions or {}, signal.tolerance or 0
     if name != "car_position":
         yield ("positions",), "belongs to car_position; remove it"
@@ -124,7 +124,7 @@ def _positions(source: RegisterMap, name: str, signal: Signal, width: int) -> Sa
 
 
 def _width(source: RegisterMap, signal: Signal) -> int:
-    """Count the bits of the raw value; of a 32-bit number, those of its first register."""
+    """Return the bits of the raw value; of a 32-bit number, those of its first register."""
     if signal.code_of is not None:
         return len(signal.code_of)
     if signal.at is None:
@@ -135,28 +135,28 @@ def _width(source: RegisterMap, signal: Signal) -> int:
     return 16 if signal.bits is None else signal.bits[1] - signal.bits[0] + 1
 
 
-def _way(signal: Signal) -> str:
-    """First key of the way in which a signal says where it is."""
+def _form_of(signal: Signal) -> str:
+    """Return the first key of the form in which a signal gives its place."""
     return next(keys[0] for keys in PLACE_KEYS if getattr(signal, keys[0]) is not None)
 
 
-def _form(kind: Kind, signal: Signal) -> Said:
-    """Each way for its kinds, and each key for its ways."""
-    way = _way(signal)
-    kinds, purpose = _WAYS[way]
+def _form(kind: Kind, signal: Signal) -> Messages:
+    """Yield forms that do not fit the kind, and keys that do not fit the form."""
+    form = _form_of(signal)
+    kinds, purpose = _FORMS[form]
     if kind not in kinds:
-        cures = [f"`{key}`" for key, (others, _) in _WAYS.items() if kind in others]
-        yield (way,), f"{purpose}, and this is a {kind}; say {' or '.join(cures)}"
-    for key, ways in _BELONGS.items():
-        if key in signal.model_fields_set and way not in ways:
-            yield (key,), f"belongs to a signal with {' or '.join(f'`{other}`' for other in ways)}; remove it"
+        cures = [f"`{key}`" for key, (others, _) in _FORMS.items() if kind in others]
+        yield (form,), f"{purpose}, and this is a {kind}; use {' or '.join(cures)}"
+    for key, forms in _BELONGS.items():
+        if key in signal.model_fields_set and form not in forms:
+            yield (key,), f"belongs to a signal with {' or '.join(f'`{other}`' for other in forms)}; remove it"
     if kind is not Kind.FLOOR and signal.as_ is not None:
         yield ("as",), f"`as: floor` is for floors, and this is a {kind}; remove it"
     if kind is Kind.FLOOR and signal.at is not None and signal.as_ is None:
         yield (), "a floor that is a number needs `as: floor`"
 
 
-def _single_bits(source: RegisterMap, signal: Signal) -> Said:
+def _single_bits(source: RegisterMap, signal: Signal) -> Messages:
     if signal.at is not None:
         return
     for key, text in signal.keyed_addresses:
@@ -165,39 +165,39 @@ def _single_bits(source: RegisterMap, signal: Signal) -> Said:
             yield key, f"{text} is a whole register, and one bit is meant; name it, such as {text}.0"
 
 
-def _field(source: RegisterMap, signal: Signal) -> Said:
+def _field(source: RegisterMap, signal: Signal) -> Messages:
     if signal.bits is None or signal.at is None:
         return
     place = source.place(signal.at)
     if place.table in BIT_TABLES:
         yield ("bits",), f"a {place.table} is a single bit; remove `bits`, or give a register"
     elif place.bit is not None:
-        yield ("bits",), f"`at` names bit {place.bit} already; say either `bits` or the bit"
-    elif signal.wide:
+        yield ("bits",), f"`at` names bit {place.bit} already; give either `bits` or the bit"
+    elif signal.is_wide:
         yield ("bits",), f"{signal.type} fills two registers; remove `bits`, or use uint16"
 
 
-def _type(kind: Kind, signal: Signal, width: int) -> Said:
+def _type(kind: Kind, signal: Signal, width: int) -> Messages:
     if (signal.type == "counter") is not (kind is Kind.COUNTER):
         yield ("type",), "a counter needs `type: counter`" if kind is Kind.COUNTER else f"a {kind} is not a counter"
-    elif signal.wide and kind not in (Kind.NUMBER, Kind.FLOOR):
+    elif signal.is_wide and kind not in (Kind.NUMBER, Kind.FLOOR):
         yield ("type",), f"{signal.type} is for numbers and floors, and this is a {kind}; use uint16 or int16"
-    elif signal.wide and (width == 1 or signal.at is None):
+    elif signal.is_wide and (width == 1 or signal.at is None):
         yield (
             ("type",),
             f"{signal.type} needs two whole registers, and this is {_bits(width)}; give the first of the two",
         )
     elif signal.type == "int16" and (width < 16 or signal.at is None):
         yield ("type",), f"int16 needs a whole register, and this is {_bits(width)}; use uint16"
-    if signal.wide and signal.word_order is None:
+    if signal.is_wide and signal.word_order is None:
         message = "a number in two registers needs `word_order`: `high_first` if the high half has the lower address, else `low_first`"
         yield (), message
-    if not signal.wide and signal.word_order is not None and signal.at is not None:
-        yield ("word_order",), "belongs to a number in two registers; remove it, or say `type: uint32`"
+    if not signal.is_wide and signal.word_order is not None and signal.at is not None:
+        yield ("word_order",), "belongs to a number in two registers; remove it, or use `type: uint32`"
 
 
-def _level(kind: Kind, signal: Signal, width: int) -> Said:
-    """Inverted bits, and codes that do not count in binary."""
+def _level(kind: Kind, signal: Signal, width: int) -> Messages:
+    """Yield what is wrong with inverted bits, and with codes other than binary."""
     coded = kind is Kind.FLOOR and signal.type == "uint16" and width > 1
     inverted = kind is Kind.FLAG or (kind is Kind.DOOR and width == 1) or (coded and signal.bits is not None)
     if signal.active == "low" and signal.at is not None and not inverted:
@@ -205,36 +205,36 @@ def _level(kind: Kind, signal: Signal, width: int) -> Said:
         yield ("active",), message
     if signal.code == "bcd":
         unsigned = signal.type in ("uint16", "uint32") and width > 1
-        if _way(signal) in _BELONGS["code"] and not (unsigned and kind in (Kind.FLOOR, Kind.NUMBER)):
+        if _form_of(signal) in _BELONGS["code"] and not (unsigned and kind in (Kind.FLOOR, Kind.NUMBER)):
             cure = "use `type: uint16`" if kind in (Kind.FLOOR, Kind.NUMBER) and width > 1 else "remove `code`"
             yield ("code",), f"BCD is for a floor or a number in several bits, without a sign; {cure}"
-    elif "code" in signal.model_fields_set and _way(signal) in _BELONGS["code"] and not coded:
+    elif "code" in signal.model_fields_set and _form_of(signal) in _BELONGS["code"] and not coded:
         cure = "use `type: uint16`" if kind is Kind.FLOOR and width > 1 else "remove `code`"
         yield ("code",), f"`code` is for a floor in several bits, without a sign; {cure}"
 
 
-def _units(name: str, kind: Kind, signal: Signal) -> Said:
+def _units(name: str, kind: Kind, signal: Signal) -> Messages:
     if signal.unit and kind is not Kind.NUMBER:
         yield ("unit",), f"belongs to a number, and this is a {kind}; remove it"
     if name == "watchdog_time":
         if signal.unit_s is None:
             yield (), "watchdog_time needs `unit_s`: how many seconds one count of it is"
     elif signal.unit_s is not None:
-        yield ("unit_s",), "belongs to watchdog_time; remove it, or say the unit of a number with `unit`"
+        yield ("unit_s",), "belongs to watchdog_time; remove it, or give the unit of a number with `unit`"
 
 
-def _counting(kind: Kind, signal: Signal) -> Said:
+def _counting(kind: Kind, signal: Signal) -> Messages:
     if kind is Kind.COUNTER and signal.must_change_within_s is None:
         yield (), "a counter needs `must_change_within_s`: how old it may get before the lift counts as lost"
     if kind is not Kind.COUNTER and signal.must_change_within_s is not None and signal.at is not None:
         yield ("must_change_within_s",), "belongs to a counter; remove it"
 
 
-def _words(kind: Kind, signal: Signal, width: int) -> Said:
+def _words(kind: Kind, signal: Signal, width: int) -> Messages:
     words = WORDS.get(kind)
     if words is None:
         if signal.values is not None:
-            cures = {Kind.FLAG: "to invert it say `active: low`", Kind.FLOOR: "the site file names the floor codes"}
+            cures = {Kind.FLAG: "to invert it use `active: low`", Kind.FLOOR: "the site file names the floor codes"}
             yield ("values",), f"a {kind} has no table of words; {cures.get(kind, 'remove `values`')}"
         return
     # `unknown` has a key of its own
@@ -244,16 +244,16 @@ def _words(kind: Kind, signal: Signal, width: int) -> Said:
     if kind is Kind.DOOR and signal.values is not None and len(set(signal.values.values())) < 2:
         only = ", ".join(sorted(set(signal.values.values()))) or "no word"
         message = (
-            f"with {only} alone the door reads alike open and shut; give at least two words, one of them not `open`"
+            f"with {only} alone an open and a shut door read the same; give at least two words, one of them not `open`"
         )
         yield ("values",), message
     for code, word in (signal.values or {}).items():
         if word not in allowed:
-            cure = f"; say `unknown: [{code}]`" if word == "unknown" else closest(word, allowed)
+            cure = f"; use `unknown: [{code}]`" if word == "unknown" else closest(word, allowed)
             yield ("values", code), f"{word!r} is no {kind} word{cure or '; use ' + ', '.join(allowed)}"
 
 
-def _flag(kind: Kind, signal: Signal, width: int) -> Said:
+def _flag(kind: Kind, signal: Signal, width: int) -> Messages:
     if "means_yes" not in signal.model_fields_set:
         return
     code = signal.means_yes
@@ -262,20 +262,20 @@ def _flag(kind: Kind, signal: Signal, width: int) -> Said:
     elif width == 1:
         yield ("means_yes",), "a single bit means yes at 1, or with `active: low` at 0; remove `means_yes`"
     elif code == 0:
-        yield ("means_yes",), "0 is no already; to invert the flag say `active: low`, else give the code for yes"
+        yield ("means_yes",), "0 is no already; to invert the flag use `active: low`, else give the code for yes"
     elif (message := _misfit(signal, code, width)) is not None:
         yield ("means_yes",), message
 
 
-def _reserved(kind: Kind, signal: Signal) -> Said:
+def _reserved(kind: Kind, signal: Signal) -> Messages:
     if kind is not Kind.FLOOR and kind not in WORDS and signal.positions is None and signal.unknown:
         yield ("unknown",), f"a {kind} has no codes; remove `unknown`"
     if kind is not Kind.FLOOR and signal.none:
-        yield ("none",), "`none` is for floors; remove it" + (", or say `unknown`" if kind in WORDS else "")
+        yield ("none",), "`none` is for floors; remove it" + (", or use `unknown`" if kind in WORDS else "")
 
 
-def _codes(signal: Signal, width: int) -> Said:
-    """Codes that the bits cannot hold, and codes with two meanings."""
+def _codes(signal: Signal, width: int) -> Messages:
+    """Yield codes that the bits cannot hold, and codes with two meanings."""
     meanings: dict[int, str] = {}
     places = [
         *((("values", code), code, word) for code, word in (signal.values or {}).items()),
@@ -291,7 +291,7 @@ def _codes(signal: Signal, width: int) -> Said:
 
 
 def _misfit(signal: Signal, code: int, width: int) -> str | None:
-    width = 32 if signal.wide else width
+    width = 32 if signal.is_wide else width
     low, high = {"int16": (-0x8000, 0x7FFF), "int32": (-0x8000_0000, 0x7FFF_FFFF)}.get(
         signal.type, (0, (1 << width) - 1)
     )

@@ -1,6 +1,6 @@
-"""A compiled map: every signal and command at its address on the wire, for one lift.
+"""Compiles a map: every signal and command at its address on the wire, for one lift.
 
-Driver and simulator share this module, so their agreement proves nothing; the golden vectors in the tests are typed from
+Driver and simulator share this module, so their agreement proves nothing: the golden vectors in the tests are typed from
 each map's source.
 """
 
@@ -44,7 +44,7 @@ class Codec:
     served: Mapping[str, tuple[range, ...]]
     """Wire addresses that each device answers for, by space (`coil`, or `endpoint/coil`)."""
     offset: Mapping[Table, int]
-    """How far each table of the controller was moved."""
+    """Offset of each table of the controller."""
     written: tuple[Written, ...] = ()
     """Blocks that are always written as a whole."""
 
@@ -54,19 +54,19 @@ class Codec:
         return tuple(point for signal in self.signals.values() for point in signal.points)
 
     def reader(self, blocks: Sequence[Block]) -> Reader:
-        """Decoder for polls that read these blocks in this order."""
+        """Return a decoder for polls that read these blocks in this order."""
         return Reader(tuple(self.signals.values()), tuple(blocks))
 
     def empty_image(self) -> dict[str, list[int]]:
-        """A register image of zeros, large enough for everything served."""
+        """Return a register image of zeros for all served addresses."""
         return {space: [0] * max((r.stop for r in ranges), default=0) for space, ranges in self.served.items()}
 
 
 class Reader:
-    """Turns the payloads of one poll into values; what did not change is not decoded again."""
+    """Turns the payloads of polls into values; decodes only what has changed."""
 
     def __init__(self, signals: tuple[SignalCodec, ...], blocks: tuple[Block, ...]) -> None:
-        """Work out once where each signal's bits lie in the blocks."""
+        """Compute where each signal's bits lie in the blocks."""
         self._names = [signal.name for signal in signals]
         self._decode = [signal.decode for signal in signals]
         self._places = [_places(signal, blocks) for signal in signals]
@@ -74,9 +74,9 @@ class Reader:
         """Which bits of a poll are each signal's."""
         self._payloads: tuple[bytes, ...] = ()
         self._bits = 0
-        """The payloads, joined and taken for one number."""
+        """The payloads, joined and read as one number."""
         self.values: dict[str, Value] = {}
-        """By signal name; replaced, never changed, so that a holder of an older one keeps what it saw."""
+        """By signal name; replaced, never mutated, so that references to an older one stay valid."""
         self.unlisted: dict[str, int] = {}
         """Raw integers that no table lists, by signal name; their value is None."""
 
@@ -107,7 +107,7 @@ class Reader:
         return frozenset(changed)
 
     def raw(self) -> dict[str, int]:
-        """Every signal's raw integer in the newest poll, before scale and table; empty before the first."""
+        """Return every signal's raw integer in the newest poll, before scale and table; empty before the first."""
         if not self._payloads:
             return {}
         bits = self._bits
@@ -145,7 +145,7 @@ def compile_map(source: RegisterMap, *, offset: Mapping[Table, int] | None = Non
 
 
 def _places(signal: SignalCodec, blocks: tuple[Block, ...]) -> list[tuple[int, int, int]]:
-    """Where a signal's bits lie in a poll taken for one number: (shift there, mask, shift in the raw integer)."""
+    """Return where a signal's bits lie in a poll read as one number: (shift there, mask, shift in the raw integer)."""
     lengths = [(block.count + 7) // 8 if block.table in BIT_TABLES else 2 * block.count for block in blocks]
     places, to = [], 0
     for point in signal.points:

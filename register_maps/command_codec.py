@@ -1,4 +1,4 @@
-"""Commands: which bits on the wire give and take back each of them."""
+"""Compiles commands into the bits on the wire that press and release them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from register_maps.signal_codec import Locate, floor_entry, from_bcd, highest_bc
 from register_maps.words import BIT_TABLES, Table
 
 Written = tuple[Block, int, float | None]
-"""A block that is always written as a whole: where, with which function, and how often by itself."""
+"""A block that is always written as a whole: (block, function, seconds of its cycle if it has one)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +27,10 @@ class CommandCodec:
     """What one write of this command covers: its own cells, or the whole block they are always written with."""
     functions: tuple[int, ...]
     """Write function per block: 5, 6, 15, 16, or 22 for some bits of a register."""
-    shared: bool = False
-    """It lies in some bits of a register in which others write as well."""
-    lamp: bool = False
-    """The controller shows its answer at the same points: read back, they say what is registered, not what we write."""
+    is_shared: bool = False
+    """It occupies some bits of a register in which others write too."""
+    shows_lamp: bool = False
+    """The controller shows its answer at the same points: they read what is registered, not what we write."""
 
     @property
     def endpoint(self) -> str:
@@ -48,7 +48,7 @@ class CommandCodec:
         return self.points[0].table is Table.COIL and self.spec.payload is not None
 
     def encode(self, code: int | None) -> dict[Point, int]:
-        """Contents of its points that give the command; None lets go.
+        """Return the values of its points that press the command; those that release it for None.
 
         `code` is the floor code of a call and the count of a heartbeat; other commands ignore it. Raises ValueError for a
         floor code that this coding cannot express.
@@ -73,7 +73,7 @@ class CommandCodec:
         return spec.on if spec.as_ is None else _checked_code(self.name, code, spec)
 
     def decode(self, image: Image) -> int | None:
-        """What a register image asks for: a floor code, a count, 1 for on, None for rest or nonsense."""
+        """Return what a register image commands: a floor code, a count, 1 for on, None for rest or an invalid value."""
         spec = self.spec
         raw = [point.within(image[point.space][point.address]) for point in self.points]
         if spec.one_of is not None:
@@ -119,8 +119,8 @@ def command_codec(
         read_points,
         tuple(blocks),
         tuple(blocks.values()),
-        shared=spec.shared_word in ("accepted", "mask_write"),
-        lamp=bool(lamps & set(read_points)),
+        is_shared=spec.shared_word in ("accepted", "mask_write"),
+        shows_lamp=bool(lamps & set(read_points)),
     )
 
 
@@ -137,5 +137,5 @@ def _checked_code(name: str, code: int, spec: Command) -> int:
         raise ValueError(f"{name} writes {counting}, {low} to {high}; floor code {code} does not fit")
     value = to_bcd(code, 16) if spec.code == "bcd" else code
     if value == spec.rest and not spec.ends_itself:
-        raise ValueError(f"{name} rests at {spec.rest}, so a floor with that code would be called by letting go")
+        raise ValueError(f"{name} rests at {spec.rest}, so a release would call a floor with that code")
     return value

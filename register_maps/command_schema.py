@@ -1,4 +1,4 @@
-"""What a map may say about one command."""
+"""The schema of one command of a map."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Payload(Part):
 
 
 class Command(Part):
-    """One thing the lift can be told."""
+    """One command to the lift."""
 
     at: Address | None = None
     one_of: _Addresses | None = None
     """One output per floor."""
     codes: Codes | None = None
-    """The floor code of each entry of `one_of`; 0, 1, 2 and so on where it is left out."""
+    """The floor code of each entry of `one_of`; 0, 1, 2 and so on by default."""
     read_at: Address | None = None
     """Where the output is read back, if not where it is written."""
     read_one_of: _Addresses | None = None
@@ -53,7 +53,7 @@ class Command(Part):
     on: Word = Field(default=1, alias="press")
     """Raw value of a held or pulsed point that carries neither floor nor time."""
     rest: Word = 0
-    """Raw value that lets go."""
+    """Raw value that releases the output."""
     payload: Payload | None = None
     width_s: Seconds | None = None
     """How long a pulse stays on."""
@@ -66,23 +66,23 @@ class Command(Part):
     max_hold_s: Seconds | None = None
     refresh_s: Seconds | None = None
     repeat_pulse_s: Seconds | None = None
-    """A hold for a controller that drops a stuck button: pressed for `width_s`, and pressed anew this often."""
+    """A hold for a controller that drops a stuck button: pressed for `width_s`, and again this often."""
     self_clearing: bool = False
-    """The controller takes the hold and clears its point, so the point does not show whether the hold is on."""
+    """The controller accepts the hold and clears its point, so the point does not show whether the hold is on."""
     cleared_after_s: Seconds | None = None
-    """The controller clears the point of a hold once it was on for so long, and goes on if it is written again: no drop."""
+    """The controller clears the point of a hold after so long, and continues the hold if it is written again: not a drop."""
     on_link_loss: Literal["device_watchdog", "timed_by_device", "latches"] | None = None
     bounded_by: Literal["session"] | None = None
     requires: tuple[str, ...] = ()
     """Flags that must read yes immediately before a press."""
     granted_by: Literal["robot_mode_on"] | None = None
-    """The flag by which the controller grants what was asked for."""
+    """The flag by which the controller grants the command."""
     granted_within_s: Seconds = 600.0
     """Ten minutes: the longest mode change documented (elevator-interfaces 1.10, Fujitec cargo lift)."""
     excludes: tuple[str, ...] = ()
     gap_s: Pause = 0.0
     reset_first_s: Pause = 0.0
-    """For a controller that needs an edge: the rest value is written, and held for so long, before each press."""
+    """For a controller that needs an edge: the rest value is written and held for so long before each press."""
     min_repeat_s: Pause = 0.0
     """Least time from one press to the next."""
     arrive_within_s: Seconds = 120.0
@@ -96,7 +96,7 @@ class Command(Part):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         if (self.at is None) == (self.one_of is None):
-            raise ValueError("say where it is exactly once: `at` or `one_of`")
+            raise ValueError("give its place exactly once: `at` or `one_of`")
         if self.action == "pulse" and self.width_s is None:
             raise ValueError("a pulse needs `width_s`")
         if self.action == "hold" and (self.max_hold_s is None or self.on_link_loss is None):
@@ -115,7 +115,7 @@ class Command(Part):
 
     @property
     def keyed_read_addresses(self) -> tuple[tuple[tuple[str | int, ...], str], ...]:
-        """Every address of its own at which this command is read back, with its key; none where it is the one written to."""
+        """Every separate address at which this command is read back, with its key; none if it is read where it is written."""
         return keyed(self, READ_KEYS)
 
     @property
@@ -130,10 +130,10 @@ class Command(Part):
 
     @property
     def is_heartbeat(self) -> bool:
-        """Whether it is our sign of life: always written, never pressed."""
+        """Whether it is our heartbeat: always written, never pressed."""
         return self.action in ("count", "toggle")
 
     @property
     def ends_itself(self) -> bool:
-        """Whether the device ends it: nothing of ours has to let it go, and there is nothing to read back."""
+        """Whether the device ends it: it needs no release, and cannot be read back."""
         return self.timed_by == "device" and self.action == "pulse"

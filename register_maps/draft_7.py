@@ -1,4 +1,4 @@
-"""JSON Schemas in the words of draft 7, which is what editors complete from. Pure."""
+"""Writes JSON Schemas as draft 7, which editors use for completion. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def draft_7_text(schema: Mapping[str, Any]) -> str:
 
 
 def _draft_7(node: Any) -> Any:
-    """Say the same in the older words: `definitions` for `$defs`, `items` and `additionalItems` for `prefixItems`."""
+    """Translate to draft 7: `definitions` for `$defs`, `items` and `additionalItems` for `prefixItems`."""
     if isinstance(node, list):
         return [_draft_7(item) for item in node]
     if not isinstance(node, Mapping):

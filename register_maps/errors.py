@@ -28,7 +28,7 @@ EXCEPTION_NAMES = {
 
 
 class RegisterMapError(Exception):
-    """Root of everything that register_maps raises on purpose."""
+    """Base of all errors that register_maps raises on purpose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +49,16 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something in a map that cannot be right or, as a warning, may not be; with the way to mend it."""
+    """A mistake in a map or, as a warning, a possible one, with its cure."""
 
     path: tuple[str | int, ...]
-    """Where in the map, key by key."""
+    """The path of keys in the map."""
     message: str
     warning: bool = False
 
 
 class MapFileError(RegisterMapError):
-    """A map or site file cannot be used; `findings` says everything that is wrong with it, in the order of its lines."""
+    """A map or site file cannot be used; `findings` lists all mistakes in the order of their lines."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:
         self.findings = tuple(sorted(findings, key=lambda finding: (finding.file, finding.line or 0)))
@@ -66,7 +66,7 @@ class MapFileError(RegisterMapError):
 
 
 class FrameError(RegisterMapError):
-    """The bytes are not a Modbus/TCP frame, or not the one they should be."""
+    """The bytes are not a Modbus/TCP frame, or not the expected one."""
 
 
 class BadRequest(FrameError):
@@ -81,15 +81,15 @@ class BadRequest(FrameError):
 class Mismatch(FrameError):
     """An answer does not fit its request."""
 
-    def __init__(self, asked: str, expected: str, came: str) -> None:
-        super().__init__(f"asked to {asked}: expected {expected}, came {came}")
-        self.asked = asked
+    def __init__(self, request: str, expected: str, received: str) -> None:
+        super().__init__(f"{request}: expected {expected}, received {received}")
+        self.request = request
         self.expected = expected
-        self.came = came
+        self.received = received
 
 
 class ExceptionAnswer(FrameError):
-    """The device answered with an exception code: a valid answer, and not the one wished for."""
+    """The device answered with an exception code."""
 
     def __init__(self, function: int, code: int) -> None:
         self.function = function

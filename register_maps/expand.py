@@ -1,6 +1,6 @@
-"""Before a map is validated: a site's changes are laid over it, and its parameters are filled in. Pure.
+"""Applies a site's changes and parameters to a map before validation. Pure.
 
-Works on plain data as it was read, because a parameter may stand where the schema wants a number.
+Works on plain data, because a parameter may stand where the schema requires a number.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ KeyPath = tuple[str | int, ...]
 ParameterValue = int | float | str
 
 _USE = re.compile(r"\{(?P<name>[a-z][a-z0-9_]*)(?P<plus>[+-][0-9]+)?\}")
-Ways = tuple[tuple[str, ...], ...]
-_PLACES: Mapping[str, Ways] = {
+PlaceForms = tuple[tuple[str, ...], ...]
+_PLACES: Mapping[str, PlaceForms] = {
     "signals": signal_schema.PLACE_KEYS,
-    # what a call writes to and where it is read back change together
+    # the outputs of a call and their read-back change together
     "commands": (("at", "read_at"), ("one_of", "read_one_of")),
 }
 _LARGEST = 2**53
@@ -31,26 +31,26 @@ CHANGEABLE = (
     *("signals", "commands", "served", "endpoints", "write_blocks"),
     *("at_floor_evidence", "at_same_floor", "door_opens_within_s", "door_closes_within_s", "not_visible"),
 )
-"""What a site may change of a map. What the device needs of a link is said at its controller."""
+"""What a site may change of a map. The needs of the link are set at its controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExpandedMap:
-    """A map with its parameters in place."""
+    """A map with its parameters filled in."""
 
     data: Any
     values: Mapping[str, ParameterValue]
-    """What every parameter is."""
+    """The value of every parameter."""
     unset: tuple[str, ...]
-    """Parameters in use, without a default, that nobody has set: their example stands in."""
+    """Used parameters without a default and without a value of the site: their example is used."""
     problems: tuple[Problem, ...]
 
 
 def overlay(data: Any, changes: Mapping[str, Any]) -> Any:
-    """Lay a site's changes over a map, key by key; null takes an entry away.
+    """Apply a site's changes to a map, key by key; null removes an entry.
 
-    A signal or command that gets a place of another sort loses its old one, and a signal its coding too. A signal that is added is no longer missing: it leaves
-    `needs`, and `not_visible`.
+    A signal or command that gets a place of another form loses its old place, and a signal its coding too. An added signal is
+    removed from `needs` and `not_visible`.
     """
     if not isinstance(data, dict):
         return data
@@ -73,7 +73,7 @@ def overlay(data: Any, changes: Mapping[str, Any]) -> Any:
 
 
 def added_signals(changes: Mapping[str, Any]) -> frozenset[str]:
-    """Return the signals that a site's changes add or change: with a table of positions, `car_floor` too."""
+    """Return the signals that a site adds or changes; a table of positions adds `car_floor` too."""
     signals = changes.get("signals")
     given = {name: entry for name, entry in signals.items() if entry is not None} if isinstance(signals, dict) else {}
     position = given.get("car_position")
@@ -82,7 +82,7 @@ def added_signals(changes: Mapping[str, Any]) -> frozenset[str]:
 
 
 def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> ExpandedMap:
-    """Put parameters where the map uses them; what `given` leaves out takes its default, else its example."""
+    """Fill in the parameters of a map: the values in `given`, else the defaults, else the examples."""
     declared = data.get("parameters") if isinstance(data, dict) else None
     table = declared if isinstance(declared, dict) else {}
     values, unset = {}, []
@@ -102,8 +102,8 @@ def fill(data: Any, given: Mapping[str, ParameterValue] | None = None) -> Expand
     return ExpandedMap(filled, values, tuple(name for name in unset if name in run.used), tuple(run.problems))
 
 
-def unused(data: Any) -> list[Problem]:
-    """Return the parameters that a map declares and does not use; asked of the map before a site changes it."""
+def find_unused(data: Any) -> list[Problem]:
+    """Return the parameters that a map declares and does not use; takes the map without a site's changes."""
     declared = data.get("parameters") if isinstance(data, dict) else None
     names = list(declared) if isinstance(declared, dict) else []
     run = _Run(dict.fromkeys(names, 0))
@@ -135,7 +135,7 @@ class _Run:
         return _USE.sub(lambda use: self._within(path, use), text)
 
     def _within(self, path: KeyPath, use: re.Match[str]) -> str:
-        """Write a value into a text, where a fraction would be read as a bit: `holding:1.5`."""
+        """Insert a value into a text, where a fraction would be read as a bit: `holding:1.5`."""
         value = self._value(path, use)
         if isinstance(value, float) and not value.is_integer():
             self.problems.append(Problem(path, f"{use['name']} is {value:g}, and only a whole number fits in here"))
@@ -152,16 +152,16 @@ class _Run:
             if plus is not None:
                 self.problems.append(Problem(path, f"{name} is text, and nothing can be added to it; write {{{name}}}"))
             return value
-        # a number of thousands of digits is one that Python refuses to read
+        # Python refuses to parse a number of thousands of digits
         result = value if plus is None else value + int(plus[: _DIGITS + 2])
-        if not usable(result):
+        if not is_usable(result):
             self.problems.append(Problem(path, f"{use[0]} is not a number that can be used; correct {name}"))
             return use[0]
         return result
 
 
-def usable(number: float) -> bool:
-    """Whether a map can work with a number: finite, and exact if it is whole."""
+def is_usable(number: float) -> bool:
+    """Whether a number is finite, and exact if it is whole."""
     return abs(number) <= _LARGEST
 
 
@@ -169,12 +169,12 @@ def _present(entries: Mapping[Any, Any]) -> dict[Any, Any]:
     return {name: entry for name, entry in entries.items() if entry is not None}
 
 
-def _moved(before: Any, change: Any, ways: Ways) -> Any:
-    """Lay a change over one entry. An entry that is found in another way is another entry: nothing of how it was coded holds."""
+def _moved(before: Any, change: Any, forms: PlaceForms) -> Any:
+    """Apply a change to one entry. A place of another form replaces the entry with its coding."""
     if not isinstance(before, dict) or not isinstance(change, dict):
         return change
-    way = next((keys for keys in ways if any(change.get(key) is not None for key in keys)), ())
-    if way and not any(key in before for key in way) and ways is signal_schema.PLACE_KEYS:
+    form = next((keys for keys in forms if any(change.get(key) is not None for key in keys)), ())
+    if form and not any(key in before for key in form) and forms is signal_schema.PLACE_KEYS:
         return _present(change)
-    old = {key for keys in ways if keys != way for key in keys} if way else set()
+    old = {key for keys in forms if keys != form for key in keys} if form else set()
     return _present({key: item for key, item in before.items() if key not in old} | change)

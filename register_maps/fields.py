@@ -1,4 +1,4 @@
-"""Field types that the parts of a map share."""
+"""Field types shared by the parts of a map."""
 
 from __future__ import annotations
 
@@ -29,6 +29,6 @@ Position = Annotated[int, Field(strict=True, ge=-0x8000_0000, le=0xFFFF_FFFF)]
 
 
 class Part(BaseModel):
-    """One part of a map: never changed, and without keys that nobody reads."""
+    """One part of a map: immutable, without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)

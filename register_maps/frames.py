@@ -1,4 +1,4 @@
-"""Modbus/TCP frames, built, taken apart, checked and put into words. Pure.
+"""Builds, parses, checks and describes Modbus/TCP frames. Pure.
 
 A frame is one whole ADU: transaction id, protocol id 0, length, unit id, function, data. Layout and limits are those of
 the Modbus Application Protocol V1.1b3 (section 6) and the Modbus Messaging on TCP/IP Implementation Guide V1.0b (3.1).
@@ -84,9 +84,9 @@ class Request:
     """With function 5 on some relay modules: how long the coil is to stay on, in counts of the module, 1 to 0x7FFF. The
     specification knows FF00 and 0000 only."""
     body: bytes = field(init=False, repr=False, compare=False)
-    """The frame after its transaction id; the same for ever."""
+    """The frame after its transaction id; constant."""
     answer_head: bytes = field(init=False, repr=False, compare=False)
-    """What the right answer says after its transaction id, up to its payload."""
+    """The right answer after its transaction id, up to its payload."""
     answer_length: int = field(init=False, repr=False, compare=False)
     """Bytes of the right answer, transaction id included."""
 
@@ -106,12 +106,12 @@ class Request:
 
     @property
     def table(self) -> Table:
-        """Which table of the data model it touches."""
+        """The table of the data model that it accesses."""
         return _TABLE[self.function]
 
     @property
     def is_write(self) -> bool:
-        """Whether the device changes anything because of it."""
+        """Whether it is a write."""
         return self.function in WRITES
 
     def __str__(self) -> str:
@@ -131,7 +131,7 @@ class Request:
 
 
 def read(table: Table, address: int, count: int = 1, unit: int = 1) -> Request:
-    """Ask for bits (FC1, FC2) or registers (FC3, FC4)."""
+    """Return a read of bits (FC1, FC2) or registers (FC3, FC4)."""
     return Request(unit, READ_FUNCTION[table], address, count)
 
 
@@ -178,7 +178,7 @@ def tid_of(frame: bytes) -> int:
 
 
 def split(buffer: bytes) -> tuple[list[bytes], bytes]:
-    """Take the whole frames off the front of what a stream has brought; returns them and the rest.
+    """Split received bytes into whole frames and the rest.
 
     Raises FrameError where the stream cannot be Modbus/TCP: nothing after that point can be believed.
     """
@@ -204,7 +204,7 @@ def check(request: Request, frame: bytes, *, tid: int | None = None) -> bytes:
     """The payload of an answer: register bytes, bit bytes, or b"" for a write.
 
     `tid` is the transaction id it must carry; None where it was looked at before, or the device does not echo it.
-    Raises ExceptionAnswer, or Mismatch if anything else is not as asked: unit id, function, length, byte count, echoed
+    Raises ExceptionAnswer, or Mismatch if anything else does not fit the request: unit id, function, length, byte count, echoed
     address, value or count.
     """
     fits = frame.startswith(request.answer_head, 2) and len(frame) == request.answer_length
@@ -221,7 +221,7 @@ def parse_request(frame: bytes, *, timed_coils: bool = False) -> Request:
     return _parsed(*_open(frame), timed_coils)
 
 
-@lru_cache(1024)  # a client asks the same few questions again and again; a refusal is not remembered
+@lru_cache(1024)  # clients repeat the same few requests; exceptions are not cached
 def _parsed(unit: int, pdu: bytes, timed_coils: bool) -> Request:  # noqa: FBT001 - part of the key
     if (function := pdu[0]) not in _TABLE:
         raise BadRequest(f"function {function} is none of 1 to 6, 15, 16, 22", code=1)
@@ -246,7 +246,7 @@ def _parsed(unit: int, pdu: bytes, timed_coils: bool) -> Request:  # noqa: FBT00
 def answer(request: Request, tid: int, payload: bytes = b"") -> bytes:
     """The right answer to a request, as a device gives it; `payload` are the bytes of a read.
 
-    Raises FrameError if the payload has another length than was asked for.
+    Raises FrameError if the payload does not have the requested length.
     """
     built = tid.to_bytes(2, "big") + request.answer_head + payload
     if len(built) != request.answer_length:
@@ -261,7 +261,7 @@ def exception_answer(request_frame: bytes, code: int) -> bytes:
 
 
 def describe(frame: bytes) -> str:
-    """A request in plain words, on one line; never raises."""
+    """Describe a request on one line; never raises."""
     try:
         return str(parse_request(frame))
     except FrameError as error:
@@ -269,7 +269,7 @@ def describe(frame: bytes) -> str:
 
 
 def describe_answer(frame: bytes) -> str:
-    """An answer in plain words, on one line; never raises. Without its request it cannot say from where values come."""
+    """Describe an answer on one line; never raises. Without its request the addresses of its values are unknown."""
     try:
         unit, pdu = _open(frame)
     except FrameError as error:
@@ -376,18 +376,20 @@ def _many_values(function: int, count: int, pdu: bytes) -> tuple[int, ...]:
 
 
 def _what_is_wrong(request: Request, frame: bytes, tid: int | None) -> Mismatch | ExceptionAnswer:
-    asked = str(request)
+    request_text = str(request)
     if len(frame) < 8:
-        return Mismatch(asked, f"{request.answer_length} bytes", f"{len(frame)} bytes ({_hex(frame)})")
+        return Mismatch(request_text, f"{request.answer_length} bytes", f"{len(frame)} bytes ({_hex(frame)})")
     if tid is not None and tid_of(frame) != tid:
-        return Mismatch(asked, f"transaction id {tid}", f"{tid_of(frame)}")
+        return Mismatch(request_text, f"transaction id {tid}", f"{tid_of(frame)}")
     if frame[6] != request.unit:
-        return Mismatch(asked, f"unit {request.unit}", f"unit {frame[6]}")
+        return Mismatch(request_text, f"unit {request.unit}", f"unit {frame[6]}")
     if frame[7] == request.function | 0x80 and len(frame) == 9 and frame[2:6] == b"\0\0\0\3":
         return ExceptionAnswer(request.function, frame[8])
     if frame[7] != request.function:
-        return Mismatch(asked, f"function {request.function}", f"function {frame[7]}")
-    return Mismatch(asked, f"{_hex(request.answer_head[5:])} and {_payload_length(request)} bytes", _hex(frame[7:]))
+        return Mismatch(request_text, f"function {request.function}", f"function {frame[7]}")
+    return Mismatch(
+        request_text, f"{_hex(request.answer_head[5:])} and {_payload_length(request)} bytes", _hex(frame[7:])
+    )
 
 
 def _value_text(request: Request, value: int) -> str:

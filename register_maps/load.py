@@ -1,4 +1,4 @@
-"""Finding and reading a register map; every mistake names file, line and key."""
+"""Finds, reads and checks register maps; every mistake names file, line and key."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pathlib import Path
 from typing import Any
 
 from register_maps.check import check
-from register_maps.check_places import check_served, unreadable
+from register_maps.check_places import check_served, find_unreadable
 from register_maps.draft_7 import draft_7_text
 from register_maps.errors import Finding, MapFileError, Problem
-from register_maps.expand import CHANGEABLE, ParameterValue, fill, overlay, unused
+from register_maps.expand import CHANGEABLE, ParameterValue, fill, find_unused, overlay
 from register_maps.meanings import COMMAND_MEANINGS, SIGNAL_MEANINGS
 from register_maps.plain import closest
 from register_maps.schema import RegisterMap
 from register_maps.source import LEFT_OUT, KeyPath, Source, StandIns, read, try_validate
 
 MAPS = Path(__file__).parent / "maps"
-"""The shipped maps; what lies here is the list of supported models."""
+"""The shipped maps: the list of supported models."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapChanges:
-    """What a site says about a map: values for its parameters, and entries laid over it."""
+    """A site's changes of a map: values for its parameters, and entries that override it."""
 
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
     override: Mapping[str, Any] = field(default_factory=dict)
@@ -43,8 +43,8 @@ class MapChanges:
         )
 
     @property
-    def any(self) -> bool:
-        """Whether the map is used other than as it is shipped."""
+    def are_any(self) -> bool:
+        """Whether there are any changes."""
         return bool(self.parameters or self.override)
 
 
@@ -59,7 +59,7 @@ _HEAD: StandIns = {
     ("link",): LEFT_OUT,
     ("at_floor_evidence",): {"kind": "position_stable", "for_s": 1.0},
 }
-"""Stands in for parts of the head, so that everything else is checked as well."""
+"""Replaces missing or wrong parts of the head, so that the rest is checked as well."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +69,12 @@ class LoadedMap:
     map: RegisterMap
     path: Path
     sha256: str
-    """Of the file's bytes and of everything the site changed: the journal names the map by it."""
+    """Hash of the file's bytes and the site's changes, by which the journal identifies the map."""
     warnings: tuple[Finding, ...]
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
-    """What every parameter is."""
+    """The value of every parameter."""
     unset: tuple[str, ...] = ()
-    """Parameters that every site has to set, and nobody has: their example stands in."""
+    """Parameters that a site must set and this one has not: their example is used."""
 
 
 def shipped() -> tuple[str, ...]:
@@ -88,11 +88,11 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: MapChan
     Raises MapFileError with every finding.
     """
     path = _find(name_or_path, near or Path())
-    source = _Changed.of(read(path, number_keys=_is_value_table), changes)
+    source = _ChangedSource.of(read(path, number_keys=_is_value_table), changes)
     wrong = [
         source.finding(("override", key), _not_changeable(key)) for key in changes.override if key not in CHANGEABLE
     ]
-    wrong += [source.finding(problem.path, problem.message) for problem in unused(source.data)]
+    wrong += [source.finding(problem.path, problem.message) for problem in find_unused(source.data)]
     filled = fill(overlay(source.data, changes.override), changes.parameters)
     source = replace(source, data=filled.data)
     wrong += [source.finding(problem.path, problem.message) for problem in filled.problems]
@@ -101,11 +101,11 @@ def load(name_or_path: str | Path, *, near: Path | None = None, changes: MapChan
     if model is None:
         raise MapFileError([*wrong, *findings])
     wrong += [source.finding(("given", name), message) for name, message in _misfits(model, changes.parameters)]
-    hidden = unreadable(model)
+    hidden = find_unreadable(model)
     if hidden and ("addressing",) in tried.replaced:
-        raise MapFileError([*wrong, *findings])  # how its addresses are written is not known
+        raise MapFileError([*wrong, *findings])  # the notation of its addresses is unknown
     model = _without(model, hidden)
-    problems = [*hidden, *_certain(_own(check(model), model, tried.replaced), source, model)]
+    problems = [*hidden, *_certain(_without_stand_ins(check(model), model, tried.replaced), source, model)]
     refused = [source.finding(problem.path, problem.message) for problem in problems if not problem.warning]
     if wrong or findings or refused:
         raise MapFileError([*wrong, *findings, *refused])
@@ -148,13 +148,13 @@ def _find(name_or_path: str | Path, near: Path) -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class _Changed(Source):
-    """A map's file under a site's changes: a finding is said where the wrong words stand."""
+class _ChangedSource(Source):
+    """A map's file with a site's changes; reports a finding in the file that contains the mistake."""
 
     changes: MapChanges = AS_IT_IS
 
     @classmethod
-    def of(cls, source: Source, changes: MapChanges) -> _Changed:
+    def of(cls, source: Source, changes: MapChanges) -> _ChangedSource:
         return cls(**{part.name: getattr(source, part.name) for part in fields(source)}, changes=changes)
 
     def finding(self, path: KeyPath, message: str) -> Finding:
@@ -181,12 +181,12 @@ def _misfits(model: RegisterMap, given: Mapping[str, ParameterValue]) -> Iterabl
         if name not in model.parameters:
             hint = closest(name, model.parameters) or f"; it has {', '.join(model.parameters) or 'none'}"
             yield name, f"{model.name} has no parameter {name}{hint}"
-        elif (problem := model.parameters[name].objection(value)) is not None:
+        elif (problem := model.parameters[name].find_problem(value)) is not None:
             yield name, f"{problem} ({model.parameters[name].help})"
 
 
 def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
-    """Leave out what has an address that cannot be read, so that the rest can still be checked."""
+    """Return the map without the parts whose address cannot be parsed, so that the rest can be checked."""
     gone: set[KeyPath] = {problem.path[:2] for problem in hidden}
     if ("signals", "car_position") in gone:
         gone |= {("signals", name) for name in model.derived}
@@ -202,27 +202,27 @@ def _without(model: RegisterMap, hidden: Iterable[Problem]) -> RegisterMap:
 
 
 def _stand_ins(source: Source) -> StandIns:
-    """Return what stands in for parts of the head that are missing or wrong; a map of another schema is not read at all."""
+    """Return the replacements for missing or wrong parts of the head; a map of another schema is not read at all."""
     has_schema = isinstance(source.data, dict) and "schema" in source.data
     return _HEAD if has_schema else {**_HEAD, ("schema",): 1}
 
 
-def _own(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPath]) -> list[Problem]:
-    """Leave out the problems that only what stands in for missing parts may have caused."""
+def _without_stand_ins(problems: list[Problem], model: RegisterMap, replaced: Collection[KeyPath]) -> list[Problem]:
+    """Return the problems without those that replaced parts may have caused."""
     caused = set(check_served(model)) if ("served",) in replaced else set()
     gone = {str(path[0]) for path in replaced} | ({"write_blocks"} if caused else set())
     return [problem for problem in problems if problem.path[0] not in gone and problem not in caused]
 
 
 def _fingerprint(source: Source, changes: MapChanges) -> str:
-    if not changes.any:
+    if not changes.are_any:
         return source.sha256
-    said = json.dumps([dict(changes.parameters), dict(changes.override)], sort_keys=True, default=str)
-    return hashlib.sha256(f"{source.sha256} {said}".encode()).hexdigest()
+    changes_text = json.dumps([dict(changes.parameters), dict(changes.override)], sort_keys=True, default=str)
+    return hashlib.sha256(f"{source.sha256} {changes_text}".encode()).hexdigest()
 
 
 def _certain(problems: list[Problem], source: Source, model: RegisterMap) -> list[Problem]:
-    """Keep the problems that cannot come from signals and commands that were left out because they are wrong themselves."""
+    """Return the problems that omitted wrong signals and commands cannot have caused."""
     given = source.data if isinstance(source.data, dict) else {}
     left_out = {str(name) for table in ("signals", "commands") for name in given.get(table) or ()}
     left_out -= {*model.signals, *model.commands}
@@ -251,7 +251,7 @@ def _enumerate(table: dict[str, Any], names: Mapping[str, str]) -> None:
 
 
 def _or_parameter(node: Any) -> Any:
-    """Let `{name}` stand wherever a number is wanted."""
+    """Allow `{name}` wherever a number is expected."""
     if isinstance(node, list):
         return [_or_parameter(item) for item in node]
     if not isinstance(node, Mapping):

@@ -1,4 +1,4 @@
-"""What every signal and command of the vocabulary means, in plain words: said once for the schema, the I/O list and the tools."""
+"""The meaning of every signal and command, for the schema, the I/O list and the tools."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ COMMAND_MEANINGS: Mapping[str, str] = {
     "go_to": "brings the car to a floor",
     "go_to.front": "brings the car to a floor and opens its front door there",
     "go_to.rear": "brings the car to a floor and opens its rear door there",
-    "call": "brings the empty car to the floor of the robot",
+    "call": "calls the empty car to the floor of the robot",
     "go": "takes the car to a floor with the robot aboard",
-    "robot_mode": "asks for robot (AGV) mode",
-    "robot_in_place": "says that the robot stands in the car",
-    "robot_left": "says that the robot has left the car",
-    "heartbeat": "the sign of life of the lift manager",
+    "robot_mode": "requests robot (AGV) mode",
+    "robot_in_place": "reports that the robot stands in the car",
+    "robot_left": "reports that the robot has left the car",
+    "heartbeat": "the heartbeat of the lift manager",
     "hold_door.front": "opens the front door and keeps it open, as the door-open button does",
     "hold_door.rear": "opens the rear door and keeps it open, as the door-open button does",
     "close_door.front": "the door-close button of the front door",

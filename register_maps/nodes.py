@@ -1,4 +1,4 @@
-"""YAML text to nodes: one document, where anchors, aliases and tags are noted and not followed."""
+"""Composes YAML text into nodes: one document; reports anchors, aliases and tags instead of following them."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from yaml.resolver import Resolver
 from register_maps.errors import Finding, MapFileError
 
 MAX_DEPTH = 40
-"""Chosen: far above any file of ours, far below what recursion can bear."""
+"""Chosen: far above any file of ours, far below the limit of recursion."""
 TAG = "tag:yaml.org,2002:"
 """What the names of YAML's own types start with."""
 ALIAS = "alias"
 """Tag of the node that stands where an alias stood."""
 
 _TAKEN_DIFFERENTLY = re.compile(r"[\t?\\!&*%]|[|>][+-]?[0-9]?[+-]?#|[^\n -~\u00a0-\u2027\u202a-\ufefe]")
-"""What libyaml may take in another way than PyYAML: found by comparing what both make of thousands of spoiled files."""
+"""Text that libyaml may parse differently from PyYAML; found by comparing both on thousands of spoiled files."""
 
 Notes = dict[object, tuple[int, str]]
 """Line and message by node."""
 
 
 def compose(file: str, text: str) -> tuple[yaml.Node | None, Notes]:
-    """Return the one document of a file, None when it is empty, and what was noted about its nodes.
+    """Return the one document of a file, or None, and the notes about its nodes.
 
     Raises MapFileError for text that is not YAML.
     """
     if yaml.__with_libyaml__ and not _TAKEN_DIFFERENTLY.search(text):
-        with suppress(yaml.YAMLError):  # what is wrong is said in the words of the other parser, below
+        with suppress(yaml.YAMLError):  # the other parser, below, describes the mistake
             return _composed(_Composer(yaml.CSafeLoader(text)))
     try:
         composer = _Composer(yaml.SafeLoader(text))
@@ -43,11 +43,11 @@ def compose(file: str, text: str) -> tuple[yaml.Node | None, Notes]:
     try:
         return _composed(composer)
     except yaml.MarkedYAMLError as error:
-        # what was noted quotes the file, which may be of another kind, and secret
-        noted = (
+        # the notes quote the file, which may be another file and secret
+        refused = (
             Finding(file, line, "", "anchors, aliases and tags are not allowed") for line, _ in composer.notes.values()
         )
-        raise MapFileError([*noted, _syntax(file, error)]) from error
+        raise MapFileError([*refused, _syntax(file, error)]) from error
 
 
 def _composed(composer: _Composer) -> tuple[yaml.Node | None, Notes]:
@@ -85,7 +85,7 @@ class _TooDeep(yaml.MarkedYAMLError):
 
 
 class _Composer(Composer, Resolver):
-    """Composes one document and notes anchors, aliases and tags instead of following them.
+    """Composes one document and records anchors, aliases and tags instead of following them.
 
     The parser is libyaml's, which takes a sixth of the time, or PyYAML's own; both put the same marks on their events.
     """

@@ -1,4 +1,4 @@
-"""Pydantic's errors in the words of somebody who edits a YAML file."""
+"""Explains pydantic's errors to a person who edits a YAML file."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ _BOUNDS = {
 
 
 def closest(word: str, allowed: Iterable[str]) -> str:
-    """Ask for the most similar allowed word: `; did you mean ...?`, or nothing when none is similar."""
+    """Return a hint at the most similar allowed word, `; did you mean ...?`; empty if none is similar."""
     found = difflib.get_close_matches(word, list(allowed), n=1)
     return f"; did you mean `{found[0]}`?" if found else ""
 
 
-def plain_words(
+def explain_error(
     error: ErrorDetails, schema: JsonSchema, data: object, written: Mapping[tuple[str, ...], str]
 ) -> tuple[Path, str]:
-    """Path in the file, and what is wrong there and what would be right."""
+    """Return the path in the file, and what is wrong and right there."""
     path, key_is_wrong = _place(error["loc"], data)
     kind = error["type"]
     if kind == "missing":
@@ -109,14 +109,14 @@ def _wrong_sort(sort: str, given: object, written: str | None) -> str:
 
 
 def for_example(schema: JsonSchema, path: Path) -> str:
-    """Show what may stand at a path: `; for example {at: "holding:12"}`."""
+    """Return an example of what may stand at a path: `; for example {at: "holding:12"}`."""
     node = next((node for node in _nodes(schema, path) if node.get("type") == "object"), {})
     example = _example(schema, node, depth=2)
     return f"; for example {example}" if ":" in example else ""
 
 
 def _example(schema: JsonSchema, node: JsonSchema, *, depth: int) -> str:
-    """Write one value that fits a part of a JSON Schema, with the keys that it must have, or else its first one."""
+    """Return an example value for a part of a JSON Schema, with its required keys, or else the first one."""
     for part in _branches(schema, node):
         if "const" in part or "enum" in part:
             return str(part["const"] if "const" in part else part["enum"][0])
@@ -142,12 +142,12 @@ def _example(schema: JsonSchema, node: JsonSchema, *, depth: int) -> str:
 def _example_table(schema: JsonSchema, part: JsonSchema, *, depth: int) -> str:
     properties = part.get("properties", {})
     keys = part.get("required") or list(properties)[:1]
-    told = [f"{key}: {_example(schema, properties[key], depth=depth)}" for key in keys]
+    entries = [f"{key}: {_example(schema, properties[key], depth=depth)}" for key in keys]
     values = part.get("additionalProperties")
-    if not told and isinstance(values, dict):
+    if not entries and isinstance(values, dict):
         named = _example(schema, part["propertyNames"], depth=0) if "propertyNames" in part else "..."
-        told = [f"{'name' if named == '...' else named}: {_example(schema, values, depth=depth)}"]
-    return f"{{{', '.join(told)}}}"
+        entries = [f"{'name' if named == '...' else named}: {_example(schema, values, depth=depth)}"]
+    return f"{{{', '.join(entries)}}}"
 
 
 def _unknown_key(word: str, allowed: list[str]) -> str:

@@ -1,4 +1,4 @@
-"""Places on the wire, and what is read there: the words that all codecs share."""
+"""Points, blocks and values: the types that all codecs share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Image = Mapping[str, list[int]]
 
 
 class Unlisted(Enum):
-    """The one value that no table lists."""
+    """The value of a code that no table lists."""
 
     UNLISTED = "unlisted"
 
@@ -39,8 +39,8 @@ class Point:
     """Which device; empty for the controller itself."""
 
     @property
-    def whole(self) -> bool:
-        """Whether the point is all there is at its address."""
+    def is_whole(self) -> bool:
+        """Whether the point fills its address."""
         return self.table in BIT_TABLES or self.width == 16
 
     @property
@@ -55,15 +55,15 @@ class Point:
 
     @property
     def cell(self) -> Cell:
-        """The address it is a part of."""
+        """The cell it is part of."""
         return self.endpoint, self.table, self.address
 
     def within(self, cell: int) -> int:
-        """Take its own bits out of the contents of its address."""
+        """Return its own bits from the content of its address."""
         return cell >> self.low & self.mask
 
     def into(self, cell: int, value: int) -> int:
-        """Put a value into the contents of its address, leaving neighbouring bits alone."""
+        """Return the content of its address with a value put in; neighbouring bits are kept."""
         return cell & ~(self.mask << self.low) | (value & self.mask) << self.low
 
 

@@ -1,4 +1,4 @@
-"""What a register-map file may say: the pydantic form of `maps/*.yaml`.
+"""The pydantic schema of a register map, `maps/*.yaml`.
 
 The models check each field by itself. What only makes sense across fields (overlaps, ranges a device does
 not serve, a confirmation that names no signal) is checked by `register_maps.check`. The grammar is explained, with the
@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from register_maps import address
 from register_maps.command_schema import Command, Confirm, Payload
-from register_maps.expand import usable
+from register_maps.expand import is_usable
 from register_maps.fields import Address, Name, ParameterName, Part, Seconds
 from register_maps.signal_schema import Signal
 from register_maps.vocabulary import CALLS, COMMANDS, SAFETY_FLAGS, SIGNALS, WORDS, Kind
@@ -46,7 +46,7 @@ class Provenance(Part):
 
 
 class Addressing(Part):
-    """How the source numbers its points: a number minus `base` is the address on the wire, or a `notation` says it."""
+    """How the source numbers its points: a number minus `base` is the address on the wire, or a `notation` defines it."""
 
     base: Literal[0, 1] | None = None
     notation: str | None = None
@@ -55,7 +55,7 @@ class Addressing(Part):
     @model_validator(mode="after")
     def _one(self) -> Self:
         if (self.base is None) == (self.notation is None):
-            raise ValueError("say either `base` (0 or 1) or `notation`")
+            raise ValueError("give either `base` (0 or 1) or `notation`")
         if self.notation is not None and self.notation not in address.notations():
             raise ValueError(f"there is no notation {self.notation!r}; there are {', '.join(address.notations())}")
         return self
@@ -71,7 +71,7 @@ class LinkDefaults(Part):
     """Polls come no faster than this."""
     reconnect_min_s: Seconds = 0.2
     max_connections: int | None = Field(default=None, strict=True, ge=1, le=64)
-    """How many clients the device serves at once, where its source says so; we use one."""
+    """How many clients the device serves at once, if its source tells; we use one."""
     max_registers_per_read: int = Field(default=125, strict=True, ge=1, le=125)
     max_bits_per_read: int = Field(default=2000, strict=True, ge=1, le=2000)
     max_registers_per_write: int = Field(default=123, strict=True, ge=1, le=123)
@@ -87,16 +87,16 @@ class WriteBlock(Part):
     count: int = Field(strict=True, ge=1, le=1968)
     function: Literal[15, 16]
     every_s: Seconds | None = None
-    """Written this often, needed or not: a lost write heals itself."""
+    """Written this often, even unchanged, so that a lost write is repaired."""
     gaps: Literal[0] | None = None
-    """What is written to addresses in between that are no command of ours; without it there may be none."""
+    """The value written to addresses in between that belong to no command; without it there may be none."""
 
 
 class Evidence(Part):
     """How this lift shows that the car stands at the floor it reports."""
 
     kind: Literal["level", "motion_stopped", "position_stable", "door_limit", "door_open"]
-    """`door_limit`: the floor is told by the door's open limit at that floor, which is made at no other place.
+    """`door_limit`: the door's open limit at a floor shows the floor; it closes nowhere else.
     `door_open`: only an open door shows that the car stands, because the floor shown is also the one last passed."""
     for_s: Seconds | None = None
 
@@ -112,22 +112,22 @@ Served = dict[Table, tuple[Range, ...]]
 
 
 class Endpoint(Part):
-    """A second device that says or does a part of this lift; the site says where it is."""
+    """A further device with a part of this lift's signals or commands; the site gives its address."""
 
     unit_id: int = Field(default=1, strict=True, ge=0, le=255)
     addressing: Addressing | None = None
-    """How its source numbers its points; as the rest of the map does, if not said."""
+    """How its source numbers its points; by default as the rest of the map."""
     served: Served
     note: str = ""
 
 
 class Parameter(Part):
-    """One thing that differs from site to site; written `{name}` or `{name+1}` where it is used."""
+    """One value that differs from site to site; written `{name}` or `{name+1}` where it is used."""
 
     default: int | float | str | None = None
-    """Without one, the site must set it."""
+    """Without a default the site must set it."""
     example: int | float | str | None = None
-    """Stands in for a missing default wherever the map is looked at by itself."""
+    """Used instead of a default when the map is examined without a site."""
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] | None = None
     help: str = Field(min_length=1)
@@ -138,23 +138,23 @@ class Parameter(Part):
             raise ValueError("give a `default`, or an `example` if every site has to set it")
         if self.range is not None and self.choices is not None:
             raise ValueError("`range` is for numbers and `choices` for words; give one of them")
-        if (problem := self.objection(self.value)) is not None:
+        if (problem := self.find_problem(self.value)) is not None:
             raise ValueError(problem)
         return self
 
     @property
     def value(self) -> int | float | str:
-        """What it is where no site has set it."""
+        """The value when no site sets it."""
         value = self.default if self.default is not None else self.example
         if value is None:
             raise ValueError("a parameter has a default or an example")
         return value
 
-    def objection(self, value: float | str) -> str | None:
-        """Say why a value is not allowed; None when it is."""
+    def find_problem(self, value: float | str) -> str | None:
+        """Return why a value is not allowed; None if it is."""
         if self.choices is not None:
             return None if value in self.choices else f"must be one of {', '.join(self.choices)}, not {value!r}"
-        if not isinstance(value, str) and not usable(value):
+        if not isinstance(value, str) and not is_usable(value):
             return "is not a number that can be used; give a plain one, neither .nan nor .inf"
         if isinstance(value, str):
             return None if isinstance(self.value, str) else f"must be a number, not {value!r}"
@@ -166,7 +166,7 @@ class Parameter(Part):
 
 
 class RegisterMap(Part):
-    """One lift model: what sits where in its registers."""
+    """The registers of one lift model."""
 
     schema_: Literal[1] = Field(alias="schema")
     name: Name
@@ -185,21 +185,21 @@ class RegisterMap(Part):
     needs: dict[str, str] = Field(default_factory=dict)
     """Signals that a site must add because this interface does not have them, each with the reason."""
     needs_occupancy: bool = False
-    """The car goes on only after `robot_in_place`, and is free only after `robot_left`."""
+    """The car departs only after `robot_in_place`, and is free only after `robot_left`."""
     at_floor_evidence: Evidence
     at_same_floor: Literal["call", "open_button"] = "open_button"
     """How the door is opened where the car already stands: by the call itself, or by the door hold."""
     door_opens_within_s: Seconds = 10.0
     """How long a lift that opens its door for a call may take over it. Chosen: a slow goods lift door."""
     door_closes_within_s: Seconds = 10.0
-    """How long a door that is told by its open contact alone counts as moving once it is not open. Chosen: a slow goods lift door."""
+    """How long a door with only an open contact counts as moving once it is not open. Chosen: a slow goods lift door."""
     not_visible: dict[Literal["fire"], str] = Field(default_factory=dict)
     """Safety signals this interface does not show, with the reason; shown on every face."""
 
     @field_validator("signals")
     @classmethod
     def _floor_by_position(cls, signals: dict[str, Signal]) -> dict[str, Signal]:
-        """Take the floor from the position where nothing else shows it."""
+        """Derive the floor from the position if no other signal shows it."""
         position = signals.get("car_position")
         if position is None or position.positions is None or "car_floor" in signals:
             return signals
@@ -207,13 +207,13 @@ class RegisterMap(Part):
 
     @property
     def derived(self) -> frozenset[str]:
-        """Signals that the map does not declare, because it takes them from others: `car_floor` from `car_position`."""
+        """Signals that are derived from others: `car_floor` from `car_position`."""
         position, floor = self.signals.get("car_position"), self.signals.get("car_floor")
         is_derived = position is not None and position.positions is not None and floor == position.as_floor
         return frozenset({"car_floor"} if is_derived else ())
 
     def place(self, text: str) -> address.Place:
-        """Where an address of this map is. Raises ValueError for text that its notation cannot read."""
+        """Return the place of an address of this map. Raises ValueError for text that its notation cannot parse."""
         return address.parse(text, self.addressing, self._elsewhere)
 
     @property

@@ -1,4 +1,4 @@
-"""Signals: bits on the wire to values and back.
+"""Compiles signals: bits on the wire to values and back.
 
 Every signal becomes one integer (`raw`): a word, a field of bits, or several bits side by side. A table or a rule turns that
 integer into a value and back.
@@ -29,11 +29,11 @@ class SignalCodec:
     """Lowest bits of the raw integer first."""
     decode: Callable[[int], Value | Unlisted]
     encode: Callable[[Value], int]
-    """Raises ValueError for a value this signal cannot say."""
+    """Raises ValueError for a value this signal cannot express."""
     floor_codes: tuple[int, ...] = ()
     """The floor code of each point, where there is one point per floor: a switch at each landing."""
     by_position: bool = False
-    """The floor is the one whose position the car is at; there is none between two of them."""
+    """The floor is derived from the position of the car; there is none between floors."""
 
     @property
     def per_floor(self) -> bool:
@@ -91,7 +91,7 @@ def _swapped(decode: Callable[[int], Value | Unlisted], encode: Callable[[Value]
 def _at(spec: Signal, locate: Locate) -> tuple[Point, ...]:
     low, high = spec.bits or (0, 15)
     point = locate(spec.addresses[0], high - low + 1, low)
-    if not spec.wide:
+    if not spec.is_wide:
         return (point,)
     after = Point(point.table, point.address + 1, 0, 16, point.endpoint)
     return (after, point) if spec.word_order == "high_first" else (point, after)
@@ -140,7 +140,7 @@ def _directions(spec: Signal) -> Coding:
 
     def encode(value: Value) -> int:
         if value not in words:
-            raise ValueError(f"two bits for up and down cannot say {value}")
+            raise ValueError(f"two bits for up and down cannot express {value}")
         return words.index(value) ^ flip
 
     return decode, encode

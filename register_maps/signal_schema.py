@@ -1,4 +1,4 @@
-"""What a map may say about one signal."""
+"""The schema of one signal of a map."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ PLACE_KEYS: tuple[tuple[str, ...], ...] = (
     ("open_limits",),
     ("up", "down"),
 )
-"""The ways to say where a signal is; keys of one way belong together."""
+"""The forms in which a signal gives its place; keys of one form belong together."""
 
 _Bit = Annotated[int, Field(ge=0, le=15)]
 _Addresses = Annotated[tuple[Address, ...], Field(min_length=2)]
 
 
 class Signal(Part):
-    """One thing the lift says: at one point, or spread over several bits."""
+    """One signal of the lift: at one point, or spread over several bits."""
 
     at: Address | None = None
     one_of: _Addresses | None = None
@@ -41,7 +41,7 @@ class Signal(Part):
     down: Address | None = None
     """Two bits of a motion; neither is stopped, both contradict each other."""
     codes: Codes | None = None
-    """The floor code of each entry of `one_of`, `each_of` or `open_limits`; 0, 1, 2 and so on where it is left out."""
+    """The floor code of each entry of `one_of`, `each_of` or `open_limits`; 0, 1, 2 and so on by default."""
     type: Literal["uint16", "int16", "uint32", "int32", "counter"] = "uint16"
     word_order: Literal["high_first", "low_first"] | None = None
     """Which half of a 32-bit number has the lower address."""
@@ -62,11 +62,11 @@ class Signal(Part):
     none: tuple[Word, ...] = ()
     """Codes that mean "no floor", such as no destination."""
     positions: dict[Annotated[int, Field(ge=-32768, le=65535)], Position] | None = None
-    """Of `car_position`: the position of each floor, by its code. Without a `car_floor` of its own, the map takes it from here."""
+    """Of `car_position`: the position of each floor, by its code. If the map has no `car_floor`, it is derived from this."""
     tolerance: Annotated[int, Field(ge=0, le=0x7FFF_FFFF)] | None = None
     """How far from the position of a floor the car still counts as being there, in the counts of `car_position`."""
     known_while: Literal["stopped"] | None = None
-    """Of a car floor that shows the destination under way: it counts only while `motion` says stopped."""
+    """For a car floor that shows the destination under way: it counts only while `motion` is stopped."""
     must_change_within_s: Seconds | None = None
     unit: str = ""
     """Unit of a number, such as kg."""
@@ -76,13 +76,13 @@ class Signal(Part):
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
-        ways = [keys for keys in PLACE_KEYS if any(getattr(self, key) is not None for key in keys)]
-        if len(ways) != 1:
+        forms = [keys for keys in PLACE_KEYS if any(getattr(self, key) is not None for key in keys)]
+        if len(forms) != 1:
             every = ", ".join(" with ".join(f"`{key}`" for key in keys) for keys in PLACE_KEYS)
-            raise ValueError(f"say where it is exactly once: {every}")
-        missing = [key for key in ways[0] if getattr(self, key) is None]
+            raise ValueError(f"give its place exactly once: {every}")
+        missing = [key for key in forms[0] if getattr(self, key) is None]
         if missing:
-            raise ValueError(f"{' and '.join(f'`{key}`' for key in ways[0])} belong together; {missing[0]} is missing")
+            raise ValueError(f"{' and '.join(f'`{key}`' for key in forms[0])} belong together; {missing[0]} is missing")
         if self.bits is not None and self.bits[0] > self.bits[1]:
             raise ValueError("`bits` are written lowest first, such as [4, 5]")
         if (self.positions is None) != (self.tolerance is None):
@@ -110,8 +110,8 @@ class Signal(Part):
         return tuple(address for _, address in self.keyed_addresses)
 
     @property
-    def wide(self) -> bool:
-        """Whether it is a 32-bit number, which takes the register after its address as well."""
+    def is_wide(self) -> bool:
+        """Whether it is a 32-bit number, which also occupies the next register."""
         return self.type in ("uint32", "int32")
 
 
@@ -120,10 +120,10 @@ def floor_codes(codes: tuple[int, ...] | None, entries: tuple[str, ...] | None) 
     return tuple(range(len(entries or ()))) if codes is None else codes
 
 
-def keyed(part: Part, ways: tuple[tuple[str, ...], ...]) -> tuple[tuple[tuple[str | int, ...], str], ...]:
+def keyed(part: Part, forms: tuple[tuple[str, ...], ...]) -> tuple[tuple[tuple[str | int, ...], str], ...]:
     """List the addresses under these keys, each with its own key path."""
     found: list[tuple[tuple[str | int, ...], str]] = []
-    for key in (key for keys in ways for key in keys):
+    for key in (key for keys in forms for key in keys):
         given = getattr(part, key)
         if isinstance(given, str):
             found.append(((key,), given))

@@ -1,7 +1,7 @@
-"""Strict reading of the project's YAML files: every mistake at once, each with its line and key.
+"""Reads the project's YAML files strictly: reports every mistake at once, with its line and key.
 
-Used for register maps and for site files. YAML is read for its nodes, never for objects; what surprises people in it (tabs,
-duplicate keys, numbers and booleans as keys, anchors, tags) is refused in plain words.
+Used for register maps and for site files. YAML is read as nodes, never as objects; its surprising features (tabs,
+duplicate keys, numbers and booleans as keys, anchors, tags) are refused with an explanation.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from register_maps.errors import Finding, MapFileError
 from register_maps.nodes import ALIAS, TAG, Notes, compose
-from register_maps.plain import for_example, plain_words
+from register_maps.plain import explain_error, for_example
 
 __all__ = [
     "LEFT_OUT",
@@ -39,15 +39,15 @@ __all__ = [
 ]
 
 MAX_BYTES = 1_000_000
-"""Chosen: ten times a site of a thousand lifts. What is larger is a mistake, and is not read."""
+"""Chosen: ten times a site of a thousand lifts. A larger file is a mistake, and is not read."""
 
 KeyPath = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 
 LEFT_OUT = object()
-"""Stands in for a value that may as well be left out."""
+"""Replaces a value that may be omitted."""
 StandIns = Mapping[tuple[str, ...], object]
-"""By place, in which `*` is any key: what stands in for a value that is missing or wrong, so that the rest can be checked."""
+"""Replacements for missing or wrong values by place, in which `*` is any key, so that the rest can be checked."""
 
 _READ_AS = {
     "int": "a number",
@@ -62,13 +62,13 @@ _READ_AS = {
 
 @dataclass(frozen=True, slots=True)
 class ValidationResult(Generic[Model]):
-    """What came of validating a file that may have mistakes."""
+    """The result of validating a file that may have mistakes."""
 
     model: Model | None
-    """As far as the file allows; None where it allows nothing."""
+    """The model as far as the file allows; None if it does not."""
     findings: tuple[Finding, ...]
     replaced: frozenset[KeyPath] = frozenset()
-    """Where something else stands in for what the file has: what follows from that is not the file's fault."""
+    """Places where a value of the file was replaced: errors that follow from it are not the file's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +81,11 @@ class Source:
     """Of the bytes that were read."""
     lines: Mapping[tuple[str, ...], int]
     written: Mapping[tuple[str, ...], str]
-    """What the file says where YAML reads something other than text."""
+    """The text of the file where YAML reads something other than text."""
     findings: tuple[Finding, ...] = ()
     """Mistakes that left the data readable; `validate` raises them with its own."""
     spoiled: frozenset[KeyPath] = frozenset()
-    """Where a value could not be taken over: what a model says about it there is not the file's fault."""
+    """Places of unusable values that were replaced: further errors there are not the file's."""
 
     def line(self, path: KeyPath) -> int | None:
         """Line of a key, or of the nearest part of its path that the file has."""
@@ -93,12 +93,12 @@ class Source:
         return next((self.lines[names[:end]] for end in range(len(names), -1, -1) if names[:end] in self.lines), None)
 
     def finding(self, path: KeyPath, message: str) -> Finding:
-        """Say something about a key."""
+        """Return a finding about a key."""
         return Finding(self.file, self.line(path), key_text(path), message)
 
 
 def key_text(path: KeyPath) -> str:
-    """Write a path as people do: `served.holding[0]`."""
+    """Return a path as people write it: `served.holding[0]`."""
     text = ""
     for part in path:
         shown = part if isinstance(part, int) or part.isprintable() else repr(part)[1:-1]
@@ -107,9 +107,9 @@ def key_text(path: KeyPath) -> str:
 
 
 def read(path: Path, *, number_keys: Callable[[KeyPath], bool] = lambda _: False) -> Source:
-    """Read a file; `number_keys` says for the path of a table whether its keys may be whole numbers.
+    """Read a file; `number_keys` tells for the path of a table whether its keys may be whole numbers.
 
-    Raises MapFileError when there is no data to go on with. Lesser mistakes are kept in the source for `validate`.
+    Raises MapFileError if nothing can be read. Lesser mistakes are kept in the source for `validate`.
     """
     file = str(path)
     raw = _bytes(path)
@@ -143,28 +143,28 @@ def try_validate(
 ) -> ValidationResult[Model]:
     """Validate as far as possible, so that checks across fields can add their findings to these.
 
-    Unknown keys are left out, and so are wrong entries of the tables named by `spare`. What is missing or wrong where
-    `stand_ins` has a place for it is replaced by that; where something else is wrong there is no model.
+    Unknown keys are omitted, and so are wrong entries of the tables named by `spare`. Missing or wrong values with a place in
+    `stand_ins` are replaced by it; with any other mistake there is no model.
     """
     if message := _other_kind(source.data, model):
         return ValidationResult(None, (source.finding((), message),), frozenset())
     findings = list(source.findings)
-    told = set(source.spoiled)
+    reported = set(source.spoiled)
     data = source.data
     replaced: dict[KeyPath, object] = {}
     for _ in range(2):
         try:
-            # JSON mode is the one in which `strict` takes lists for tuples and words for enums, yet no "1" or yes for 1
+            # in JSON mode `strict` accepts lists for tuples and strings for enums, but neither "1" nor yes for 1
             result = model.model_validate_json(json.dumps(data), strict=True)
             return ValidationResult(result, tuple(findings), frozenset(replaced))
         except ValidationError as error:
             schema = _json_schema(model)
             dropped: set[KeyPath] = set()
             for entry in error.errors(include_url=False):
-                path, message = plain_words(entry, schema, source.data, source.written)
-                if not any(path[: len(known)] == known for known in told):
+                path, message = explain_error(entry, schema, source.data, source.written)
+                if not any(path[: len(earlier)] == earlier for earlier in reported):
                     findings.append(source.finding(path, message))
-                    told.add(path)
+                    reported.add(path)
                 if entry["type"] == "extra_forbidden":
                     dropped.add(path)
                 elif (stand_in := _stand_in(path, stand_ins)) is not None:
@@ -180,7 +180,7 @@ def try_validate(
 
 
 def _stand_in(path: KeyPath, stand_ins: StandIns) -> tuple[KeyPath, object] | None:
-    """Return what stands in for a wrong value, with its place: the nearest one that holds the value."""
+    """Return the replacement of a wrong value, with its place: the nearest one that contains the value."""
     for end in range(len(path), 0, -1):
         for place, value in stand_ins.items():
             if len(place) == end and all(name in ("*", part) for name, part in zip(place, path, strict=False)):
@@ -196,9 +196,9 @@ def _put(data: object, path: KeyPath, value: object) -> None:
 
 
 def _other_kind(data: object, model: type[BaseModel]) -> str:
-    """Return why this is another kind of file; empty where it may be the right one.
+    """Return why this is another kind of file; empty if it may be the right kind.
 
-    Nothing of such a file is quoted: whoever names a file here may not be allowed to read it, and its content may be secret.
+    Nothing of such a file is quoted: the caller may not be allowed to read it, and its content may be secret.
     """
     schema = _json_schema(model)
     keys = schema["properties"].keys()
@@ -212,7 +212,7 @@ def _other_kind(data: object, model: type[BaseModel]) -> str:
 
 @cache
 def _json_schema(model: type[BaseModel]) -> dict[str, Any]:
-    """Making one takes as long as reading a map does."""
+    """Return the JSON Schema of a model; cached because making it takes as long as reading a map."""
     return model.model_json_schema()
 
 
@@ -256,7 +256,7 @@ def _text(file: str, raw: bytes) -> str:
 
 
 class _Builder:
-    """Nodes to plain data; every key's line; wrong keys as findings."""
+    """Builds plain data from nodes, with the line of every key and findings about wrong keys."""
 
     def __init__(self, file: str, number_keys: Callable[[KeyPath], bool], notes: Notes) -> None:
         self._file = file
@@ -270,7 +270,7 @@ class _Builder:
     def value(self, path: KeyPath, node: yaml.Node) -> object:
         self.lines.setdefault(tuple(map(str, path)), node.start_mark.line + 1)
         if (note := self._notes.pop(node, None)) is not None:
-            self._say(path, *note)
+            self._add_finding(path, *note)
         if node.tag == ALIAS:
             self.spoiled.add(path)
             return None
@@ -282,13 +282,15 @@ class _Builder:
 
     def _table(self, path: KeyPath, node: yaml.MappingNode) -> dict[str | int, object]:
         table: dict[str | int, object] = {}
-        seen: dict[str, int] = {}
+        first_lines: dict[str, int] = {}
         for key, line, item in self._entries(path, node):
             here = (*path, key)
-            if str(key) in seen:
-                self._say(here, line, f"given twice, in line {seen[str(key)]} and here; remove or rename one")
+            if str(key) in first_lines:
+                self._add_finding(
+                    here, line, f"given twice, in line {first_lines[str(key)]} and here; remove or rename one"
+                )
                 continue
-            seen[str(key)] = line
+            first_lines[str(key)] = line
             self.lines[tuple(map(str, here))] = line
             table[key] = self.value(here, item)
         return table
@@ -297,10 +299,12 @@ class _Builder:
         for key_node, item in node.value:
             line = key_node.start_mark.line + 1
             if not isinstance(key_node, yaml.ScalarNode):
-                self._say(path, line, "a list or table stands where a key belongs; quote text that starts with [ or {")
+                self._add_finding(
+                    path, line, "a list or table stands where a key belongs; quote text that starts with [ or {"
+                )
                 continue
             if key_node.tag == ALIAS:
-                continue  # noted already, and nobody knows what it stands for
+                continue  # reported already, and its value is unknown
             text = key_node.value
             kind = key_node.tag.removeprefix(TAG)
             if kind == "int" and self._number_keys(path):
@@ -308,7 +312,7 @@ class _Builder:
                 yield number if isinstance(number, int) else text, line, item
                 continue
             if kind != "str":
-                self._say(
+                self._add_finding(
                     (*path, text), line, f'YAML reads {text or "an empty key"} as {_READ_AS[kind]}; quote it: "{text}"'
                 )
             yield text, line, item
@@ -318,7 +322,7 @@ class _Builder:
         line = node.start_mark.line + 1
         if kind in ("str", "timestamp", "merge", "value"):
             if any("\ud800" <= character <= "\udfff" for character in text):
-                self._say(path, line, "an escape in this text is half a character; write the character itself")
+                self._add_finding(path, line, "an escape in this text is half a character; write the character itself")
                 self.spoiled.add(path)
                 return ""
             return text
@@ -326,19 +330,19 @@ class _Builder:
         try:
             value = _usable(_CONSTRUCT[kind](node))
         except (ValueError, OverflowError):
-            self._say(path, line, f"{text[:20]} is not a number that can be used")
+            self._add_finding(path, line, f"{text[:20]} is not a number that can be used")
             self.spoiled.add(path)
             return 0
         if kind == "int" and re.search(r"^[-+]?0[0-7_]|:", text):
-            self._say(path, line, f"YAML reads {text} as {value}; write {value}, or quote it if it is text")
+            self._add_finding(path, line, f"YAML reads {text} as {value}; write {value}, or quote it if it is text")
         return value
 
-    def _say(self, path: KeyPath, line: int, message: str) -> None:
+    def _add_finding(self, path: KeyPath, line: int, message: str) -> None:
         self.findings.append(Finding(self._file, line, key_text(path), message))
 
 
 def _usable(value: object) -> object:
-    """Refuse, by OverflowError, a whole number that no field of ours could hold and JSON might not even print."""
+    """Raise OverflowError for a whole number too large for any field and for JSON."""
     if isinstance(value, int) and abs(value) >= 1 << 63:
         raise OverflowError
     return value

@@ -63,7 +63,7 @@ SIGNALS: dict[str, Kind] = {
 """Every signal a map may declare, and its kind. Nothing else is accepted."""
 
 CALLS: tuple[str, ...] = ("go_to", *(f"go_to.{side}" for side in Side), "call", "go")
-"""Commands that carry a floor. `call` moves the empty car and `go` the occupied one; `go_to` does not tell them apart."""
+"""Commands that carry a floor. `call` moves the empty car and `go` the occupied one; `go_to` does not distinguish them."""
 
 COMMANDS: tuple[str, ...] = (
     *CALLS,
@@ -74,10 +74,10 @@ COMMANDS: tuple[str, ...] = (
     *(f"hold_door.{side}" for side in Side),
     *(f"close_door.{side}" for side in Side),
 )
-"""Every command a map may declare: only what a passenger can do, the controller's own robot signals, and our sign of life."""
+"""Every command a map may declare: only what a passenger can do, the controller's own robot signals, and our heartbeat."""
 
 HANDSHAKE = frozenset({"call", "go", "robot_in_place", "robot_left"})
-"""Commands that tell the empty car from the occupied one."""
+"""Commands that distinguish the empty car from the occupied one."""
 
 LAMPS = ("calls_registered", "call_accepted")
 """Signals that may lie where a call is written: the lamp in the button shows what the controller registered."""
@@ -93,7 +93,7 @@ FLAG_MODES: tuple[tuple[Mode, tuple[str, ...]], ...] = (
     (Mode.ATTENDANT, ("attendant",)),
     (Mode.ROBOT, ("robot_mode_on",)),
 )
-"""The modes that flags tell, highest first: the table in GRAMMAR.md."""
+"""The modes that flags report, highest first: the table in GRAMMAR.md."""
 
 SAFETY_FLAGS = frozenset(flag for mode, flags in FLAG_MODES if mode is not Mode.ROBOT for flag in flags)
 """Flags that put the lift in a mode without robots; one that cannot be read counts against robots."""

@@ -1,4 +1,4 @@
-"""The closed vocabulary that maps, drivers, simulator and manager share.
+"""The enums that maps, drivers, simulator and manager share.
 
 Standard library only. Values are the words written in a map's YAML file and shown on every face.
 """
@@ -10,14 +10,14 @@ from enum import StrEnum, unique
 
 @unique
 class Door(StrEnum):
-    """What one door of the car says; `OPEN` and `CLOSED` mean fully open and fully closed."""
+    """The state of one door of the car; `OPEN` and `CLOSED` mean fully open and fully closed."""
 
     CLOSED = "closed"
     OPENING = "opening"
     OPEN = "open"
     CLOSING = "closing"
     MOVING = "moving"
-    """Between its limits, direction not told."""
+    """Between its limits, direction unknown."""
     FAULT = "fault"
     """Its limits contradict each other, or the controller reports a door fault."""
     UNKNOWN = "unknown"
@@ -31,7 +31,7 @@ class Motion(StrEnum):
     UP = "up"
     DOWN = "down"
     MOVING = "moving"
-    """Moving, direction not told."""
+    """Moving, direction unknown."""
     UNKNOWN = "unknown"
 
 
@@ -56,7 +56,7 @@ class Mode(StrEnum):
 ROBOT_FORBIDDEN_MODES = frozenset(
     {Mode.INDEPENDENT, Mode.ATTENDANT, Mode.INSPECTION, Mode.FIRE, Mode.EMERGENCY, Mode.OUT_OF_SERVICE, Mode.UNKNOWN}
 )
-"""No press goes out and no robot is invited in while one of these holds (DESIGN: people and fire come first)."""
+"""No press is sent and no robot is invited in these modes (DESIGN: people and fire come first)."""
 
 
 @unique

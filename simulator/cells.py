@@ -1,7 +1,7 @@
-"""The registers and bits of a simulated lift: what was written to them, and what they show when they are read.
+"""The registers and bits of a simulated lift: the values written, and the values they show.
 
-Both differ more often than not. Where the lift speaks, writes do not last; an output may be read back at another address
-than it is written to; a lamp on the point of a call shows what is registered, whatever was pressed.
+These often differ. Signals of the lift override writes; an output may be read back at another address than it is written to;
+a lamp on the point of a call shows what is registered, whatever was pressed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _Place = tuple[str, int]
 
 
 class ExceptionReply(Exception):
-    """The device answers with an exception code instead."""
+    """The device answers with an exception code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"exception {code}")
@@ -32,7 +32,7 @@ class ExceptionReply(Exception):
 
 
 class NoReply(Exception):
-    """The device is not on its network: no answer comes at all, and no connection lasts."""
+    """The device is off its network: it does not answer, and connections end."""
 
 
 class _Cleared:
@@ -40,14 +40,14 @@ class _Cleared:
 
     def __init__(self) -> None:
         self.commands: dict[Point, CommandCodec] = {}
-        self.taken: dict[str, float] = {}
+        self.holds: dict[str, float] = {}
         """Commands that go on although their point was cleared, and until when."""
         self._clears: dict[Point, float] = {}
         """When a point is cleared next."""
 
     @property
     def next_at(self) -> float:
-        return min(chain(self._clears.values(), self.taken.values()), default=inf)
+        return min(chain(self._clears.values(), self.holds.values()), default=inf)
 
     def wrote(self, point: Point, before: int, value: int, now: float) -> None:
         """A client wrote such a point."""
@@ -57,21 +57,21 @@ class _Cleared:
             self._clears.pop(point, None)
         elif before == rest:
             self._clears[point] = now + (command.spec.cleared_after_s or 0.0)
-            self.taken.pop(command.name, None)
+            self.holds.pop(command.name, None)
 
     def end(self, at: float) -> Iterator[tuple[Point, int]]:
         """Take what is due, and yield the points to be cleared, each with its rest."""
-        for name in [name for name, until in self.taken.items() if until <= at]:
-            del self.taken[name]
+        for name in [name for name, until in self.holds.items() if until <= at]:
+            del self.holds[name]
         for point in [point for point, clears_at in self._clears.items() if clears_at <= at]:
             del self._clears[point]
             spec = self.commands[point].spec
-            self.taken[self.commands[point].name] = at + TAKEN_REFRESHES * (spec.refresh_s or 1.0)
+            self.holds[self.commands[point].name] = at + TAKEN_REFRESHES * (spec.refresh_s or 1.0)
             yield point, spec.rest & point.mask
 
     def forget(self) -> None:
-        """Power came on."""
-        self.taken.clear()
+        """Forget everything, as after power-on."""
+        self.holds.clear()
         self._clears.clear()
 
 
@@ -82,21 +82,21 @@ class Cells:
         """All outputs at rest, and every other cell 0."""
         self._served = codec.served
         self.written = codec.empty_image()
-        """What clients wrote, and can read back where nothing else is shown."""
-        self.seen = self.written
-        """What the program sees of it; commands are read from here."""
+        """The values that clients wrote, and read back where nothing else is shown."""
+        self.program_cells = self.written
+        """The values written as the program sees them; commands are read from here."""
         self.stale = True
-        """Something was written where it is not for the client alone to say what is shown."""
+        """A cell was written that does not simply show what was written."""
         self.next_end = inf
-        """When the device next lets something go by itself; infinity when nothing is on that it ends."""
+        """When the device next releases an output by itself; infinity if there is none."""
         self._shown = codec.empty_image()
         self._read = self._shown
-        """What clients get to read."""
+        """The values that clients read."""
         self._pretended: dict[_Place, int] = {}
-        """What was answered as if it had been written."""
+        """Values answered as if written."""
         self._rest: list[tuple[Point, int]] = []
         self._timed: dict[_Place, list[tuple[Point, CommandCodec]]] = {}
-        """Points that the device lets go by itself."""
+        """Points that the device releases by itself."""
         self._ends: dict[Point, tuple[float, int]] = {}
         """When such a point comes to rest, and the value of rest."""
         self._cleared = _Cleared()
@@ -108,14 +108,14 @@ class Cells:
             self._rest += command.encode(None).items()
             outputs |= {_place(point) for point in command.points}
             self._note(command)
-        speaks = {point for signal in codec.signals.values() for point in signal.points}
-        said = {_place(point) for point in speaks}
+        signal_points = {point for signal in codec.signals.values() for point in signal.points}
+        signal_places = {_place(point) for point in signal_points}
         read_back = {_place(point) for pair in self._echoes for point in pair}
-        self._spoken = {place: place in outputs for place in said | read_back}
+        self._overridden = {place: place in outputs for place in signal_places | read_back}
         """Cells that do not show what was written, with whether some of their bits may."""
-        self._inputs = [point for point, _ in self._echoes if point.table is Table.COIL and point not in speaks]
+        self._inputs = [point for point, _ in self._echoes if point.table is Table.COIL and point not in signal_points]
         """Where such an output is written, reading shows the input of the same number (WAGO 750)."""
-        self._echoes = [(point, read_point) for point, read_point in self._echoes if read_point not in speaks]
+        self._echoes = [(point, read_point) for point, read_point in self._echoes if read_point not in signal_points]
         self.rest()
 
     def _note(self, command: CommandCodec) -> None:
@@ -130,11 +130,11 @@ class Cells:
             self._echoes += zip(command.points, command.read_points, strict=True)
 
     def read(self, endpoint: str, table: Table, address: int, count: int) -> list[int]:
-        """Return what is shown. Raises ExceptionReply outside what the map serves."""
+        """Return the values shown. Raises ExceptionReply outside what the map serves."""
         return self._served_cells(self._read, endpoint, table, address, count)[address : address + count]
 
     def stored(self, endpoint: str, table: Table, address: int) -> int:
-        """Return what was written to one cell, or seems to be. Raises ExceptionReply outside what the map serves."""
+        """Return the value written to one cell, or pretended to be. Raises ExceptionReply outside what the map serves."""
         cell = self._served_cells(self.written, endpoint, table, address, 1)[address]
         return self._pretended.get((space(endpoint, table), address), cell) if self._pretended else cell
 
@@ -146,7 +146,7 @@ class Cells:
         for image in (self.written, self._shown):
             image[name][address : address + len(values)] = values
         for place, old in enumerate(before, start=address):
-            self.stale = self.stale or (name, place) in self._spoken
+            self.stale = self.stale or (name, place) in self._overridden
             for point, command in self._timed.get((name, place), ()):
                 self._time(point, command, point.within(old), now)
             for point in self._cleared.commands:
@@ -176,7 +176,7 @@ class Cells:
         unit_s = command.spec.payload.unit_s if command.spec.payload is not None else 0.0
         for image in (self.written, self._shown):
             image[point.space][address] = 1
-        self.stale = self.stale or _place(point) in self._spoken
+        self.stale = self.stale or _place(point) in self._overridden
         self._ends[point] = now + counts * unit_s, command.encode(None)[point]
         self._note_next_end()
 
@@ -189,60 +189,60 @@ class Cells:
         return timed
 
     @property
-    def taken(self) -> Collection[str]:
+    def cleared_holds(self) -> Collection[str]:
         """Commands that go on although the program has cleared their points."""
-        return self._cleared.taken
+        return self._cleared.holds
 
     def end_next(self) -> None:
-        """Let the device end what it ends next."""
+        """Carry out the next release of the device itself."""
         if self._cleared.next_at == self.next_end:
             for point, rest in self._cleared.end(self.next_end):
-                self._let_go(point, rest)
+                self._release(point, rest)
             self._note_next_end()
             return
         point, (_, rest) = min(self._ends.items(), key=lambda item: item[1][0])
         del self._ends[point]
         self._note_next_end()
-        self._let_go(point, rest)
+        self._release(point, rest)
 
     def rest(self) -> None:
-        """Put all outputs at rest, as after power came on."""
+        """Put all outputs at rest, as after power-on."""
         self.stale = True
         self._ends.clear()
         self._cleared.forget()
         self._note_next_end()
         self._pretended.clear()
-        for image in (self.written, self.seen, self._shown):
+        for image in (self.written, self.program_cells, self._shown):
             for name in image:
                 image[name][:] = [0] * len(image[name])
         for point, value in self._rest:
-            self._let_go(point, value)
+            self._release(point, value)
 
-    def turn_away(self) -> None:
-        """From here on the program does not see what is written."""
-        self.seen = _copy(self.written)
+    def hide_writes(self) -> None:
+        """Hide further writes from the program."""
+        self.program_cells = _copy(self.written)
 
-    def look_again(self, *, stored: bool) -> None:
-        """Take back `turn_away` where it was `stored`, otherwise `pretend`; the program sees what was stored meanwhile."""
+    def show_writes(self, *, stored: bool) -> None:
+        """Undo `hide_writes` if the writes were `stored`, else `pretend`; the program sees the stored writes."""
         if stored:
-            self.seen = self.written
+            self.program_cells = self.written
         else:
             self._pretended.clear()
 
     def freeze(self) -> None:
-        """From here on clients read what is shown now."""
+        """Let clients read the present values from now on."""
         self._read = _copy(self._shown)
 
     def thaw(self) -> None:
-        """Clients read what is shown."""
+        """Let clients read current values again."""
         self._read = self._shown
 
-    def show(self, say: Callable[[dict[str, list[int]]], None]) -> None:
-        """Bring what is shown up to date; `say` puts the lift's signals into it."""
+    def show(self, insert_signals: Callable[[dict[str, list[int]]], None]) -> None:
+        """Update the values shown; `insert_signals` puts the lift's signals into them."""
         self.stale = False
-        for (name, address), is_output in self._spoken.items():
+        for (name, address), is_output in self._overridden.items():
             self._shown[name][address] = self.written[name][address] if is_output else 0
-        say(self._shown)
+        insert_signals(self._shown)
         for point in self._inputs:
             inputs = self._shown.get(space(point.endpoint, Table.DISCRETE), [])
             self._put(self._shown, point, inputs[point.address] if point.address < len(inputs) else 0)
@@ -260,9 +260,9 @@ class Cells:
             raise ExceptionReply(ILLEGAL_ADDRESS)
         return image[name]
 
-    def _let_go(self, point: Point, rest: int) -> None:
-        self.stale = self.stale or _place(point) in self._spoken
-        for image in (self.written, self.seen, self._shown):
+    def _release(self, point: Point, rest: int) -> None:
+        self.stale = self.stale or _place(point) in self._overridden
+        for image in (self.written, self.program_cells, self._shown):
             self._put(image, point, rest)
 
     def _note_next_end(self) -> None:
@@ -274,7 +274,7 @@ class Cells:
         value, rest = point.within(self.written[point.space][point.address]), command.encode(None)[point]
         if value == rest:
             self._ends.pop(point, None)
-        elif value != before or point.whole:  # a write of neighbouring bits does not begin it anew
+        elif value != before or point.is_whole:  # a write of neighbouring bits does not restart it
             lasts_s = spec.width_s if spec.action == "pulse" else spec.max_hold_s
             if spec.payload is not None:
                 lasts_s = value * spec.payload.unit_s

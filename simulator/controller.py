@@ -34,7 +34,7 @@ __all__ = [
 
 
 def initial(parameters: Parameters, *, floor_index: int = 0, key: Key = Key.NORMAL) -> State:
-    """The car standing level at a floor with its doors closed, in the mode that the key says."""
+    """The car standing level at a floor with its doors closed, in the mode of the key."""
     if floor_index not in parameters.shaft.floors:
         raise ValueError(f"floor {floor_index} is not one of the floors 0 to {parameters.shaft.floors[-1]}")
     mode = modes.overriding_mode(key, fire=False, emergency=False, fault=False)
@@ -89,11 +89,11 @@ def picture(state: State, parameters: Parameters) -> ShownState:
         overload=state.image.overload,
         fault=state.image.fault,
         robots_allowed=state.image.robots_allowed,
-        nudging=state.acting.trouble.nudging,
+        nudging=state.active_faults.trouble.nudging,
         occupied=state.handshake.occupied,
         may_enter=awaited and not state.handshake.occupied,
         may_leave=awaited and state.handshake.occupied,
-        watchdog_tripped=state.heard.tripped,
+        watchdog_tripped=state.network_memory.tripped,
         position_m=state.shaft.position_m,
         speed_m_s=state.shaft.speed_m_s,
     )
@@ -120,9 +120,11 @@ def _scan(state: State, inputs: Inputs, ticks: int, parameters: Parameters) -> S
         state = _serve(state, landing, parameters)
         state = _dispatch(state, landing, parameters)
         state = _time_doors(state, landing, dt, parameters)
-        if state.levelling is not NOT_SINKING or state.acting.relevelling is not None:
+        if state.levelling is not NOT_SINKING or state.active_faults.relevelling is not None:
             state = state._replace(
-                levelling=levelling.step(state.levelling, state.acting.relevelling, state.shaft, dt, parameters.shaft)
+                levelling=levelling.step(
+                    state.levelling, state.active_faults.relevelling, state.shaft, dt, parameters.shaft
+                )
             )
         rests = state is before
     return state
@@ -131,14 +133,14 @@ def _scan(state: State, inputs: Inputs, ticks: int, parameters: Parameters) -> S
 def _orders(state: State, parameters: Parameters) -> shaft.Orders:
     target_m = None if state.destination is None else parameters.shaft.heights_m[state.destination]
     open_doors = frozenset(state.dwell_s)
-    if state.acting is NOTHING and state.levelling is NOT_SINKING:
+    if state.active_faults is NOTHING and state.levelling is NOT_SINKING:
         return shaft.Orders(target_m, open_doors)
     return shaft.Orders(
         target_m,
         open_doors,
         levels=state.levelling.drives and state.mode is not Mode.INSPECTION,
-        sinks_m=levelling.sinks_m(state.levelling, state.acting.relevelling),
-        trouble=state.acting.trouble,
+        sinks_m=levelling.sinks_m(state.levelling, state.active_faults.relevelling),
+        trouble=state.active_faults.trouble,
     )
 
 
@@ -152,15 +154,17 @@ def _sample(state: State, inputs: Inputs, landing: int | None, parameters: Param
     if changed and inputs.faults != state.inputs.faults:
         state, forgets = _suffer(state, inputs)
     robot_mode = state.mode is Mode.ROBOT
-    heard = network.listen(state.heard, inputs.asked, inputs.signs_of_life, parameters, robot_mode=robot_mode)
-    if changed or (heard is not state.heard and heard.given != state.heard.given):
-        image = _image(inputs, heard.given, parameters)
-        if state.acting is not NOTHING:
-            image = machine_faults.upon(image, state.acting)
-        called = next((heard.given[name] for name in CALLS if name in heard.given), state.called)
-        state = state._replace(inputs=inputs, heard=heard, image=image, called=called)
-    elif heard is not state.heard and heard != state.heard:
-        state = state._replace(heard=heard)
+    memory = network.listen(
+        state.network_memory, inputs.commands, inputs.signs_of_life, parameters, robot_mode=robot_mode
+    )
+    if changed or (memory is not state.network_memory and memory.given != state.network_memory.given):
+        image = _image(inputs, memory.given, parameters)
+        if state.active_faults is not NOTHING:
+            image = machine_faults.apply_to_inputs(image, state.active_faults)
+        called = next((memory.given[name] for name in CALLS if name in memory.given), state.called)
+        state = state._replace(inputs=inputs, network_memory=memory, image=image, called=called)
+    elif memory is not state.network_memory and memory != state.network_memory:
+        state = state._replace(network_memory=memory)
     state = _change_mode(state, parameters)
     forgets = forgets or state.homes_from is not None
     sent: frozenset[int] = frozenset()
@@ -172,19 +176,19 @@ def _sample(state: State, inputs: Inputs, landing: int | None, parameters: Param
 
 
 def _suffer(state: State, inputs: Inputs) -> tuple[State, bool]:
-    """Take up a change of faults; returns also whether all calls are forgotten because of it."""
-    before, acting = state.acting, machine_faults.acting(inputs.faults)
+    """Apply a change of faults; returns also whether it drops all calls."""
+    before, active = state.active_faults, machine_faults.combine_faults(inputs.faults)
     homes_from = state.homes_from
-    if acting.homes and not before.homes:
+    if active.homes and not before.homes:
         homes_from = state.shaft.floor
-    elif before.homes and not acting.homes:
+    elif before.homes and not active.homes:
         homes_from = None
-    forgets = acting.cancels_calls and not before.cancels_calls
-    return state._replace(acting=acting, homes_from=homes_from), forgets
+    forgets = active.cancels_calls and not before.cancels_calls
+    return state._replace(active_faults=active, homes_from=homes_from), forgets
 
 
 def _image(inputs: Inputs, given: network.Given, parameters: Parameters) -> Inputs:
-    """Put what the network presses beside what people do."""
+    """Combine the presses of the network with those of people."""
     buttons = {given[name] for name in CALLS if name in given}
     if parameters.handshake is not None:
         buttons = {given[name] for name in CALLS if name in given and name not in handshake.NAMES}
@@ -206,7 +210,7 @@ def _change_mode(state: State, parameters: Parameters) -> State:
     overriding = modes.overriding_mode(image.key, fire=image.fire, emergency=image.emergency, fault=image.fault)
     if overriding is not None:
         return state._replace(mode=overriding, robot=NO_GRANT)
-    if state.acting.withdraws_robot_mode:
+    if state.active_faults.withdraws_robot_mode:
         robot = NO_GRANT
     elif image.key is Key.ROBOT or image.robot_mode_request:
         robot = modes.next_grant(
@@ -226,8 +230,8 @@ def _change_mode(state: State, parameters: Parameters) -> State:
 
 
 def _shake_hands(state: State, rules: handshake.Rules, floors: int, *, forgets: bool) -> tuple[State, frozenset[int]]:
-    """Take what is said about the robot; returns the floors to which the car is sent by it."""
-    shaken, sent = handshake.step(state.handshake, state.heard.given, state.shaft.floor, floors, rules)
+    """Step the handshake; returns the floors to which it sends the car."""
+    shaken, sent = handshake.step(state.handshake, state.network_memory.given, state.shaft.floor, floors, rules)
     if forgets or not SERVICE[state.mode].car_calls:
         shaken = replace(shaken, enter_at=None, leave_at=None)
     return (state if shaken == state.handshake else state._replace(handshake=shaken)), sent
@@ -269,7 +273,7 @@ def _serve(state: State, landing: int | None, parameters: Parameters) -> State:
     served = frozenset(
         call for call in state.car_calls | state.landing_calls if _sent_to(call, state, parameters) == landing
     )
-    if not served or (state.acting.trouble.nudging and not state.shaft.doors_closed):
+    if not served or (state.active_faults.trouble.nudging and not state.shaft.doors_closed):
         return state
     return state._replace(
         car_calls=state.car_calls - served,
@@ -279,7 +283,7 @@ def _serve(state: State, landing: int | None, parameters: Parameters) -> State:
 
 
 def _sent_to(call: int, state: State, parameters: Parameters) -> int:
-    off = state.acting.floors_off
+    off = state.active_faults.floors_off
     return machine_faults.sent_to(call, off, len(parameters.shaft.heights_m)) if off else call
 
 
@@ -305,7 +309,7 @@ def _dispatch(state: State, landing: int | None, parameters: Parameters) -> Stat
         calls = frozenset({parameters.fire_floor})
     else:
         calls = state.car_calls | state.landing_calls
-        if state.acting.floors_off:
+        if state.active_faults.floors_off:
             calls = frozenset(_sent_to(call, state, parameters) for call in calls)
     destination, direction = dispatch.next_stop(state.shaft, calls, state.direction, parameters.shaft)
     if (destination, direction, homes_from) == (state.destination, state.direction, state.homes_from):
@@ -323,9 +327,9 @@ def _time_doors(state: State, landing: int | None, dt: float, parameters: Parame
     dwell_s: dict[Side, float] = {}
     for side in state.shaft.doors:
         if side in parameters.doors_at[landing]:
-            left_s = _dwell(state, side, landing, dt, parameters)
-            if left_s is not None:
-                dwell_s[side] = left_s
+            remaining_s = _dwell(state, side, landing, dt, parameters)
+            if remaining_s is not None:
+                dwell_s[side] = remaining_s
     return state if dwell_s == state.dwell_s else state._replace(dwell_s=dwell_s)
 
 
@@ -334,23 +338,23 @@ def _dwell(state: State, side: Side, landing: int, dt: float, parameters: Parame
     image, mode, leaf = state.image, state.mode, state.shaft.doors[side]
     if _is_kept_open(state, side, landing, parameters):
         return parameters.dwell_s
-    left_s = state.dwell_s.get(side)
-    if left_s is None or state.homes_from is not None or mode is Mode.FIRE:
+    remaining_s = state.dwell_s.get(side)
+    if remaining_s is None or state.homes_from is not None or mode is Mode.FIRE:
         return None  # on the way home or to the fire floor doors close at once
     if leaf.fraction < 1 or mode is Mode.INSPECTION:
-        return left_s
+        return remaining_s
     if side in image.close_door and SERVICE[mode].door_buttons:
         return None
     if mode is Mode.INDEPENDENT and state.destination is None:
-        return left_s
-    left_s -= dt
-    return left_s if left_s > NEGLIGIBLE_S else None
+        return remaining_s
+    remaining_s -= dt
+    return remaining_s if remaining_s > NEGLIGIBLE_S else None
 
 
 def _is_kept_open(state: State, side: Side, landing: int, parameters: Parameters) -> bool:
-    """Whether a door is to open, or to stay open, whatever its timer says."""
+    """Whether a door is to open, or to stay open, regardless of its timer."""
     image, mode, fraction = state.image, state.mode, state.shaft.doors[side].fraction
-    trouble, knows_floor = state.acting.trouble, state.homes_from is None
+    trouble, knows_floor = state.active_faults.trouble, state.homes_from is None
     if image.overload and mode is not Mode.INSPECTION:
         return True
     if knows_floor and (mode is Mode.EMERGENCY or (mode is Mode.FIRE and state.destination is None)):

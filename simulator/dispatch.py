@@ -17,17 +17,17 @@ def next_stop(
     """The stop to travel to (None: stay) and the direction that this commits the car to.
 
     A moving car gets the first call that it can still stop for, or else the first floor at which it can stop and turn. A
-    car that stands between floors is brought to the nearest one even if nobody calls.
+    car that stands between floors drives to the nearest one even without a call.
     """
     if not car.standing:
         return _next_while_moving(car, calls, parameters), car.motion
     level = shaft.level_floor(car, parameters)
-    wanted = calls - {level}
-    if not wanted:
+    floors = calls - {level}
+    if not floors:
         if level is not None:
             return None, Motion.STOPPED
-        wanted = {shaft.nearest_floor(car, parameters)}
-    return _next_from_standstill(car, wanted, direction, parameters)
+        floors = {shaft.nearest_floor(car, parameters)}
+    return _next_from_standstill(car, floors, direction, parameters)
 
 
 def _next_while_moving(car: shaft.State, calls: AbstractSet[int], parameters: shaft.Parameters) -> int:
@@ -38,14 +38,14 @@ def _next_while_moving(car: shaft.State, calls: AbstractSet[int], parameters: sh
 
 
 def _next_from_standstill(
-    car: shaft.State, wanted: AbstractSet[int], direction: Motion, parameters: shaft.Parameters
+    car: shaft.State, floors: AbstractSet[int], direction: Motion, parameters: shaft.Parameters
 ) -> tuple[int, Motion]:
     heights = parameters.heights_m
-    above = [floor for floor in wanted if heights[floor] > car.position_m]
-    below = [floor for floor in wanted if heights[floor] <= car.position_m]
+    above = [floor for floor in floors if heights[floor] > car.position_m]
+    below = [floor for floor in floors if heights[floor] <= car.position_m]
     if direction is Motion.STOPPED:
         # the nearest call sets the direction; of two as near the upper one, so that a run can be repeated
-        nearest = min(wanted, key=lambda floor: (abs(heights[floor] - car.position_m), -floor))
+        nearest = min(floors, key=lambda floor: (abs(heights[floor] - car.position_m), -floor))
         direction = Motion.UP if nearest in above else Motion.DOWN
     if above and (direction is Motion.UP or not below):
         return min(above), Motion.UP

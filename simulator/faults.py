@@ -1,6 +1,6 @@
-"""What a lift and its controller do other than right, or other than expected: values, acted out elsewhere. Pure.
+"""Faults and surprising behaviour of a lift and its controller, as values; other modules carry them out. Pure.
 
-A fault is present from the moment it is given to a `RegisterFace` until it is taken away again. The machine acts out
+A fault is present from `RegisterFace.begin` to `RegisterFace.end`. The machine acts out
 `MachineFault` in its scans, the registers act out `RegisterFault`, and the server acts out `NetworkFault`.
 """
 
@@ -22,14 +22,14 @@ class StuckDoor:
 
 @dataclass(frozen=True, slots=True)
 class ReopeningDoor:
-    """A closing door turns round before it is shut, again and again, as with something small in its sill."""
+    """A closing door reopens before it is shut, again and again, as with a small object in its sill."""
 
     side: Side = Side.FRONT
 
 
 @dataclass(frozen=True, slots=True)
 class NudgingDoor:
-    """The doors close slowly and reverse for nobody, not even for the open button; the controller says that it nudges.
+    """The doors close slowly and do not reverse, not even for the open button; the controller reports nudging.
 
     A call for the floor where they close is served when they are shut. Too much load and a recall still hold them open.
     """
@@ -49,7 +49,7 @@ class WrongFloor:
 
 @dataclass(frozen=True, slots=True)
 class Relevelling:
-    """The car sinks while it stands open, and drives back level with its doors open; normal on rope lifts."""
+    """The car sinks while it stands open, and re-levels with its doors open; normal on rope lifts."""
 
     every_s: float = 2.0
     """Mechanical seconds for which it stands level before it sinks again."""
@@ -63,20 +63,20 @@ class Relevelling:
 
 @dataclass(frozen=True, slots=True)
 class Homing:
-    """The car does not know where it is: it drives to the lowest floor with its doors shut, and takes no call before.
+    """The car has lost its position: it drives to the lowest floor with its doors shut, and accepts no call before.
 
-    One run for as long as this is present; taken away before its end, the car knows where it is again.
+    One run while this is present; if it is ended earlier, the car knows its position again.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class CallsCancelled:
-    """The controller forgets every call, at the moment this begins: anti-nuisance, or a change of mode."""
+    """The controller drops every call at the moment this begins, as for anti-nuisance or a change of mode."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotModeWithdrawn:
-    """Robot mode is refused, and taken away where it was granted."""
+    """Robot mode is refused, and withdrawn if it was granted."""
 
 
 _MODES_WITHOUT_ROBOTS = (Mode.FIRE, Mode.EMERGENCY, Mode.INSPECTION, Mode.INDEPENDENT, Mode.OUT_OF_SERVICE)
@@ -119,7 +119,7 @@ MachineFault = (
 
 @dataclass(frozen=True, slots=True)
 class SaysWrongFloor:
-    """The floor that is shown is another one; a sensor or a coding that is off by one."""
+    """The floor shown is wrong, as with a sensor or a coding that is off by one."""
 
     by: int = 1
     """How many floors too high; too low when below 0. At the end of the shaft it is the other side."""
@@ -131,17 +131,17 @@ class SaysWrongFloor:
 
 @dataclass(frozen=True, slots=True)
 class FloorAhead:
-    """The floor that is shown changes as the car leaves: it is that of the next stop, as on an indicator that runs ahead.
+    """The floor shown changes as the car departs to that of the next stop, as on an indicator that runs ahead.
 
-    Where each floor has a switch of its own, that of the next stop is made all the way, between two floors too.
+    If each floor has its own switch, that of the next stop is on all the way, also between floors.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class ContradictingLimits:
-    """A door says open and closed at once; a door that is told as one word says a code that its map does not list.
+    """A door reports open and closed at once; a door with one value reports a code that its map does not list.
 
-    Where only open limits are told, those of two floors are made. One bit, of which both values are words, stays true.
+    With open limits only, those of two floors are on. A single bit, of which both values are listed, stays true.
     """
 
     side: Side = Side.FRONT
@@ -149,7 +149,7 @@ class ContradictingLimits:
 
 @dataclass(frozen=True, slots=True)
 class FrozenRegisters:
-    """What is read stands still, heartbeat and all, while the lift goes on and writes take effect."""
+    """All values read stand still, including the heartbeat, while the lift runs on and writes take effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,18 +159,18 @@ class FrozenHeartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """The program is in STOP: the device answers, what is read stands still, writes are stored, and nothing acts on them.
+    """The program is in STOP: the device answers, values read stand still, and writes are stored without effect.
 
-    The car brakes and stands, and the doors stay as they are. What is written can be read back where the lift says nothing. The
-    program goes on where it stood, with what is written by then.
+    The car brakes and stands, and the doors stay as they are. Writes can be read back where no signal of the lift is. The program
+    resumes where it stopped, with the values written by then.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class LostPress:
-    """The next writes that ask for something are answered and stored, and the program does not see them.
+    """The next writes that press something are answered and stored, but not seen by the program.
 
-    A press that is lost stays lost for as long as it lasts, however often it is written again.
+    A lost press stays lost while it lasts, however often it is written again.
     """
 
     times: int = 1
@@ -182,23 +182,23 @@ class LostPress:
 
 @dataclass(frozen=True, slots=True)
 class IgnoredWrites:
-    """Writes are answered as if they had been carried out, and are not; they are no sign of life either."""
+    """Writes are answered as if carried out, but are not; they do not feed the watchdog either."""
 
     stored: bool = False
-    """Whether they can be read back all the same; the program sees what is stored once this is over."""
+    """Whether they can be read back all the same; the program sees the stored values once this is over."""
 
 
 @dataclass(frozen=True, slots=True)
 class ForeignWriter:
-    """Somebody else writes one of our commands, over and over, from the moment this begins.
+    """Somebody else writes one of our commands repeatedly, from the moment this begins.
 
-    Of a command with one output per floor all outputs are written. It is no sign of life of ours unless it is the heartbeat,
-    which it counts up. What is written while the device is off the network is gone.
+    Of a command with one output per floor all outputs are written. It does not feed the watchdog unless it is the heartbeat,
+    which it counts up. Writes while the device is off the network are lost.
     """
 
     command: str
     floor: int | None = None
-    """The index of the floor for a call. A command that is no call is pressed, or let go as `pressed` says."""
+    """The index of the floor for a call. Other commands are pressed or released, by `pressed`."""
     pressed: bool = True
     every_s: float = 1.0
 
@@ -209,7 +209,7 @@ class ForeignWriter:
 
 @dataclass(frozen=True, slots=True)
 class ForeignCell:
-    """Somebody else writes one cell of the controller, over and over, by its address on the wire."""
+    """Somebody else writes one cell of the controller repeatedly, by its address on the wire."""
 
     table: Table
     address: int
@@ -241,26 +241,26 @@ RegisterFault = (
 
 @dataclass(frozen=True, slots=True)
 class Reboot:
-    """The controller restarts: it is not on the network while this lasts, forgets calls and outputs, and begins with its homing run.
+    """The controller restarts: it is off the network while this lasts, loses calls and outputs, and starts with its homing run.
 
     The car brakes and stands meanwhile, and its doors stay as they are.
     """
 
     homes: bool = True
-    """Whether it drives to the lowest floor before it takes a call."""
+    """Whether it drives to the lowest floor before it accepts a call."""
 
 
 @dataclass(frozen=True, slots=True)
 class PowerLoss:
-    """The communication module loses its power and is not on the network while this lasts; the lift itself goes on."""
+    """The communication module loses power and is off the network while this lasts; the lift itself runs on."""
 
     outputs_held: bool = False
-    """Whether what it was told last stays on meanwhile and after; otherwise all outputs are at rest."""
+    """Whether its outputs stay on meanwhile and after; otherwise all outputs are at rest."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlotKept:
-    """The device thinks that a connection which went away is still there, and lets nobody else in while this lasts.
+    """The device holds the slot of a connection that is gone, and accepts no other while this lasts.
 
     A server with a number of slots counts: each connection that ends while this lasts keeps its slot.
     """

@@ -1,7 +1,7 @@
-"""The robot handshake of lifts that tell an empty car from an occupied one (elevator-interfaces 1.1 and 1.3). Pure.
+"""The robot handshake of lifts that distinguish an empty car from an occupied one (elevator-interfaces 1.1 and 1.3). Pure.
 
-`call` brings the empty car, and it stands open until the robot says that it is in place. `go` takes the occupied car, and it
-stands open until the robot says that it has left. A level that stays on after that is spent: it counts again once it changes.
+`call` moves the empty car, which stands open until the robot reports that it is in place. `go` moves the occupied car, which
+stands open until the robot reports that it has left. A command that stays on after that is spent: it counts again once it changes.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ NAMES = (CALL, GO, IN_PLACE, LEFT)
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """How a lift with a handshake is told things."""
+    """How the handshake of a lift works."""
 
     lasting: frozenset[str] = frozenset()
-    """Those of `call` and `go` that are levels: letting go of one before its acknowledgement takes it back."""
+    """Those of `call` and `go` that are held: releasing one before its acknowledgement cancels it."""
     in_place_sends_on: bool = False
     """There is no `go`: a robot in place is what sends the car to the other of two floors."""
     in_place_is_occupied: bool = False
-    """`robot_in_place` is on for as long as the car is occupied; letting it go says that the robot has left."""
+    """`robot_in_place` is on while the car is occupied; its release reports that the robot has left."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Who is aboard, and for whom the car is to stand open."""
+    """Whether the car is occupied, and where it is to stand open."""
 
     occupied: bool = False
     enter_at: int | None = None
-    """Floor that `call` asked for, until the robot is in place."""
+    """Floor requested by `call`, until the robot is in place."""
     leave_at: int | None = None
-    """Floor that `go` asked for, until the robot has left."""
-    seen: Given = field(default_factory=dict)
+    """Floor requested by `go`, until the robot has left."""
+    given: Given = field(default_factory=dict)
     spent: Given = field(default_factory=dict)
-    """Levels of `call` and `go` that were taken, or ended."""
+    """Values of `call` and `go` that were accepted or have ended."""
 
     @property
     def awaits_at(self) -> int | None:
@@ -47,40 +47,40 @@ class State:
 
 
 def step(state: State, given: Given, floor: int, floors: int, rules: Rules) -> tuple[State, frozenset[int]]:
-    """One scan further: the state, and the floors to which the car is sent by it. The car is at `floor` of so many."""
-    seen = {name: given[name] for name in NAMES if name in given}
-    if seen == state.seen and not (seen.keys() & {CALL, GO}):
+    """Return the state after one scan, and the floors to which it sends the car. The car is at `floor` of `floors`."""
+    present = {name: given[name] for name in NAMES if name in given}
+    if present == state.given and not (present.keys() & {CALL, GO}):
         return state, frozenset()
-    spent = {name: value for name, value in state.spent.items() if seen.get(name) == value}
+    spent = {name: value for name, value in state.spent.items() if present.get(name) == value}
     occupied, enter_at, leave_at = state.occupied, state.enter_at, state.leave_at
     sent: set[int] = set()
-    if _taken_back(CALL, state, seen, rules):
+    if _taken_back(CALL, state, present, rules):
         enter_at = None
-    if _taken_back(GO, state, seen, rules):
+    if _taken_back(GO, state, present, rules):
         leave_at = None
-    if LEFT in seen and LEFT not in state.seen:
+    if LEFT in present and LEFT not in state.given:
         occupied, leave_at = False, None
-        spent |= _level(GO, seen)
-    if rules.in_place_is_occupied and IN_PLACE in state.seen and IN_PLACE not in seen:
+        spent |= _level(GO, present)
+    if rules.in_place_is_occupied and IN_PLACE in state.given and IN_PLACE not in present:
         occupied, leave_at = False, None
-    if IN_PLACE in seen and IN_PLACE not in state.seen:
+    if IN_PLACE in present and IN_PLACE not in state.given:
         occupied, enter_at = True, None
-        spent |= _level(CALL, seen)
-        if rules.in_place_sends_on and floors == 2:  # of more floors nobody says which
+        spent |= _level(CALL, present)
+        if rules.in_place_sends_on and floors == 2:  # with more floors the target is unknown
             leave_at = 1 - floor
             sent.add(leave_at)
-    if not occupied and CALL in seen and CALL not in spent:
-        enter_at = spent[CALL] = seen[CALL]
+    if not occupied and CALL in present and CALL not in spent:
+        enter_at = spent[CALL] = present[CALL]
         sent.add(enter_at)
-    if occupied and GO in seen and GO not in spent:
-        leave_at = spent[GO] = seen[GO]
+    if occupied and GO in present and GO not in spent:
+        leave_at = spent[GO] = present[GO]
         sent.add(leave_at)
-    return State(occupied, enter_at, leave_at, seen, spent), frozenset(sent)
+    return State(occupied, enter_at, leave_at, present, spent), frozenset(sent)
 
 
-def _taken_back(name: str, state: State, seen: Mapping[str, int], rules: Rules) -> bool:
-    return name in rules.lasting and name in state.seen and name not in seen
+def _taken_back(name: str, state: State, present: Mapping[str, int], rules: Rules) -> bool:
+    return name in rules.lasting and name in state.given and name not in present
 
 
-def _level(name: str, seen: Mapping[str, int]) -> dict[str, int]:
-    return {name: seen[name]} if name in seen else {}
+def _level(name: str, present: Mapping[str, int]) -> dict[str, int]:
+    return {name: present[name]} if name in present else {}

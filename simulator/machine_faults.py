@@ -52,7 +52,7 @@ class ActiveFaults:
 NOTHING = ActiveFaults()
 
 
-def acting(faults: AbstractSet[MachineFault]) -> ActiveFaults:
+def combine_faults(faults: AbstractSet[MachineFault]) -> ActiveFaults:
     """Put faults together; the order in which they are given never matters."""
     if not faults:
         return NOTHING
@@ -77,15 +77,15 @@ def _has(faults: AbstractSet[MachineFault], kind: type) -> bool:
     return any(isinstance(fault, kind) for fault in faults)
 
 
-def upon(image: Inputs, doing: ActiveFaults) -> Inputs:
+def apply_to_inputs(image: Inputs, active: ActiveFaults) -> Inputs:
     """Put alarms, keys and load on top of what people set."""
-    keys = {image.key, *(_KEYS[mode] for mode in doing.modes if mode in _KEYS)}
+    keys = {image.key, *(_KEYS[mode] for mode in active.modes if mode in _KEYS)}
     return replace(
         image,
         key=max(keys, key=KEYS_BY_RANK.index),
-        fire=image.fire or Mode.FIRE in doing.modes,
-        emergency=image.emergency or Mode.EMERGENCY in doing.modes,
-        overload=image.overload or doing.overload,
+        fire=image.fire or Mode.FIRE in active.modes,
+        emergency=image.emergency or Mode.EMERGENCY in active.modes,
+        overload=image.overload or active.overload,
     )
 
 

@@ -92,7 +92,7 @@ def next_grant(
 ) -> RobotGrant:
     """One scan further with the request present; `since_s` after the last.
 
-    People who called before the robot asked are served first, and so is everybody in the car: a car call made while
+    People who called before the robot's request are served first, and so is everybody in the car: a car call made while
     waiting is waited for too. Landing calls made after the request are not, or a busy lobby would keep robots out.
     """
     if grant.granted:

@@ -1,6 +1,6 @@
-"""Commands as they come over the network, and which of them the controller believes. Pure.
+"""Decides which commands from the network the controller acts on. Pure.
 
-A command is a level: it is there, with a value, or it is not. What makes the controller disbelieve one is how it was set:
+A command is present with a value, or absent. Settings of the controller make it ignore one:
 a watchdog, robot mode, a button that is stuck, a press without an edge.
 """
 
@@ -22,47 +22,47 @@ Given = Mapping[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One command, as the controller has seen it so far. Seconds are real."""
+    """The history of one command. Seconds are real."""
 
     value: int | None = None
     """None: at rest."""
     for_s: float = inf
-    """How long it has been like this, as far as anything depends on it."""
+    """How long it has had this value, as far as any setting depends on it."""
     counts: bool = True
-    """Whether its press was taken."""
+    """Whether its press was accepted."""
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkMemory:
-    """What the controller remembers of its network."""
+    """The memory of the controller about its network."""
 
     given: Given = field(default_factory=dict)
-    """Commands that it believes."""
+    """Commands that it acts on."""
     levels: Mapping[str, Level] = field(default_factory=dict)
-    """Only what a setting needs to know the past of; a command that is not here has been at rest for long enough."""
+    """Commands whose past a setting depends on; an absent command has been at rest for long enough."""
     signs_of_life: int = 0
     silent_s: float = 0.0
     """Since the last sign of life, as far as the watchdog needs to know."""
     tripped: bool = False
-    """The watchdog has let go of something that the network still asks for."""
+    """The watchdog has released a command that is still present."""
 
 
 def listen(
-    heard: NetworkMemory, asked: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool
+    memory: NetworkMemory, commands: Given, signs_of_life: int, parameters: Parameters, *, robot_mode: bool
 ) -> NetworkMemory:
-    """One scan further; what was heard stays the same one where nothing is new."""
-    if signs_of_life == heard.signs_of_life and asked == heard.given and parameters.believes_all:
-        return heard
+    """Return the memory after one scan; the same object if nothing has changed."""
+    if signs_of_life == memory.signs_of_life and commands == memory.given and parameters.believes_all:
+        return memory
     limit_s = parameters.hold_watchdog_s
     silent_s = 0.0
-    if limit_s is not None and signs_of_life == heard.signs_of_life:
-        silent_s = min(heard.silent_s + parameters.scan_s, limit_s)
+    if limit_s is not None and signs_of_life == memory.signs_of_life:
+        silent_s = min(memory.silent_s + parameters.scan_s, limit_s)
     alive = limit_s is None or silent_s < limit_s - NEGLIGIBLE_S
-    levels = _levels(heard.levels, asked, parameters)
-    fallen = frozenset() if alive else parameters.watched & asked.keys()
+    levels = _levels(memory.levels, commands, parameters)
+    fallen = frozenset() if alive else parameters.watched & commands.keys()
     given = {
         name: value
-        for name, value in asked.items()
+        for name, value in commands.items()
         if name not in fallen
         and (robot_mode or name not in parameters.robot_mode_only)
         and _is_believed(name, levels.get(name), parameters)
@@ -70,10 +70,12 @@ def listen(
     return NetworkMemory(given, levels, signs_of_life, silent_s, tripped=bool(fallen))
 
 
-def _levels(before: Mapping[str, Level], asked: Given, parameters: Parameters) -> Mapping[str, Level]:
+def _levels(before: Mapping[str, Level], commands: Given, parameters: Parameters) -> Mapping[str, Level]:
     if parameters.needs_edge_s is None and parameters.drops_stuck_button_s is None:
         return {}
-    after = {name: _next(before.get(name, Level()), asked.get(name), parameters) for name in asked.keys() | before}
+    after = {
+        name: _next(before.get(name, Level()), commands.get(name), parameters) for name in commands.keys() | before
+    }
     return {name: level for name, level in after.items() if level != Level()}
 
 

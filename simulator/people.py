@@ -48,7 +48,7 @@ class Traffic:
     bold: float = 0.1
     """Share who get into a car that is in robot mode. Chosen: signs are read by most."""
     heavy: float = 0.02
-    """Share who bring more than the car can carry, hear it complain, and take the stairs. Chosen."""
+    """Share whose load is too much for the car: they notice the overload signal and take the stairs. Chosen."""
     overload_s: float = 3.0
     """How long too much load stands in the doorway: the load of the heavy, or one more than there is room for. Chosen."""
     looks_s: float = 0.25
@@ -68,7 +68,7 @@ class Counts:
     waiting: int
     riding: int
     delivered: int
-    """Got out at the floor they wanted."""
+    """Got out at their floor."""
     given_up: int
     """Took the stairs: after waiting too long, after getting out elsewhere, or with too much to carry."""
 
@@ -129,7 +129,7 @@ class People:
     """Floor at which the car stands open, and since when."""
     _complained_at: float = field(default=-1.0, init=False, repr=False)
     """When the doors opened before one too many tried to get in: nobody tries again before the next time."""
-    _done: Inputs = field(default_factory=Inputs, init=False, repr=False)
+    _own_inputs: Inputs = field(default_factory=Inputs, init=False, repr=False)
     """What people press and block by now."""
 
     def __post_init__(self) -> None:
@@ -155,8 +155,8 @@ class People:
         self._start_walk(now, picture)
         for person in self._here:
             self._press(person, now, picture)
-        done = self._doing(now)
-        inputs, self._done = _exchanged(inputs, self._done, done), done
+        own_inputs = self._doing(now)
+        inputs, self._own_inputs = _exchanged(inputs, self._own_inputs, own_inputs), own_inputs
         self.next_at = now + self.traffic.looks_s if self._here else self._next_comes_at
         return inputs
 
@@ -259,14 +259,14 @@ class People:
             person.presses = frozenset()
             if person.rides:
                 person.first = frozenset()
-        wanted = person.to if person.rides else person.at
-        lit = wanted in (picture.car_calls if person.rides else picture.landing_calls)
+        floor = person.to if person.rides else person.at
+        lit = floor in (picture.car_calls if person.rides else picture.landing_calls)
         # nobody calls a full car back
-        there = wanted == picture.door_open_floor or (wanted == picture.level_floor and self._is_full)
+        there = floor == picture.door_open_floor or (floor == picture.level_floor and self._is_full)
         mistaken = person.first if person.rides else frozenset()
         if person.walks or now < person.presses_next or not (mistaken or not (lit or there)):
             return
-        person.presses = mistaken or frozenset({wanted})
+        person.presses = mistaken or frozenset({floor})
         person.presses_until = now + self.traffic.press_s
         person.presses_next = person.presses_until if mistaken else now + self.traffic.again_s
 

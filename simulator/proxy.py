@@ -98,8 +98,8 @@ class FaultProxy:
         except (BlockingIOError, ConnectionAbortedError):  # it went away while it waited
             return
         client.setblocking(False)
-        serving = clients.create_task(self._serve(client))
-        serving.add_done_callback(lambda _: client.close())
+        task = clients.create_task(self._serve(client))
+        task.add_done_callback(lambda _: client.close())
 
     async def _serve(self, client: socket.socket) -> None:
         loop = asyncio.get_running_loop()
@@ -138,7 +138,7 @@ class _Outbox:
         self._count = 0
         self._changed = asyncio.Event()
         self._complete = False
-        self._left = False
+        self._is_client_done = False
         self._abandoned = False
 
     def put(self, replies: Iterable[Reply], now: float) -> None:
@@ -154,12 +154,12 @@ class _Outbox:
         self._changed.set()
 
     def leave(self) -> None:
-        """The client sends nothing more: it gets what the device still says, but waits for nothing that is delayed."""
-        self._left = True
+        """The client sends nothing more: it gets the remaining answers of the device, but no delayed ones."""
+        self._is_client_done = True
         self._changed.set()
 
     def abandon(self) -> None:
-        """Nobody wants it any more."""
+        """Discard the remaining segments."""
         self._abandoned = True
         self._changed.set()
 
@@ -169,7 +169,7 @@ class _Outbox:
             self._changed.clear()
             wait_s = self._due[0][0] - self._clock() if self._due else None
             if wait_s is None or wait_s > 0:
-                if self._complete and (self._left or not self._due):
+                if self._complete and (self._is_client_done or not self._due):
                     return
                 with suppress(TimeoutError):
                     async with asyncio.timeout(wait_s):
@@ -189,7 +189,7 @@ class _Relay:
     def __init__(
         self, client: _Stream, device: _Stream | None, connection: Connection, clock: Callable[[], float]
     ) -> None:
-        """`device` is None for a client to whom nothing is ever said."""
+        """`device` is None for a client that never gets an answer."""
         self._client = client
         self._device = device
         self._connection = connection
@@ -201,11 +201,11 @@ class _Relay:
         async with asyncio.TaskGroup() as group:
             requests = group.create_task(self._requests())
             answers = group.create_task(self._answers())
-            with suppress(OSError):  # the client is gone, and so is what was left to tell it
+            with suppress(OSError):  # the client is gone, and so are the remaining answers
                 await self._outbox.send(self._client[1])
             requests.cancel()
             if self._connection.dead:
-                # The device does not hear that its client is gone, as with a cable that was pulled out.
+                # The device is not notified that its client is gone, as with a pulled cable.
                 await self._forget_client()
             else:
                 answers.cancel()
@@ -263,17 +263,17 @@ class _Relay:
                 now = self._clock()
                 for frame in whole:
                     self._outbox.put(self._connection.answered(frame, now), now)
-                self._tell(raw)
+                self._pass_raw(raw)
         except OSError:
             reset = True
         if self._connection.dead:
             return
-        self._tell(splitter.rest)
+        self._pass_raw(splitter.rest)
         if reset:
             self._outbox.put([(0.0, None)], self._clock())
         self._outbox.finish()
 
-    def _tell(self, raw: bytes) -> None:
+    def _pass_raw(self, raw: bytes) -> None:
         if raw and not self._connection.dead:
             self._outbox.put([(0.0, raw)], self._clock())
 
@@ -308,5 +308,5 @@ def _reset(writer: asyncio.StreamWriter) -> None:
 
 async def _close(writer: asyncio.StreamWriter) -> None:
     writer.close()
-    with suppress(OSError):  # that it broke was seen where it was read
+    with suppress(OSError):  # the break was noticed by the reader
         await writer.wait_closed()

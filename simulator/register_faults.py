@@ -1,4 +1,4 @@
-"""What the faults of registers and network do to one register face: what is told, what is heard, who else writes."""
+"""Applies the faults of registers and network to one register face: false values, lost writes, other writers."""
 
 from __future__ import annotations
 
@@ -30,58 +30,58 @@ from simulator.faults import (
 from simulator.modes import Key
 from simulator.network import Given
 from simulator.shaft import NEGLIGIBLE_S
-from simulator.shown_signals import NO_LIES, FalseSignals
+from simulator.shown_signals import NO_FALSE_SIGNALS, FalseSignals
 from simulator.state import Parameters, ShownState, State
 
 Foreign = ForeignWriter | ForeignCell
 
 
 class ShownRegisters(NamedTuple):
-    """What the registers are to show."""
+    """The values that the registers show."""
 
     picture: ShownState
     beat: int
-    """Where the alive counter stands."""
-    lies: FalseSignals = NO_LIES
+    """Count of the alive counter."""
+    false_signals: FalseSignals = NO_FALSE_SIGNALS
 
 
 class RegisterFaults:
-    """The faults of one register face, and what they do to its cells."""
+    """The faults of one register face, applied to its cells."""
 
     def __init__(self, codec: Codec, codes: Sequence[int], cells: Cells) -> None:
         self.present: frozenset[Fault] = frozenset()
         self.foreign = ForeignWriters(codec, tuple(codes), cells)
-        self.off = False
+        self.is_off_network = False
         """The device is not on its network."""
-        self.stands = False
+        self.is_stopped = False
         """No program runs."""
-        self.deaf = False
-        """What is written does not reach the program."""
+        self.ignores_writes = False
+        """Writes do not reach the program."""
         self.drops_writes = False
-        """And is not even stored."""
-        self.lies = False
-        """What is told is not the picture."""
+        """Writes are not even stored."""
+        self.is_falsified = False
+        """The registers do not show the truth."""
         self._presses: LostPresses | None = None
         self._floors = len(codes)
         self._cells = cells
         self._held: ShownRegisters | None = None
-        """What a stopped program said last."""
+        """The last values of a stopped program."""
         self._beat: int | None = None
-        """Where a frozen heartbeat stands."""
+        """Count of a frozen heartbeat."""
 
-    def begin(self, fault: Fault, now: float, tale: ShownRegisters) -> None:
-        """`tale` is what the registers show at that moment. Raises ValueError for a foreign writer that cannot be."""
+    def begin(self, fault: Fault, now: float, shown: ShownRegisters) -> None:
+        """Begin a fault; `shown` are the values at that moment. Raises ValueError for an impossible foreign writer."""
         match fault:
             case ForeignWriter() | ForeignCell():
                 self.foreign.begin(fault, now)
             case FrozenRegisters():
                 self._cells.freeze()
             case IgnoredWrites(stored=True):
-                self._cells.turn_away()
+                self._cells.hide_writes()
             case FrozenHeartbeat():
-                self._beat = tale.beat
+                self._beat = shown.beat
             case Stopped():
-                self._held = tale
+                self._held = shown
             case Reboot() | PowerLoss(outputs_held=False):
                 self._cells.rest()
             case _:
@@ -89,14 +89,14 @@ class RegisterFaults:
         self._now_present(self.present | {fault})
 
     def end(self, fault: Fault) -> None:
-        """Take a fault away that is present."""
+        """End a fault that is present."""
         match fault:
             case ForeignWriter() | ForeignCell():
                 self.foreign.end(fault)
             case FrozenRegisters():
                 self._cells.thaw()
             case IgnoredWrites():
-                self._cells.look_again(stored=fault.stored)
+                self._cells.show_writes(stored=fault.stored)
             case FrozenHeartbeat():
                 self._beat = None
             case Stopped():
@@ -105,57 +105,57 @@ class RegisterFaults:
                 pass
         self._now_present(self.present - {fault})
 
-    def lose(self, fault: LostPress, asked: Given) -> None:
-        """Swallow the next presses of `fault`, beside what is `asked` at that moment."""
-        presses = self._presses or LostPresses(asked=asked)
-        presses.left[fault] = fault.times
+    def start_losing(self, fault: LostPress, commands: Given) -> None:
+        """Lose the next presses of `fault`, except the `commands` that are present now."""
+        presses = self._presses or LostPresses(previous=commands)
+        presses.remaining[fault] = fault.times
         self._presses = presses
 
-    def keep(self, fault: LostPress) -> None:
-        """Swallow no further presses; those that are swallowed stay so while they last."""
+    def stop_losing(self, fault: LostPress) -> None:
+        """Lose no further presses; those that are lost stay so while they last."""
         if self._presses is not None:
-            del self._presses.left[fault]
+            del self._presses.remaining[fault]
 
-    def heard(self, asked: Given, *, ours: bool) -> Given:
-        """Return what the program sees of what is stored; `ours`: it may have been a client that stored it."""
+    def visible_commands(self, commands: Given, *, ours: bool) -> Given:
+        """Return the stored commands that the program sees; `ours` tells whether a client may have stored them."""
         if self._presses is None:
-            return asked
-        seen = self._presses.heard(asked, ours=ours)
-        if self._presses.over:
+            return commands
+        visible = self._presses.visible_commands(commands, ours=ours)
+        if self._presses.is_over:
             self._presses = None
-        return seen
+        return visible
 
     @property
     def lost(self) -> Mapping[str, int]:
-        """Presses that are swallowed and still last, by command."""
+        """Lost presses that still last, by command."""
         return {} if self._presses is None else self._presses.lost
 
-    def tale(self, told: ShownRegisters) -> ShownRegisters:
-        """Return what is shown in the place of the truth."""
+    def falsify(self, shown: ShownRegisters) -> ShownRegisters:
+        """Return the values to show instead of the truth."""
         if self._held is not None:
             return self._held
-        told = lied(told, self.present, self._floors)
-        return told if self._beat is None else told._replace(beat=self._beat)
+        shown = falsify_registers(shown, self.present, self._floors)
+        return shown if self._beat is None else shown._replace(beat=self._beat)
 
     def _now_present(self, faults: frozenset[Fault]) -> None:
         self.present = faults
-        self.off = _any(faults, Reboot, PowerLoss)
-        self.stands = _any(faults, Reboot, Stopped)
-        self.deaf = _any(faults, IgnoredWrites)
+        self.is_off_network = _any(faults, Reboot, PowerLoss)
+        self.is_stopped = _any(faults, Reboot, Stopped)
+        self.ignores_writes = _any(faults, IgnoredWrites)
         self.drops_writes = IgnoredWrites(stored=False) in faults
-        self.lies = _any(faults, SaysWrongFloor, FloorAhead, ContradictingLimits, FrozenHeartbeat, Stopped)
+        self.is_falsified = _any(faults, SaysWrongFloor, FloorAhead, ContradictingLimits, FrozenHeartbeat, Stopped)
 
 
 def _any(faults: frozenset[Fault], *kinds: type) -> bool:
     return any(isinstance(fault, kinds) for fault in faults)
 
 
-# -- what is told
+# -- false values
 
 
-def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRegisters:
-    """Return what these faults make of the truth; the lift has so many floors."""
-    picture = told.picture
+def falsify_registers(shown: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRegisters:
+    """Return the values falsified by these faults; the lift has so many floors."""
+    picture = shown.picture
     sides = frozenset(fault.side for fault in faults if isinstance(fault, ContradictingLimits))
     ahead = FloorAhead() in faults and _leaves(picture)
     if ahead:
@@ -163,7 +163,7 @@ def lied(told: ShownRegisters, faults: frozenset[Fault], floors: int) -> ShownRe
     for fault in faults:
         if isinstance(fault, SaysWrongFloor):
             picture = _moved(picture, fault.by, floors)
-    return ShownRegisters(picture, told.beat, FalseSignals(floor_between=ahead, contradicting=sides))
+    return ShownRegisters(picture, shown.beat, FalseSignals(floor_between=ahead, contradicting=sides))
 
 
 def _leaves(picture: ShownState) -> bool:
@@ -178,7 +178,7 @@ def _next_floor(picture: ShownState, floors: int) -> int:
 
 
 def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
-    """Every sensor of a floor speaks for another one."""
+    """Return the picture with every floor sensor reporting another floor."""
 
     def other(floor: int) -> int:
         to = min(max(floor + by, 0), floors - 1)
@@ -192,42 +192,42 @@ def _moved(picture: ShownState, by: int, floors: int) -> ShownState:
     )
 
 
-# -- what is heard
+# -- lost presses
 
 
 @dataclass
 class LostPresses:
     """Presses that are stored and that the program does not see."""
 
-    asked: Given
-    """What was stored before."""
-    left: dict[LostPress, int] = field(default_factory=dict)
-    """How many more each fault swallows."""
+    previous: Given
+    """The commands stored before."""
+    remaining: dict[LostPress, int] = field(default_factory=dict)
+    """How many more presses each fault loses."""
     lost: dict[str, int] = field(default_factory=dict)
-    """Those that last, by command."""
+    """Lost presses that last, by command."""
 
-    def heard(self, asked: Given, *, ours: bool) -> Given:
-        """Return what the program sees; a press that is not ours is never swallowed."""
-        self.lost = {name: value for name, value in self.lost.items() if asked.get(name) == value}
-        pressed = {name: value for name, value in asked.items() if self.asked.get(name) != value}
-        fault = next((fault for fault, left in self.left.items() if left), None)
+    def visible_commands(self, commands: Given, *, ours: bool) -> Given:
+        """Return the commands that the program sees; only our presses are lost."""
+        self.lost = {name: value for name, value in self.lost.items() if commands.get(name) == value}
+        pressed = {name: value for name, value in commands.items() if self.previous.get(name) != value}
+        fault = next((fault for fault, remaining in self.remaining.items() if remaining), None)
         if ours and pressed and fault is not None:
-            self.left[fault] -= 1
+            self.remaining[fault] -= 1
             self.lost |= pressed
-        self.asked = asked
-        return {name: value for name, value in asked.items() if self.lost.get(name) != value}
+        self.previous = commands
+        return {name: value for name, value in commands.items() if self.lost.get(name) != value}
 
     @property
-    def over(self) -> bool:
-        """Whether nothing is swallowed any longer, or can be."""
-        return not self.left and not self.lost
+    def is_over(self) -> bool:
+        """Whether no press is lost or can be lost any more."""
+        return not self.remaining and not self.lost
 
 
 # -- who else writes
 
 
 class ForeignWriters:
-    """Others who write to the cells of one map, each at instants of its own."""
+    """Other writers to the cells of one map, each at its own instants."""
 
     def __init__(self, codec: Codec, codes: tuple[int, ...], cells: Cells) -> None:
         self.next_at = inf
@@ -238,16 +238,16 @@ class ForeignWriters:
         self._cells = cells
 
     def begin(self, fault: Foreign, now: float) -> None:
-        """The first write is due at once. Raises ValueError for a writer that this map cannot have."""
+        """Begin a writer, whose first write is due at once. Raises ValueError for one that this map cannot have."""
         self._check(fault)
         self._set({**self._at, fault: now})
 
     def end(self, fault: Foreign) -> None:
-        """No further write of this one is due."""
+        """End a writer."""
         self._set({other: at for other, at in self._at.items() if other != fault})
 
-    def take(self) -> Foreign:
-        """Return whose write is due; its next one is due later."""
+    def take_due(self) -> Foreign:
+        """Return the writer whose write is due, and schedule its next one."""
         fault, at = min(self._at.items(), key=lambda item: item[1])
         self._set({**self._at, fault: at + fault.every_s})
         return fault
@@ -291,7 +291,7 @@ class ForeignWriters:
     def _check_cell(self, fault: ForeignCell) -> None:
         cell = f"{fault.endpoint}/{fault.table}:{fault.address}".removeprefix("/")
         if fault.table not in (Table.COIL, Table.HOLDING):
-            raise ValueError(f"nobody can write to {cell}: only coils and holding registers are written")
+            raise ValueError(f"{cell} cannot be written: only coils and holding registers can")
         highest = 1 if fault.table is Table.COIL else 0xFFFF
         if not 0 <= fault.value <= highest:
             raise ValueError(f"{cell} takes 0 to {highest}, not {fault.value}")
@@ -306,7 +306,7 @@ class ForeignWriters:
 # -- a lift without its program
 
 
-def stand(state: State, dt: float, parameters: Parameters) -> State:
+def step_stopped(state: State, dt: float, parameters: Parameters) -> State:
     """What `dt` real seconds make of the lift while no program runs: the car brakes and stands, doors stay as they are.
 
     In scans like `controller.step`, so that it does not matter how time is cut into steps.
@@ -322,13 +322,13 @@ def stand(state: State, dt: float, parameters: Parameters) -> State:
 
 
 def _braked(car: shaft.State, parameters: Parameters) -> shaft.State:
-    """One scan further; told of no doors, because the mechanics would close them."""
+    """Return the car one scan later; without doors, because the mechanics would close them."""
     without = replace(car, doors={})
     braked = shaft.step(without, shaft.Orders(), parameters.scan_s * parameters.speed, parameters.shaft)
     return replace(braked, doors=car.doors)
 
 
 def restarted(state: State, key: Key, parameters: Parameters) -> State:
-    """A program that has just begun, with car and doors where they are."""
+    """Return the state of a program that has just started, with car and doors where they are."""
     fresh = controller.initial(parameters, floor_index=state.shaft.floor, key=key)
     return fresh._replace(shaft=state.shaft, since_scan_s=state.since_scan_s)

@@ -13,12 +13,12 @@ from operator import attrgetter
 from register_maps.codec import Codec, Image
 from register_maps.schema import Kind
 from register_maps.words import Table
-from simulator import asks, controller, shaft
-from simulator.asks import WATCHDOG_REFRESHES
+from simulator import controller, network_commands, shaft
 from simulator.cells import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE, Cells, ExceptionReply, NoReply
 from simulator.faults import Fault, Homing, LostPress, MachineFault, NetworkFault, Reboot, SlotKept, Stopped
 from simulator.modes import Key
-from simulator.register_faults import RegisterFaults, ShownRegisters, restarted, stand
+from simulator.network_commands import WATCHDOG_REFRESHES
+from simulator.register_faults import RegisterFaults, ShownRegisters, restarted, step_stopped
 from simulator.shaft import NEGLIGIBLE_S
 from simulator.shown_signals import ShownSignals
 from simulator.state import Inputs, Parameters, ShownState, State
@@ -35,14 +35,16 @@ __all__ = [
 ]
 
 BEATS_PER_S = 2
-"""How often the alive counter counts. Chosen: twice as often as the generic map asks for."""
+"""How often the alive counter counts. Chosen: twice as often as the generic map requires."""
 
 
-_remembered = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
-"""What a picture is made of; the time since the last scan shows nowhere."""
-_sayable = attrgetter(*(field.name for field in fields(ShownState) if field.name not in ("position_m", "speed_m_s")))
-"""What a map can say of a picture, unless it has a car position."""
-_sayable_with_position = attrgetter(*(field.name for field in fields(ShownState) if field.name != "speed_m_s"))
+_picture_fields = attrgetter(*(name for name in State._fields if name != "since_scan_s"))
+"""The fields of a state that a picture depends on; not the time since the last scan."""
+_signal_fields = attrgetter(
+    *(field.name for field in fields(ShownState) if field.name not in ("position_m", "speed_m_s"))
+)
+"""The fields of a picture that signals show, unless there is a car position."""
+_signal_fields_with_position = attrgetter(*(field.name for field in fields(ShownState) if field.name != "speed_m_s"))
 
 
 class RegisterFace:
@@ -55,7 +57,7 @@ class RegisterFace:
     def __init__(
         self, codec: Codec, floor_codes: Sequence[int], parameters: Parameters, *, start: int = 0, key: Key = Key.NORMAL
     ) -> None:
-        self.parameters = asks.as_the_map_says(parameters, codec)
+        self.parameters = network_commands.apply_map(parameters, codec)
         self._codec = codec
         self._codes = tuple(floor_codes)
         for command in codec.commands.values():
@@ -66,65 +68,67 @@ class RegisterFace:
         self._peoples_faults: frozenset[MachineFault] = frozenset()
         self._now = 0.0
         self._cells = Cells(codec)
-        self._beat = asks.beat(codec, self._cells.seen)
-        self._says = ShownSignals(codec, self._codes, self.parameters.hold_watchdog_s, self.parameters.shaft.heights_m)
-        self._sayable = _sayable_with_position if "car_position" in codec.signals else _sayable
+        self._beat = network_commands.heartbeat_count(codec, self._cells.program_cells)
+        self._signals = ShownSignals(
+            codec, self._codes, self.parameters.hold_watchdog_s, self.parameters.shaft.heights_m
+        )
+        self._shown_fields = _signal_fields_with_position if "car_position" in codec.signals else _signal_fields
         self._shown: State | None = None
-        """The state when the registers were last brought up to date, what of it they were made of, and what they say."""
+        """The state when the registers were last updated, the fields they depend on, and the values they show."""
         self._made_of: object = None
-        self._said: object = None
+        self._last_shown: object = None
         self._counts = any(signal.kind is Kind.COUNTER for signal in codec.signals.values())
         self._beats = 0
-        """What the alive counter stood at when it was last looked at."""
+        """The last count of the alive counter."""
         self._beats_from = 0.0
-        self._troubles = RegisterFaults(codec, self._codes, self._cells)
+        self._register_faults = RegisterFaults(codec, self._codes, self._cells)
         self._homes = False
-        """The program has begun, and does not know yet where its car is."""
+        """The program has started and does not know the position of its car yet."""
         self._watchers: list[Callable[[], None]] = []
         self._pictured: tuple[State, object, ShownState] | None = None
-        """The picture last made, of which state, and of what in it: one that has not changed since is the same one."""
+        """The last picture, with its state and the fields it was made of; reused while they have not changed."""
         self._show()
 
     @property
     def picture(self) -> ShownState:
-        """What the lift really does, by its own physics."""
+        """The true state of the lift, by its own physics."""
         state, last = self._state, self._pictured
         if last is not None and last[0] is state:
             return last[2]
-        made_of = _remembered(state)
+        made_of = _picture_fields(state)
         picture = last[2] if last is not None and last[1] == made_of else controller.picture(state, self.parameters)
         self._pictured = state, made_of, picture
         return picture
 
     @property
     def inputs(self) -> Inputs:
-        """Return what people press, hold and turn, the key that the lift began with among it."""
+        """What people press, hold and turn, including the initial key."""
         return self._inputs
 
     @property
-    def asked(self) -> Mapping[str, int]:
-        """Return what the controller is asked for over the network: the index of the floor for a call, 1 for others."""
-        return self._inputs.asked
+    def commands(self) -> Mapping[str, int]:
+        """The commands present on the network: the index of the floor for a call, 1 for others."""
+        return self._inputs.commands
 
     @property
-    def taken(self) -> Collection[str]:
-        """Return the holds that go on although the program has taken them out of their points."""
-        return self._cells.taken
+    def cleared_holds(self) -> Collection[str]:
+        """The holds that continue although the program has cleared their points."""
+        return self._cells.cleared_holds
 
     @property
     def cells(self) -> Image:
-        """What the program sees of what clients wrote, as raw cells."""
-        return self._cells.seen
+        """The written cells as the program sees them."""
+        return self._cells.program_cells
 
     @property
     def lost(self) -> Mapping[str, int]:
-        """Presses that are stored and that the program does not see, by command."""
-        return self._troubles.lost
+        """Presses that are stored but not seen by the program, by command."""
+        return self._register_faults.lost
 
     @property
     def believed(self) -> Mapping[str, int]:
-        """What of `asked` the controller acts on: no hold whose watchdog ran out, nothing that needs robot mode without it."""
-        return self._state.heard.given
+        """The `commands` that the controller acts on: no hold whose watchdog ran out, nothing that needs robot mode without it."""
+        return self._state.network_memory.given
 
     def endpoint(self, name: str) -> Endpoint:
         """One of the map's further devices. Raises ValueError for a name that the map does not have."""
@@ -135,7 +139,7 @@ class RegisterFace:
 
     def advance(self, now: float) -> None:
         """Step the lift to `now` (seconds, never backwards)."""
-        cells, foreign = self._cells, self._troubles.foreign
+        cells, foreign = self._cells, self._register_faults.foreign
         while (at := min(cells.next_end, foreign.next_at)) <= now + NEGLIGIBLE_S:
             self._step(min(at, now))
             if at == cells.next_end:
@@ -147,31 +151,35 @@ class RegisterFace:
         self._show()
 
     def people(self, now: float, inputs: Inputs) -> None:
-        """Change what people press, hold and turn, beside what comes over the network and what `begin` began."""
+        """Change what people press, hold and turn; network commands and faults stay."""
         self.advance(now)
         self._peoples_faults = inputs.faults
-        asked, signs_of_life = self._inputs.asked, self._inputs.signs_of_life
-        self._inputs = replace(inputs, asked=asked, signs_of_life=signs_of_life, faults=self._machine_faults)
+        commands, signs_of_life = self._inputs.commands, self._inputs.signs_of_life
+        self._inputs = replace(inputs, commands=commands, signs_of_life=signs_of_life, faults=self._machine_faults)
 
     # -- faults
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """Those that were begun and not ended."""
-        return self._troubles.present
+        """The faults that were begun and not ended."""
+        return self._register_faults.present
 
     def begin(self, fault: Fault, now: float) -> None:
-        """Let a fault begin; one that is present stays as it is.
+        """Begin a fault; one that is present stays as it is.
 
         Raises ValueError for a foreign writer that this map cannot have.
         """
         self.advance(now)
         if fault in self.faults:
             return
-        self._troubles.begin(fault, now, self._troubles.tale(ShownRegisters(self.picture, self._beats)))
+        self._register_faults.begin(
+            fault, now, self._register_faults.falsify(ShownRegisters(self.picture, self._beats))
+        )
         match fault:
             case LostPress():
-                self._troubles.lose(fault, asks.asked(self._codec, self._cells.seen, self._codes))
+                self._register_faults.start_losing(
+                    fault, network_commands.present_commands(self._codec, self._cells.program_cells, self._codes)
+                )
             case Reboot():
                 self._state = restarted(self._state, self._inputs.key, self.parameters)
                 self._homes = False
@@ -180,14 +188,14 @@ class RegisterFace:
         self._change(fault, now)
 
     def end(self, fault: Fault, now: float) -> None:
-        """Take a fault away; one that is not present is none to take away."""
+        """End a fault; nothing happens if it is not present."""
         self.advance(now)
         if fault not in self.faults:
             return
-        self._troubles.end(fault)
+        self._register_faults.end(fault)
         match fault:
             case LostPress():
-                self._troubles.keep(fault)
+                self._register_faults.stop_losing(fault)
             case Reboot():
                 self._beats_from = now
                 self._homes = fault.homes and not self._is_home()
@@ -198,9 +206,9 @@ class RegisterFace:
         self._change(fault, now)
 
     def _change(self, fault: Fault, now: float) -> None:
-        """Take and show what follows from a fault that has begun or ended."""
+        """Apply and show the effect of a fault that has begun or ended."""
         self._inputs = replace(self._inputs, faults=self._machine_faults)
-        self._shown = self._made_of = self._said = None
+        self._shown = self._made_of = self._last_shown = None
         self._take_inputs()
         self.advance(now)
         if isinstance(fault, NetworkFault):
@@ -210,10 +218,10 @@ class RegisterFace:
     @property
     def on_network(self) -> bool:
         """Whether it answers at all; otherwise reading and writing raise NoReply."""
-        return not self._troubles.off
+        return not self._register_faults.is_off_network
 
     def admits(self, now: float) -> bool:
-        """Whether it lets a further connection in; existing ones end when it is no longer on the network."""
+        """Whether it accepts another connection; existing ones end when it is off the network."""
         self.advance(now)
         return self.on_network and SlotKept() not in self.faults
 
@@ -236,7 +244,7 @@ class RegisterFace:
     def write(self, table: Table, address: int, values: Sequence[int], now: float, *, endpoint: str = "") -> None:
         """Write cells by their address on the wire; takes effect at `now`."""
         self._answer(now)
-        if self._troubles.drops_writes:
+        if self._register_faults.drops_writes:
             self._cells.pretend(endpoint, table, address, values)
             return
         self._cells.write(endpoint, table, address, values, now)
@@ -251,31 +259,31 @@ class RegisterFace:
         """Set a coil for so many counts of its device. Raises ExceptionReply where the map has no such coil."""
         self._answer(now)
         self._cells.timed_coil(endpoint, Table.COIL, address)
-        if not self._troubles.drops_writes:
+        if not self._register_faults.drops_writes:
             self._cells.pulse(endpoint, Table.COIL, address, counts, now)
             self._written()
 
     def _answer(self, now: float) -> None:
         self.advance(now)
-        if self._troubles.off:
+        if self._register_faults.is_off_network:
             raise NoReply
 
     def _written(self) -> None:
-        """A client wrote: that, or a heartbeat that moved on, is a sign of life."""
-        troubles = self._troubles
-        beat = asks.beat(self._codec, self._cells.seen)
-        if (beat is None or beat != self._beat) and not (troubles.deaf or troubles.stands):
+        """Handle a write of a client: that, or with a heartbeat its change, is a sign of life."""
+        faults = self._register_faults
+        beat = network_commands.heartbeat_count(self._codec, self._cells.program_cells)
+        if (beat is None or beat != self._beat) and not (faults.ignores_writes or faults.is_stopped):
             self._sign_of_life(beat)
         self._take_inputs()
         self._show()
 
     def _write_foreign(self, now: float) -> None:
-        """Somebody else wrote: a sign of life only if it is the heartbeat."""
-        fault = self._troubles.foreign.take()
-        if self._troubles.off or self._troubles.drops_writes:
+        """Carry out a foreign write: a sign of life only if it is the heartbeat."""
+        fault = self._register_faults.foreign.take_due()
+        if self._register_faults.is_off_network or self._register_faults.drops_writes:
             return
-        self._troubles.foreign.write(fault, now)
-        beat = asks.beat(self._codec, self._cells.seen)
+        self._register_faults.foreign.write(fault, now)
+        beat = network_commands.heartbeat_count(self._codec, self._cells.program_cells)
         if beat != self._beat:
             self._sign_of_life(beat)
         self._take_inputs(ours=False)
@@ -285,10 +293,12 @@ class RegisterFace:
         self._inputs = replace(self._inputs, signs_of_life=self._inputs.signs_of_life + 1)
 
     def _take_inputs(self, *, ours: bool = True) -> None:
-        asked = dict.fromkeys(self._cells.taken, 1) | asks.asked(self._codec, self._cells.seen, self._codes)
-        heard = self._troubles.heard(asked, ours=ours)
-        if heard != self._inputs.asked:
-            self._inputs = replace(self._inputs, asked=heard)
+        present = dict.fromkeys(self._cells.cleared_holds, 1) | network_commands.present_commands(
+            self._codec, self._cells.program_cells, self._codes
+        )
+        visible = self._register_faults.visible_commands(present, ours=ours)
+        if visible != self._inputs.commands:
+            self._inputs = replace(self._inputs, commands=visible)
 
     # -- time
 
@@ -296,8 +306,8 @@ class RegisterFace:
         if now <= self._now:
             return
         dt, self._now = now - self._now, now
-        if self._troubles.stands:
-            self._state = stand(self._state, dt, self.parameters)
+        if self._register_faults.is_stopped:
+            self._state = step_stopped(self._state, dt, self.parameters)
             return
         self._state = controller.step(self._state, self._inputs, dt, self.parameters)
         if self._homes and self._is_home():
@@ -313,24 +323,24 @@ class RegisterFace:
         return self._peoples_faults | begun | ({Homing()} if self._homes else frozenset())
 
     def _show(self) -> None:
-        """Bring what the registers show up to date, if that can have changed."""
+        """Update the values shown, if they can have changed."""
         state, stale = self._state, self._cells.stale
         if state is self._shown and not stale:
             return
         self._shown = state
-        if self._counts and not self._troubles.stands:
+        if self._counts and not self._register_faults.is_stopped:
             self._beats = int((self._now - self._beats_from) * BEATS_PER_S) & 0xFFFF
-        made_of = _remembered(state), self._beats
+        made_of = _picture_fields(state), self._beats
         if made_of == self._made_of and not stale:
             return
         self._made_of = made_of
-        tale = ShownRegisters(self.picture, self._beats)
-        if self._troubles.lies:
-            tale = self._troubles.tale(tale)
-        said = self._sayable(tale.picture), tale.beat, tale.lies
-        if said != self._said or stale:
-            self._said = said
-            self._cells.show(lambda image: self._says.into(image, *tale))
+        shown = ShownRegisters(self.picture, self._beats)
+        if self._register_faults.is_falsified:
+            shown = self._register_faults.falsify(shown)
+        fields = self._shown_fields(shown.picture), shown.beat, shown.false_signals
+        if fields != self._last_shown or stale:
+            self._last_shown = fields
+            self._cells.show(lambda image: self._signals.insert(image, *shown))
 
 
 class Endpoint:
@@ -367,11 +377,11 @@ class Endpoint:
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """What is the matter with the lift of this device."""
+        """The faults of the lift of this device."""
         return self._face.faults
 
     def admits(self, now: float) -> bool:
-        """Whether a further connection is let in."""
+        """Whether it accepts another connection."""
         return self._face.admits(now)
 
     def watch(self, watcher: Callable[[], None]) -> None:

@@ -34,7 +34,7 @@ _TABLES = {1: Table.COIL, 5: Table.COIL, 15: Table.COIL, 2: Table.DISCRETE, 4: T
 )
 
 
-_WRITES_THAT_ASK = (frames.WRITE_COIL, frames.WRITE_REGISTER, frames.MASK_WRITE)
+_SINGLE_WRITES = (frames.WRITE_COIL, frames.WRITE_REGISTER, frames.MASK_WRITE)
 """Writes for which pymodbus reads the cell again: to answer, or to mask it."""
 
 
@@ -109,7 +109,7 @@ class _Slots:
             self._kept += self._keeps_slots
 
     def clear(self) -> None:
-        """The controller listens anew."""
+        """The controller listens again."""
         self._connected.clear()
         self._kept = 0
 
@@ -151,7 +151,7 @@ class _Context:
         self, device_id: int, func_code: int, address: int, count: int = 1
     ) -> list[int] | ExcCodes:
         try:
-            if func_code in _WRITES_THAT_ASK:
+            if func_code in _SINGLE_WRITES:
                 return [self._device(device_id).stored(_TABLES[func_code], address, self._clock())]
             return self._device(device_id).read(_TABLES[func_code], address, count, self._clock())
         except ExceptionReply as objection:

@@ -132,7 +132,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What the controller's outputs tell the machine; the interlocks decide what becomes of it."""
+    """The controller's orders to the machine; the interlocks decide which are carried out."""
 
     target_m: float | None = None
     """Height to go to; None: brake and stand, wherever that is."""

@@ -1,4 +1,4 @@
-"""What a map's signals say of a lift: its picture, put into the words and codes that the map has. Pure."""
+"""Puts the picture of a lift into the signals of a map. Pure."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _MODES = {
     "independent": Mode.INDEPENDENT,
     "out_of_service": Mode.OUT_OF_SERVICE,
 }
-"""Flags that tell one mode."""
+"""Flags that report one mode."""
 
 
 @dataclass(frozen=True, slots=True)
 class FalseSignals:
-    """What is said otherwise than the picture has it."""
+    """Signals that differ from the picture."""
 
     floor_between: bool = False
     """The floor shows between two floors too, where each floor has a switch of its own."""
     contradicting: frozenset[Side] = frozenset()
-    """Doors that say open and closed at once."""
+    """Doors that report open and closed at once."""
 
 
-NO_LIES = FalseSignals()
+NO_FALSE_SIGNALS = FalseSignals()
 
 
 class ShownSignals:
@@ -57,32 +57,38 @@ class ShownSignals:
         ]
         position = codec.map.signals.get("car_position")
         self._positions = _positions(position, self._codes, heights_m) if position is not None else ()
-        """Height of each floor in metres, and the position that is told there."""
+        """Height of each floor in metres, and the position reported there."""
         self._knows_no_position = position is not None and bool(position.unknown)
         self._raw: dict[str, dict[Value, int | None]] = {name: {} for name in codec.signals}
         """What each value was found to be in raw bits; None: there are none for it."""
-        self._says_unknown_floor = floor is not None and self._encoded(floor, None) is not None
+        self._has_unknown_floor_code = floor is not None and self._encoded(floor, None) is not None
 
-    def into(self, image: dict[str, list[int]], picture: ShownState, beat: int, lies: FalseSignals = NO_LIES) -> None:
+    def insert(
+        self,
+        image: dict[str, list[int]],
+        picture: ShownState,
+        beat: int,
+        false_signals: FalseSignals = NO_FALSE_SIGNALS,
+    ) -> None:
         """Put every signal into a register image; `beat` is what a counter stands at."""
         for signal, places in self._signals:
-            value = self._value(signal, picture, beat, lies)
-            known = self._raw[signal.name]
+            value = self._value(signal, picture, beat, false_signals)
+            encoded = self._raw[signal.name]
             if signal.kind is Kind.COUNTER or signal.name == "car_position":
                 raw: int | None = signal.encode(value)
-            elif value in known:
-                raw = known[value]
+            elif value in encoded:
+                raw = encoded[value]
             else:
-                raw = known[value] = self._encoded(signal, value)
+                raw = encoded[value] = self._encoded(signal, value)
             if raw is not None:
                 _insert(image, places, raw)
-        for side in lies.contradicting:
+        for side in false_signals.contradicting:
             self._contradict(image, side)
 
-    def _value(self, signal: SignalCodec, picture: ShownState, beat: int, lies: FalseSignals) -> Value:
+    def _value(self, signal: SignalCodec, picture: ShownState, beat: int, false_signals: FalseSignals) -> Value:
         match signal.kind:
             case Kind.FLOOR:
-                return self._floor(signal, picture, lies)
+                return self._floor(signal, picture, false_signals)
             case Kind.FLOORS:
                 return frozenset(self._codes[index] for index in picture.car_calls)
             case Kind.DOOR:
@@ -98,7 +104,7 @@ class ShownSignals:
             case Kind.FLAG:
                 return self._flag(signal.name, picture)
 
-    def _floor(self, signal: SignalCodec, picture: ShownState, lies: FalseSignals) -> int | None:
+    def _floor(self, signal: SignalCodec, picture: ShownState, false_signals: FalseSignals) -> int | None:
         index: int | None = picture.floor
         if signal.name == "destination":
             index = picture.destination
@@ -107,10 +113,10 @@ class ShownSignals:
         elif self._floor_is_door:
             # its bits are door limits, which are made at an open door only
             index = picture.door_open_floor
-        elif signal.per_floor and not (picture.in_door_zone or lies.floor_between):
+        elif signal.per_floor and not (picture.in_door_zone or false_signals.floor_between):
             index = None  # a switch at each floor is made in the door zone only
         elif signal.name == "car_floor" and not (picture.floor_known or signal.per_floor):
-            index = None if self._says_unknown_floor else picture.last_known_floor
+            index = None if self._has_unknown_floor_code else picture.last_known_floor
         return None if index is None else self._codes[index]
 
     def _number(self, name: str, picture: ShownState) -> int | None:
@@ -161,7 +167,7 @@ class ShownSignals:
         return flags.get(name, False)
 
     def _encoded(self, signal: SignalCodec, value: Value) -> int | None:
-        """Return the bits of the nearest word this map has; None for a word it has no code for at all."""
+        """Return the bits of the nearest value this map has a code for, or None."""
         for candidate in (value, *self._nearest(signal, value)):
             try:
                 return signal.encode(candidate)
@@ -170,7 +176,7 @@ class ShownSignals:
         return None
 
     def _contradict(self, image: dict[str, list[int]], side: Side) -> None:
-        """Say what no door can be; where every code is a word of the map, the truth stays."""
+        """Show an impossible door; if the map lists every code, the truth stays."""
         for signal, places in self._signals:
             if signal.name == f"door.{side}":
                 spec = self._codec.map.signals[signal.name]
@@ -183,7 +189,7 @@ class ShownSignals:
 
     def _nearest(self, signal: SignalCodec, value: Value) -> tuple[Value, ...]:
         if value in (Door.OPENING, Door.CLOSING):
-            # one contact tells one of its two words truly, and of everything else that it is not so
+            # one contact reports one of its two values truly, and otherwise that it is not so
             at_rest = (self._codec.map.signals[signal.name].values or {}).get(0, Door.CLOSED)
             return Door.MOVING, Door(at_rest), Door.CLOSED
         if value is Door.OPEN:

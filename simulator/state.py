@@ -1,4 +1,4 @@
-"""What a simulated controller is set to, sees, remembers and shows: plain values."""
+"""The settings, inputs, state and outputs of a simulated controller, as plain values."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SameFloorCall(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """How this controller is set. Seconds are real unless called mechanical."""
+    """The settings of a controller. Seconds are real unless called mechanical."""
 
     shaft: shaft.Parameters = field(default_factory=shaft.Parameters)
     speed: float = 1.0
@@ -50,7 +50,7 @@ class Parameters:
     robot_mode_only: frozenset[str] = frozenset()
     """Network commands that do nothing unless robot mode is on, by name."""
     drops_stuck_button_s: float | None = None
-    """A door hold from the network that stays on longer counts as let go until it is let go and given again; None: it lasts."""
+    """A door hold from the network that stays on longer counts as released until it is released and given again; None: it lasts."""
     needs_edge_s: float | None = None
     """A network command counts only if its point was at rest for so long before; None: every change counts."""
     handshake: handshake.Rules | None = None
@@ -87,7 +87,7 @@ class Parameters:
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What is present at the controller's inputs: levels, not events. Floors are indices."""
+    """The levels at the controller's inputs. Floors are indices."""
 
     car_buttons: frozenset[int] = frozenset()
     landing_buttons: frozenset[int] = frozenset()
@@ -106,8 +106,8 @@ class Inputs:
     """The lift has failed, and is out of service."""
     robots_allowed: bool = True
     """The key switch that keeps robots off the lift is not turned."""
-    asked: network.Given = field(default_factory=dict)
-    """What the network asks for."""
+    commands: network.Given = field(default_factory=dict)
+    """The commands present on the network."""
     signs_of_life: int = 0
     """A number that changes with every sign of life from the network: each change renews the watchdog."""
     faults: frozenset[MachineFault] = frozenset()
@@ -115,7 +115,7 @@ class Inputs:
 
 
 class State(NamedTuple):
-    """All that the controller and its lift remember; read it through `picture`.
+    """The whole state of the controller and its lift; read it through `picture`.
 
     A tuple, because each scan of a moving car replaces one field of many, which takes a fifth of the time: `_replace`.
     """
@@ -131,15 +131,15 @@ class State(NamedTuple):
     direction: Motion = Motion.STOPPED
     """Direction in which calls are being served; stopped: idle."""
     dwell_s: Mapping[Side, float] = MappingProxyType({})
-    """Doors that are told to open or stay open, and the mechanical seconds for which they still do once fully open."""
+    """Doors that are to open or stay open, with the remaining mechanical seconds once fully open."""
     inputs: Inputs = Inputs()
     """The inputs as the last scan saw them."""
-    heard: network.NetworkMemory = network.NetworkMemory()
+    network_memory: network.NetworkMemory = network.NetworkMemory()
     image: Inputs = Inputs()
-    """The inputs with what is believed of the network put on them."""
+    """The inputs with the accepted network commands applied."""
     handshake: handshake.State = handshake.State()
-    acting: ActiveFaults = NOTHING
-    """What is wrong with the machine, as the last scan saw it."""
+    active_faults: ActiveFaults = NOTHING
+    """The machine's faults as of the last scan."""
     homes_from: int | None = None
     """Floor that was known last, while the car drives home; None: it knows where it is."""
     levelling: Levelling = NOT_SINKING
@@ -179,7 +179,7 @@ class ShownState:
     robots_allowed: bool
     nudging: bool
     occupied: bool
-    """A robot is aboard, as far as the handshake tells."""
+    """A robot is aboard, according to the handshake."""
     may_enter: bool
     """The car stands open for the robot that called it."""
     may_leave: bool

@@ -1,4 +1,4 @@
-"""What the site says about one lift, and what it and the map together let the lift say and do. Pure."""
+"""Derives the capabilities of one lift from its map and its site settings. Pure."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from register_maps.schema import CALLS
 from register_maps.words import Door, Side
 
 OPEN_CONTACT: Mapping[int, str] = {0: Door.CLOSED, 1: Door.OPEN}
-"""What a door at a single point says where the map gives no words."""
+"""The meaning of a door at a single point where the map names no values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiftSettings:
-    """What the site says about one lift."""
+    """The site's settings for one lift."""
 
     name: str
     floors: Mapping[FloorName, int]
     """Floor codes by name, lowest floor first."""
     unit_id: int = 1
     control: bool = False
-    """Whether anything may be written at all."""
+    """Whether the site lets the manager write at all."""
     max_age_s: float = 1.0
     max_registers_per_read: int = 125
     max_bits_per_read: int = 2000
     look_s: float = LOOK_S
-    """How often our outputs are compared with what we wrote, to find somebody else who writes them; infinity for never."""
+    """How often our outputs are compared with what we wrote, to detect other clients that write them; infinity for never."""
 
 
 def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings) -> Capabilities:
-    """Return what this lift can say and be told, polled in these blocks."""
+    """Return the capabilities of a lift that is polled in these blocks."""
     source = codec.map
     deciding: set[Point] = set()
     for name, signal in codec.signals.items():
@@ -55,7 +55,7 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
         granted_within_s=mode.granted_within_s if mode is not None else 600.0,
         arrive_within_s=max((call.arrive_within_s for call in calls.values()), default=120.0),
         until={name: call.until or "arrived" for name, call in calls.items() if call.action == "hold"},
-        levels=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
+        held_commands=frozenset(name for name, command in source.commands.items() if command.action == "hold"),
         max_hold_s={name: one.max_hold_s for name, one in source.commands.items() if one.max_hold_s is not None},
         excludes=_excludes({name: command.excludes for name, command in source.commands.items()}),
         needs_occupancy=source.needs_occupancy,
@@ -73,14 +73,14 @@ def capabilities(codec: Codec, blocks: tuple[Block, ...], settings: LiftSettings
 
 
 def _excludes(excludes: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
-    """Return what may not be on together, whichever of the two says so."""
+    """Return the commands that may not be on together, whichever of the two excludes the other."""
     pairs = {(name, other) for name, others in excludes.items() for other in others if other in excludes}
     pairs |= {(other, name) for name, other in pairs}
     return {name: frozenset(other for one, other in pairs if one == name) for name, _ in sorted(pairs)}
 
 
 def _is_open_contact(codec: Codec, name: str) -> bool:
-    """Whether a door is told by no more than whether it is fully open: by a switch at each floor, or as two words of which 1 is `open`."""
+    """Whether a door only reports that it is fully open: by a switch at each floor, or with two values of which 1 is `open`."""
     signal, spec = codec.signals.get(name), codec.map.signals.get(name)
     if signal is None or spec is None:
         return False
@@ -88,6 +88,6 @@ def _is_open_contact(codec: Codec, name: str) -> bool:
 
 
 def _hash(codec: Codec) -> str:
-    """Return a hash of everything that the map says, and where this lift's points are on the wire."""
+    """Return a hash of the map's content and of this lift's addresses on the wire."""
     places = [signal.points for signal in codec.signals.values()]
     return sha256(f"{codec.map.model_dump_json()}{places}".encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Whether a command took effect: looked for in later readings, never in the echo of its write. Pure."""
+"""Decides whether a command took effect, from later readings and never from the echo of its write. Pure."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from register_maps.words import Door, Motion
 
 _MOVES = (Motion.UP, Motion.DOWN, Motion.MOVING)
 _READ_BACK = Confirm(any_of=("readback",), within_s=2.0)
-"""What counts for a command whose map names no confirmation. The time is that of the shipped maps."""
+"""The rule for a command whose map names no confirmation. The time is that of the shipped maps."""
 
 
-def confirm_of(spec: CommandSpec) -> Confirm:
-    """Return what shows that a command of the map took effect."""
+def confirmation_of(spec: CommandSpec) -> Confirm:
+    """Return the rule that confirms a command of the map."""
     return spec.confirm or _READ_BACK
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What would confirm one command."""
+    """The evidence that would confirm one command."""
 
     command: Command
     any_of: tuple[str, ...]
     """As in the map: signal names, `effect`, `readback`."""
     before: LiftValues | None
-    """What the lift said when the press left, or when its car was seen to stand since."""
+    """The values when the press was sent, or from when its car stood for the first time after that."""
     floors: Sequence[FloorName]
     """Lowest first."""
-    stood: bool = False
-    """The car stood then. One that was under way already proves nothing by going on: it goes for somebody else."""
+    was_standing: bool = False
+    """The car stood then. A car already under way proves nothing by driving on: it serves another call."""
 
 
-def proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
-    """Return what the newest reading proves, the strongest first."""
+def find_proof(expected: Expectation, now: LiftValues, *, read_back: bool) -> Proof:
+    """Return the strongest proof that the newest reading gives."""
     for name in expected.any_of:
         if name == "effect" and _takes_effect(expected, now):
             return Proof.EFFECT
@@ -59,7 +59,7 @@ def _shows(signal: str, expected: Expectation, now: LiftValues) -> bool:
         case "calls_registered":
             return command.floor in now.calls
         case _:
-            # a flag that read yes before the press would prove every press
+            # a flag that was set before the press would prove every press
             earlier = expected.before is not None and expected.before.flags.get(signal, False)
             return now.flags.get(signal, False) and not earlier
     return shown is not None and shown == command.floor
@@ -81,9 +81,9 @@ def _takes_effect(expected: Expectation, now: LiftValues) -> bool:
 
 
 def _may_leave(now: LiftValues) -> bool:
-    """Whether the car may be on its way: one that has just left still tells the floor that it leaves.
+    """Whether the car may be under way: one that has just departed still reports the floor it leaves.
 
-    Where no motion is told, a car with its doors shut may stand or drive.
+    Without a motion signal, a car with its doors shut may stand or drive.
     """
     if now.motion is None:
         return _is_shut(now)
@@ -95,22 +95,22 @@ def _is_shut(now: LiftValues) -> bool:
 
 
 def _goes(expected: Expectation, now: LiftValues) -> bool:
-    """Whether the car is there, or has set out for there."""
+    """Whether the car is at the target, or on its way there."""
     target, before = expected.command.floor, expected.before
     if target is None:
         return False
     ends = (expected.floors[0], expected.floors[-1])
     if now.floor == target:
-        # a car that was under way already may only pass it, but for an end of its shaft
-        came = before is None or (before.floor != target and (expected.stood or target in ends))
+        # a car already under way may only pass the target, except at an end of the shaft
+        came = before is None or (before.floor != target and (expected.was_standing or target in ends))
         return came or not _may_leave(now)
-    if before is None or before.floor is None or not expected.stood:
+    if before is None or before.floor is None or not expected.was_standing:
         return False
     upwards = expected.floors.index(target) > expected.floors.index(before.floor)
     if now.motion in (Motion.UP, Motion.DOWN):
         return (now.motion is Motion.UP) is upwards
     if now.floor is None:
-        # there is one way only from an end of the shaft, and of a motion without a word for its direction nobody learns more
+        # from an end of the shaft there is only one direction; and a motion signal without a direction gives no other evidence
         return _is_shut(now) and (before.floor in ends or now.motion is Motion.MOVING)
     return (
         now.floor != before.floor

@@ -1,4 +1,4 @@
-"""What an exception answer to a poll or a command is about: signals by name, addresses as printed."""
+"""Explains exception answers: names the signals they are about, with addresses as printed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CURE = "compare table and address with the manual, and how it counts with `addr
 
 
 class Diagnosis:
-    """Finds out once what is wrong, and says it once."""
+    """Finds the cause of refused polls once, and reports each unlisted value once."""
 
     def __init__(self, codec: Codec, units: Units, name: str) -> None:
         """`name` of the lift begins every message."""
@@ -25,40 +25,40 @@ class Diagnosis:
         self._units = units
         self._name = name
         self._refused: dict[Block, str] = {}
-        self._told: set[tuple[str, int]] = set()
+        self._reported: set[tuple[str, int]] = set()
 
-    async def explained(self, error: ControllerException, block: Block) -> ControllerException:
-        """Name the signals that the answer to a poll is about; of what is not served, find out which of them."""
+    async def explain(self, error: ControllerException, block: Block) -> ControllerException:
+        """Return the error of a poll with the signals it is about; if addresses are not served, find out which."""
         if isinstance(error, UnitOffline):
             return error
         if error.code == ILLEGAL_FUNCTION:
-            text = f"the controller does not answer for this table, which holds {whose(self._codec, block)}; {_CURE}"
+            text = f"the controller does not answer for this table, which holds {names_of_signals(self._codec, block)}; {_CURE}"
             return PointsRefused(error, text)
         if error.code != ILLEGAL_ADDRESS:
-            return PointsRefused(error, f"this block holds {whose(self._codec, block)}")
+            return PointsRefused(error, f"this block holds {names_of_signals(self._codec, block)}")
         if block not in self._refused:
-            self._refused[block] = await self._what_is_refused(block)
+            self._refused[block] = await self._find_refused(block)
         return PointsRefused(error, self._refused[block])
 
     def forget(self) -> None:
-        """Find out anew: the controller is another one, or another program in it."""
+        """Forget the results: the controller or its program may have been replaced."""
         self._refused.clear()
 
     def report_unlisted(self, values: LiftValues) -> None:
-        """Report each value outside its table once, however often it comes."""
+        """Log each value outside its table once, however often it is read."""
         for signal, raw in values.unknown.items():
-            if (signal, raw) not in self._told:
-                self._told.add((signal, raw))
+            if (signal, raw) not in self._reported:
+                self._reported.add((signal, raw))
                 where = ", ".join(_addresses(self._codec, signal))
                 message = "%s: %s (%s) reads %d, which the map and the site do not list; it counts as unknown"
                 _log.warning(message, self._name, signal, where, raw)
 
-    async def _what_is_refused(self, block: Block) -> str:
-        """Ask for each address of a refused block by itself and say which ones the device does not serve."""
+    async def _find_refused(self, block: Block) -> str:
+        """Read each address of a refused block by itself and describe those that the device does not serve."""
         codec = self._codec
         refused: list[str] = []
         first: dict[Cell, tuple[str, Point]] = {}
-        for name, point in named_at(codec, block):
+        for name, point in named_points(codec, block):
             first.setdefault(point.cell, (name, point))
         for name, point in first.values():
             one = Block(point.table, point.address, 1, point.endpoint)
@@ -79,23 +79,27 @@ class Diagnosis:
         )
 
 
-def named_at(codec: Codec, block: Block) -> list[tuple[str, Point]]:
-    """List the points in a block by the signals they are read for, or else by the commands; lowest address first."""
-    said = [(name, point) for name, signal in codec.signals.items() for point in signal.points if block.holds(point)]
-    held = [(name, point) for name, part in codec.commands.items() for point in part.read_points if block.holds(point)]
-    found = said or held
+def named_points(codec: Codec, block: Block) -> list[tuple[str, Point]]:
+    """Return the points in a block with the signals, or else the commands, they are read for; lowest address first."""
+    from_signals = [
+        (name, point) for name, signal in codec.signals.items() for point in signal.points if block.holds(point)
+    ]
+    from_commands = [
+        (name, point) for name, part in codec.commands.items() for point in part.read_points if block.holds(point)
+    ]
+    found = from_signals or from_commands
     return sorted(found, key=lambda item: (item[1].address, item[1].low))
 
 
-def whose(codec: Codec, block: Block) -> str:
-    """Name the signals that a block read is for, with their printed addresses."""
-    names = dict.fromkeys(name for name, _ in named_at(codec, block))
-    told = [f"{name} at {', '.join(_addresses(codec, name))}" for name in names]
-    return "; ".join(told[:4]) + ("; ..." if len(told) > 4 else "")
+def names_of_signals(codec: Codec, block: Block) -> str:
+    """Return the names of the signals in a block, with their printed addresses."""
+    names = dict.fromkeys(name for name, _ in named_points(codec, block))
+    names_with_addresses = [f"{name} at {', '.join(_addresses(codec, name))}" for name in names]
+    return "; ".join(names_with_addresses[:4]) + ("; ..." if len(names_with_addresses) > 4 else "")
 
 
 def _printed(codec: Codec, name: str, point: Point) -> str:
-    """Give the address of a point as its map prints it."""
+    """Return the address of a point as its map prints it."""
     for text in _addresses(codec, name):
         place = codec.map.place(text)
         if (place.table, place.number + codec.offset.get(place.table, 0)) == (point.table, point.address):

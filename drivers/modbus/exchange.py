@@ -1,6 +1,6 @@
 """The transactions of one connection: two lanes, one request in flight, answers matched and checked.
 
-It ends with its connection; `link` makes a new one for the next.
+Each connection has its own; `link` makes them.
 """
 
 from __future__ import annotations
@@ -30,44 +30,44 @@ from register_maps.errors import ExceptionAnswer, Mismatch
 from register_maps.frames import Request, check, describe_answer, frame, tid_of
 
 Permit = Callable[[], str | None]
-"""Called immediately before the bytes leave; a text refuses it and says why."""
+"""Called immediately before the bytes leave; a text refuses the request and gives the reason."""
 
 _Job = tuple["asyncio.Future[bytes]", Request, Permit | None, int, float, bool]
-"""(whom to tell, what to ask, whether it may leave, how often it may still be asked again, since when it waits, whether it presses)."""
+"""(future of the answer, request, permit, remaining retries, waiting since, whether it presses)."""
 _AT_ONCE = -1.0
-"""Of a request that need not wait: nobody looks at the clock for it."""
+"""In place of the time, for a request that need not wait: saves a look at the clock."""
 
 _HIGHEST_TID = 65535
 _REMEMBERED = 256
-"""An answer to one of so many last requests is late rather than foreign. Chosen: seconds of polling at any pace, and
-far from a whole turn of the transaction ids, after which every number would look like ours."""
+"""An answer to one of this many last requests is late rather than foreign. Chosen: seconds of polling at any pace, and far fewer than
+all transaction ids, where every number would look like ours."""
 _MEASURED = 5
-"""Every so many answers of a unit one is measured, and each one while there is any doubt. Chosen: one in a second of polling, and the
-cost of a measurement is that of a twentieth of a read. A prime number, so that of a poll of several reads each is measured in its turn: one
-that takes longer than the others must not be missed for ever."""
+"""One in so many answers of a unit is measured, and each one while there is any doubt. Chosen: about one per second of polling; a measurement
+costs a twentieth of a read. A prime number, so that each read of a poll with several reads is measured in turn: one that takes longer
+must not be missed."""
 _OVERDUE = 8
-"""So many unanswered requests are remembered with the time they left, for the round trip of their late answers. Chosen: two in a
-row end the connection, so there are few."""
+"""This many unanswered requests are remembered with their sending time, for the round trip of their late answers. Chosen: two in a row
+end the connection, so there are few."""
 _PAUSE_AFTER = 8
-"""Without transaction ids an answer that was given twice makes every later one that of the request before. After so many transactions
-nothing is asked for two round trips: then the answer that is left over comes while nobody waits for it. Two, because in such a stream a
-round trip seems to take half its time. Chosen: a fifth of the link at the most."""
+"""Without transaction ids a duplicated answer shifts all later ones by one request. After so many transactions nothing is sent for two round
+trips, so that the surplus answer arrives while no request waits. Two, because in such a stream a round trip seems to take half its time.
+Chosen: at most a fifth of the link."""
 _STRIKES = 2
-"""After so many requests in a row without an answer the connection is made anew. Chosen: one lost answer is no loss of the connection."""
+"""After so many requests in a row without an answer a new connection is made. Chosen: one lost answer is no lost connection."""
 NO_ANSWER = "the controller did not answer the last request"
 _COMMANDS_IN_A_ROW = 3
-"""After so many commands without a pause a read that waits goes first. Chosen: at 250 ms an answer, a state is then still
-younger than a second; without it a burst of commands would make the lift blind, and a blind lift refuses them."""
+"""After so many commands in a row a waiting read goes first. Chosen: at 250 ms per answer, a state is then still younger than a second;
+otherwise a burst of commands would make the readings too old, and commands would be refused because of that."""
 _LAST_LOOKS = 2
-"""Turns of the loop between a deadline and the verdict. If our own process was held up, the answer may lie unread in
-the socket: libuv runs timers before it reads, and what a timer starts runs before it reads too."""
+"""Turns of the loop between a deadline and the time-out. If our own process was delayed, the answer may be unread in the socket: libuv
+runs timers before it reads, and callbacks of timers too."""
 
 
 class Exchange:
-    """One request at a time over one open wire; commands before reads, each lane in order.
+    """Sends one request at a time over one open wire; commands before reads, each lane in order.
 
-    A caller that is cancelled before its request has left leaves the lane; after that the lane stays taken until the
-    answer or the time-out, so no late answer can be given to a later request.
+    A caller that is cancelled before its request was sent leaves the lane. After that the lane stays occupied until the
+    answer or the time-out, so that no later request gets a late answer.
     """
 
     def __init__(
@@ -81,9 +81,9 @@ class Exchange:
         on_broken: Callable[[str], None],
         on_proved: Callable[[], None],
     ) -> None:
-        """`on_broken` hears why the connection must end; `on_proved` hears of the first good answer."""
+        """`on_broken` receives why the connection must end; `on_proved` is called at the first good answer."""
         self.last_tid = last_tid
-        """The transaction id issued last; the next connection goes on from there."""
+        """The newest transaction id; the next connection continues from it."""
         self.proved = False
         """Whether the controller has given a good answer on this connection."""
         self._name = name
@@ -95,7 +95,7 @@ class Exchange:
         self._loop = asyncio.get_running_loop()
         self._latencies = stats.latencies
         self._latency = settings.new_latency()
-        """Of the unit that was asked last."""
+        """Of the unit of the newest request."""
         self._write_wait_s = settings.timeout_s
         self._gap_s = settings.min_gap_s
         self._tid_echo = settings.tid_echo
@@ -106,17 +106,17 @@ class Exchange:
         self._sent_at = 0.0
         self._deadline = 0.0
         self._overdue: dict[int, tuple[float, Latency]] = {}
-        """When requests left that were not answered in time, and what learns of it, by transaction id."""
+        """Requests not answered in time, by transaction id: when they were sent, and the estimator of their unit."""
         self._timeouts_in_a_row = 0
         """Since the last answer of any unit."""
         self._strikes = 0
-        """Those of them that tell of the connection: not of units that were silent before."""
-        self._unheard: set[int] = set()
-        """Units that did not answer since the last answer of any."""
+        """Those of them that count against the connection: not of units that were silent before."""
+        self._unanswered: set[int] = set()
+        """Units with time-outs since the last answer of any unit."""
         self._silent = stats.silent_units
         self._commands_in_a_row = 0
         self._unpaused = 0
-        """Transactions since the last pause in which nothing was in flight on purpose."""
+        """Transactions since the last deliberate pause."""
         self._timer: asyncio.Handle | None = None
         self._timer_at = 0.0
         self._gap: asyncio.Handle | None = None
@@ -126,13 +126,13 @@ class Exchange:
     def in_doubt(self) -> bool:
         """Whether the last request was not answered in time: nothing is pressed until an answer comes.
 
-        A unit that is silent while others answer is in doubt alone.
+        A unit that is silent while others answer does not count.
         """
         return self._strikes > 0
 
     @property
     def in_flight(self) -> bool:
-        """Whether a request has left and its answer is awaited."""
+        """Whether a request was sent and its answer is awaited."""
         return self._job is not None
 
     @property
@@ -141,7 +141,7 @@ class Exchange:
         return len(self._reads), len(self._commands)
 
     def read(self, request: Request) -> asyncio.Future[bytes]:
-        """Ask in the read lane."""
+        """Queue a request in the read lane."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if self._job is None and self._gap is None and self._busy_pause is None:
             self._reads.append((future, request, None, self._settings.busy_retries, _AT_ONCE, False))
@@ -151,7 +151,7 @@ class Exchange:
         return future
 
     def command(self, request: Request, permit: Permit | None, *, presses: bool = True) -> asyncio.Future[bytes]:
-        """Ask in the command lane. What `presses` is refused while the controller does not answer."""
+        """Queue a request in the command lane. One that `presses` is refused while the controller does not answer."""
         future: asyncio.Future[bytes] = self._loop.create_future()
         if self._job is None and self._gap is None:
             self._commands.append((future, request, permit, self._settings.busy_retries, _AT_ONCE, presses))
@@ -161,7 +161,7 @@ class Exchange:
         return future
 
     def stop(self, reason: str, down: Callable[[], DriverError]) -> None:
-        """The connection is gone: tell everyone who waits. `down` makes the error of those whose request never left."""
+        """Fail all requests because the connection is gone. `down` makes the error of those that were never sent."""
         for handle in (self._timer, self._gap, self._busy_pause):
             if handle is not None:
                 handle.cancel()
@@ -173,7 +173,7 @@ class Exchange:
                 _fail(lane.popleft(), down())
 
     def on_frame(self, answer: bytes) -> None:
-        """Take an answer from the wire."""
+        """Handle an answer from the wire."""
         job = self._job
         if job is None or (self._tid_echo and (answer[0] << 8 | answer[1]) != self.last_tid):
             self._on_stray(answer)
@@ -192,7 +192,7 @@ class Exchange:
         now, stats = self._loop.time(), self._stats
         took_s = now - self._sent_at
         stats.answered_at = now
-        # not `add`: this runs with every answer, and the call costs as much as the rest of it
+        # not `add`: this runs for every answer, and the call costs as much as the rest
         trips = stats.round_trips
         trips.counts[bisect_left(BOUNDS_S, took_s)] += 1
         trips.total_s += took_s
@@ -203,14 +203,14 @@ class Exchange:
         self._finish()
 
     def _measure(self, unit: int, took_s: float) -> None:
-        """Take an honest answer for what it says of the controller: how long it takes, and that it is there."""
-        self._latency.answered(took_s)
+        """Record the round trip of a good answer, and that the controller answers."""
+        self._latency.add_answer(took_s)
         if self._timeouts_in_a_row or not self.proved:
-            # nobody backs off on a connection that answers
+            # the connection answers: end the backoff of all units
             for latency in self._latencies.values():
-                latency.calm_down()
-            self._silent |= self._unheard
-            self._unheard.clear()
+                latency.end_backoff()
+            self._silent |= self._unanswered
+            self._unanswered.clear()
             self._timeouts_in_a_row = self._strikes = 0
         self._silent.discard(unit)
         if not self.proved:
@@ -218,7 +218,7 @@ class Exchange:
             self._on_proved()
 
     def _next(self) -> None:
-        """Send what has waited longest, commands first, but for a read after a few of them."""
+        """Send the request that has waited longest: commands first, but a read after a few commands."""
         while True:
             reads_wait = bool(self._reads) and self._busy_pause is None
             if self._commands and not (reads_wait and self._commands_in_a_row >= _COMMANDS_IN_A_ROW):
@@ -229,7 +229,7 @@ class Exchange:
                 self._commands_in_a_row = 0
             else:
                 return
-            # Done already: its caller was cancelled.
+            # A finished future: its caller was cancelled.
             if not job[0].done() and (job[2] is None or self._may_leave(job, job[2])):
                 break
         self._job = job
@@ -264,7 +264,7 @@ class Exchange:
     def _may_leave(self, job: _Job, permit: Permit) -> bool:
         try:
             refusal = NO_ANSWER if job[5] and (self._strikes or job[1].unit in self._silent) else permit()
-        except Exception as error:  # noqa: BLE001 - a bug of the caller's: the caller is told, the others go on
+        except Exception as error:  # noqa: BLE001 - a bug of the caller, who gets the error; other requests continue
             _fail(job, error)
             return False
         if refusal is not None:
@@ -272,7 +272,7 @@ class Exchange:
         return refusal is None
 
     def _finish(self) -> None:
-        """The transaction in flight is over, and the connection goes on."""
+        """End the transaction in flight; the connection continues."""
         self._job = None
         gap_s = self._gap_s
         if not self._tid_echo:
@@ -283,7 +283,7 @@ class Exchange:
         if gap_s:
             self._gap = self._loop.call_later(gap_s, self._on_gap_over)
         elif self._commands or self._reads:
-            # one turn later: what this answer says must be known before a press that waits behind it may leave
+            # one turn later: this answer must be processed before a press behind it may be sent
             self._gap = self._loop.call_soon(self._on_gap_over)
 
     def _on_gap_over(self) -> None:
@@ -314,7 +314,7 @@ class Exchange:
         self._desync(str(mismatch))
 
     def _on_stray(self, answer: bytes) -> None:
-        """Nobody waits for this answer under this transaction id."""
+        """Handle an answer that fits no request in flight."""
         if self._tid_echo:
             tid = tid_of(answer)
             sent_here = min(self._stats.transactions - self._sent_before, _REMEMBERED)
@@ -322,13 +322,13 @@ class Exchange:
                 self._stats.late += 1
                 overdue = self._overdue.pop(tid, None)
                 if overdue is not None:
-                    # the timer of the request in flight keeps to the time-out that this one was sent with
+                    # the request in flight keeps the time-out that it was sent with
                     sent_at, latency = overdue
                     took_s = self._loop.time() - sent_at
                     self._stats.round_trips.add(took_s)
-                    latency.answered_late(took_s)
+                    latency.add_late_answer(took_s)
                 return
-        text = f"an answer nobody asked for, transaction id {tid_of(answer)}: {describe_answer(answer)}"
+        text = f"an unrequested answer, transaction id {tid_of(answer)}: {describe_answer(answer)}"
         if self._tid_echo and tid_of(answer) == 0:
             text += " (a device that does not return transaction ids needs tid_echo: false)"
         if self._job is not None:
@@ -361,17 +361,19 @@ class Exchange:
         waited_s, unit = round(self._deadline - self._sent_at, 3), job[1].unit
         self._stats.timeouts += 1
         self._timeouts_in_a_row += 1
-        self._unheard.add(unit)
-        # where a unit is silent anyhow, its silence says nothing of the connection, unless nobody else is heard either
+        self._unanswered.add(unit)
+        # a unit that was silent before does not count against the connection, unless no unit answers
         if unit not in self._silent or self._timeouts_in_a_row >= _STRIKES * len(self._latencies):
             self._strikes += 1
-            self._latency.missed()
+            self._latency.add_timeout()
         self._overdue[self.last_tid] = self._sent_at, self._latency
         if len(self._overdue) > _OVERDUE:
             del self._overdue[next(iter(self._overdue))]
         _fail(job, AnswerTimeout(self._name, str(job[1]), waited_s))
         if not self._tid_echo:
-            self._recycle(f"no answer within {waited_s:g} s, and late answers cannot be told from right ones")
+            self._recycle(
+                f"no answer within {waited_s:g} s, and late answers cannot be recognised without transaction ids"
+            )
         elif self._strikes >= _STRIKES:
             self._recycle(f"no answer within {waited_s:g} s, twice in a row")
         else:

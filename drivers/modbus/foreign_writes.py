@@ -1,7 +1,7 @@
-"""Whether somebody else writes our outputs: what they hold is compared with what we wrote last, now and then.
+"""Detects other clients that write our outputs: reads them back from time to time and compares them with what we wrote last.
 
-A foreign press that has stood on two looks is told and let go of: a button left pressed is a hazard. While it lasts or comes back it is let
-go of again once in `FIGHT_S` at most, for whoever presses and releases against somebody else makes a door flap.
+A foreign press that two looks show is reported and released: a button left pressed is a hazard. While it lasts or comes back it is released
+once in `FIGHT_S` at most, because pressing and releasing against somebody else makes a door flap.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
-from drivers.modbus.output import FIGHT_S, MOST_PRESSES, Cells, match, seen
+from drivers.modbus.output import FIGHT_S, MOST_PRESSES, Cells, matches, read_values
+from drivers.modbus.outputs import Outputs
 from drivers.modbus.plan import plan_reads
-from drivers.modbus.recipe import Outputs
 from drivers.modbus.steps import Phase
 from drivers.modbus.units import Units
 from register_maps.codec import Cell, Codec, CommandCodec, Point
@@ -27,43 +27,43 @@ SECOND_LOOK_S = 0.3
 """From a look that shows a difference to the one that decides. Chosen: longer than the cycle of a PLC, which may show a write late,
 and shorter than the pause between two refreshes of ours."""
 HELD_LOOK_S = 0.5
-"""How often our outputs are compared while a hold is refreshed. Chosen: between two refreshes, and RMF and the workshop's adapter look
-once a second."""
+"""How often our outputs are compared while a hold is refreshed. Chosen: between two refreshes; RMF and the workshop's adapter look once
+a second."""
 QUIET_LOOKS = 5
 QUIET_S = 10.0
-"""After so many looks without a difference, and so long, somebody else has stopped writing. Chosen: who writes now and then is one episode."""
+"""After so many looks without a difference, and so long, the other client has stopped writing. Chosen: occasional writes are one episode."""
 UNEVEN = math.sqrt(5) / 2
-"""The pause is so many times `look_s`: no fraction of whole numbers, so the looks do not fall into step with our refreshes, which would
-hide for ever what happens between them. All pauses are the same: those that vary about a mean stay in step with it."""
+"""The pause is so many times `look_s`. An irrational factor: the looks do not fall into step with our refreshes, which would hide what
+happens between them. All pauses are the same: pauses that vary about a mean stay in step with it."""
 SHARE = 20
-"""The looks take a twentieth of the link at the most, however slow the controller is. Chosen."""
+"""The looks use at most a twentieth of the link, however slow the controller is. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Difference:
-    """What one look has shown of one output."""
+    """The difference that one look has found at one output."""
 
     stamp: tuple[int, ...]
     """How often its cells had been written by us."""
     code: int | None
     """What we wrote last; None for rest."""
     text: str
-    """Printed address, what it reads and what we wrote."""
+    """Printed address, the value read and the value we wrote."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Notice:
-    """Something to be told."""
+class _TimedNotice:
+    """A notice, and the time from which it may be given."""
 
     text: str
     name: str = ""
-    """The hold that was dropped, if that is what it says."""
+    """The hold that was dropped, if the notice is about one."""
     at: float = -math.inf
-    """When that was found: only a reading from after it shows whether a watchdog was the reason."""
+    """When it was found: only a later reading shows whether a watchdog was the reason."""
 
 
 class ForeignWriteCheck:
-    """Compares the outputs of one lift with what the driver wrote, in the read lane: no command waits for it but for one answer."""
+    """Compares the outputs of one lift with what the driver wrote, in the read lane: a command waits for one answer at most."""
 
     def __init__(
         self,
@@ -73,21 +73,21 @@ class ForeignWriteCheck:
         settings: LiftSettings,
         *,
         is_unread: Callable[[], bool],
-        tripped: Callable[[], bool],
+        is_tripped: Callable[[], bool],
         clear: Callable[[str], None],
     ) -> None:
-        """`is_unread` says whether a connection is new; `tripped` whether the lift says that a watchdog let our outputs go.
+        """`is_unread` tells whether a connection is new, `is_tripped` whether the lift reports that a watchdog released our outputs.
 
-        `clear` lets go of what somebody else has pressed.
+        `clear` releases an output that somebody else has pressed.
         """
         self._outputs = outputs
         self._units = units
         self._every_s = settings.look_s
         self._is_unread = is_unread
-        self._tripped = tripped
+        self._is_tripped = is_tripped
         self._clear = clear
         self._cleared_at: dict[str, float] = {}
-        """When outputs that somebody else had pressed were last let go."""
+        """When outputs that somebody else had pressed were last released."""
         self._commands = {
             name: command for name, command in codec.commands.items() if name in outputs and _is_ours(command, codec)
         }
@@ -96,62 +96,62 @@ class ForeignWriteCheck:
         self._refreshed = [name for name in self._commands if outputs.output(name).is_looked_at_first]
         self._blocks = plan_reads(points, codec.served, **limits)
         self._writes: dict[Cell, int] = {}
-        """Beginnings and ends of our writes, counted together: while one is under way the number is odd."""
+        """Starts and ends of our writes, counted together: odd while a write is under way."""
         self._quiet: dict[str, tuple[int, float]] = {}
-        """Outputs that somebody else writes, with the looks since the last difference, and when that was."""
+        """Outputs that somebody else writes: the looks since the last difference, and its time."""
         self._fights: set[str] = set()
-        """Holds that are hardly pressed again any more, and of which that was told."""
-        self.notices: list[_Notice] = []
-        """What is to be told, oldest first."""
+        """Holds that are dropped too often, and were reported for it."""
+        self.notices: list[_TimedNotice] = []
+        """Notices that wait for a reading, oldest first."""
 
     @property
     def has_work(self) -> bool:
-        """Whether anything is ever compared."""
+        """Whether there are outputs to compare."""
         return bool(self._blocks) and not math.isinf(self._every_s)
 
     def take_notices(self, read_at: float) -> tuple[str, ...]:
-        """Hand out what is to be told, once, with a reading that was asked for at `read_at`."""
+        """Return the notices that go with a reading requested at `read_at`, each once."""
         early = [notice for notice in self.notices if notice.at > read_at]
         notices = [notice for notice in self.notices if notice.at <= read_at]
         self.notices[:] = early
-        if self._tripped():
-            # the lift says itself who let go of its outputs
+        if self._is_tripped():
+            # the lift itself reports what released its outputs
             for name in [notice.name for notice in notices if notice.name]:
                 self._quiet.pop(name, None)
             notices = [notice for notice in notices if not notice.name]
         return tuple(notice.text for notice in notices)
 
-    def writing(self, cells: Iterable[Cell]) -> None:
-        """A write of ours that may change what stands in these cells begins or ends."""
+    def count_write(self, cells: Iterable[Cell]) -> None:
+        """Count the start or the end of a write of ours to these cells."""
         for cell in cells:
             self._writes[cell] = self._writes.get(cell, 0) + 1
 
-    async def run(self, stir: Callable[[], None]) -> None:
-        """Look until cancelled; `stir` says that something may be due."""
+    async def run(self, wake: Callable[[], None]) -> None:
+        """Look until cancelled; call `wake` when an output may be due."""
         looks = 1
         while True:
             holds = any(self._outputs.output(name).phase is Phase.ON for name in self._refreshed)
             every_s = min(self._every_s, HELD_LOOK_S) if holds else self._every_s
-            await asyncio.sleep(UNEVEN * max(every_s, SHARE * looks * self._usual_s()))
+            await asyncio.sleep(UNEVEN * max(every_s, SHARE * looks * self._look_s()))
             looks = 1
             try:
-                looks = await self._look_twice(stir)
+                looks = await self._look_twice(wake)
             except DriverError as error:
-                _log.debug("%s: could not look at our outputs: %s", self._units.link("").name, error)
+                _log.debug("%s: could not read our outputs back: %s", self._units.link("").name, error)
 
-    def _usual_s(self) -> float:
-        """How long a look takes."""
+    def _look_s(self) -> float:
+        """Return how long a look takes."""
         return sum(self._units.round_trip_s(block.endpoint) for block in self._blocks)
 
-    async def _look_twice(self, stir: Callable[[], None]) -> int:
-        """Look, and once more where something differs; returns how often it has looked."""
+    async def _look_twice(self, wake: Callable[[], None]) -> int:
+        """Look, and look again if something differs. Returns the number of looks."""
         first = await self._look()
         self._count_quiet(first)
         for name, found in first.items():
-            if found is not None and found.code is not None and not self._tripped():
-                # it was seen to be on: one look is enough
-                self._dropped(name, found.text)
-                stir()
+            if found is not None and found.code is not None and not self._is_tripped():
+                # it was read as on before: one look is enough
+                self._handle_drop(name, found.text)
+                wake()
         differs = {name: found for name, found in first.items() if found is not None and found.code is None}
         if not differs:
             return 1
@@ -160,26 +160,28 @@ class ForeignWriteCheck:
         for name, found in differs.items():
             again = second.get(name)
             if again is not None and again.stamp == found.stamp:
-                self._found(name, again)
+                self._report_foreign(name, again)
         return 2
 
     async def _look(self) -> dict[str, _Difference | None]:
-        """Return what differs, by name; None for what is as we wrote it. What was written meanwhile is left out."""
+        """Return the differences by output name, None where there is none. Outputs written meanwhile are omitted."""
         if self._is_unread():
             return {}
-        standing = {name: self._outputs.output(name) for name in self._commands if self._outputs.output(name).stands}
+        standing = {
+            name: self._outputs.output(name) for name in self._commands if self._outputs.output(name).is_settled
+        }
         before = {name: self._stamp(name) for name in standing}
         cells = await self._units.cells(self._blocks, urgent=False)
         found: dict[str, _Difference | None] = {}
         for name, output in standing.items():
             stamp = before[name]
-            if self._is_unread() or not output.stands or stamp != self._stamp(name) or any(n % 2 for n in stamp):
+            if self._is_unread() or not output.is_settled or stamp != self._stamp(name) or any(n % 2 for n in stamp):
                 continue
             code = output.code if output.phase is Phase.ON else None
-            if match(output.codec, cells, code):
+            if matches(output.codec, cells, code):
                 found[name] = None
             else:
-                found[name] = _Difference(stamp, code, _compared(output.codec, cells, code))
+                found[name] = _Difference(stamp, code, _describe_difference(output.codec, cells, code))
         return found
 
     def _stamp(self, name: str) -> tuple[int, ...]:
@@ -192,62 +194,62 @@ class ForeignWriteCheck:
             self._quiet[name] = looks + 1, since
             if looks + 1 >= QUIET_LOOKS and now - since >= QUIET_S:
                 del self._quiet[name]
-                self.notices.append(_Notice(f"{self._printed(name)} reads what we wrote again"))
+                self.notices.append(_TimedNotice(f"{self._printed(name)} reads what we wrote again"))
 
-    def _found(self, name: str, difference: _Difference) -> None:
+    def _report_foreign(self, name: str, difference: _Difference) -> None:
         now = asyncio.get_running_loop().time()
-        self._tell(name, _Notice(f"somebody else writes {name} {difference.text}; {self._let_go(name, now)}"))
+        self._report(name, _TimedNotice(f"somebody else writes {name} {difference.text}; {self._try_clear(name, now)}"))
 
     def compares(self, name: str) -> bool:
-        """Whether nobody but us decides what stands at the points of this output."""
+        """Whether only our writes decide what the points of this output hold."""
         return name in self._commands
 
-    def found_off(self, name: str, cells: Cells) -> None:
-        """A hold that was seen to be on was found off before its refresh."""
+    def report_found_off(self, name: str, cells: Cells) -> None:
+        """Report a hold that was on and was found off before its refresh."""
         output = self._outputs.output(name)
-        self._found_off(name, _compared(output.codec, cells, output.code))
+        self._report_found_off(name, _describe_difference(output.codec, cells, output.code))
 
-    def _dropped(self, name: str, where: str) -> None:
-        """A hold was found off between two refreshes: it is pressed again, or only refreshed where its map says why it is off."""
+    def _handle_drop(self, name: str, where: str) -> None:
+        """Press a hold again that was found off between two refreshes, or only refresh it where its map explains why it is off."""
         output, now = self._outputs.output(name), asyncio.get_running_loop().time()
-        if output.was_taken(now):
+        if output.was_cleared_by_device(now):
             output.refresh_at = now
             return
-        is_asked_for = not output.only_kept
-        output.lose(now, pause_s=0.0, excused=False)
-        if is_asked_for:
-            self._found_off(name, where)
+        is_declared = not output.is_only_kept
+        output.handle_found_off(now, pause_s=0.0, excused=False)
+        if is_declared:
+            self._report_found_off(name, where)
 
-    def _found_off(self, name: str, where: str) -> None:
-        text = f"{name} was let go by the controller or by somebody else {where}"
-        self._tell(name, _Notice(text, name, asyncio.get_running_loop().time()))
+    def _report_found_off(self, name: str, where: str) -> None:
+        text = f"{name} was released by the controller or by somebody else {where}"
+        self._report(name, _TimedNotice(text, name, asyncio.get_running_loop().time()))
 
-    def _tell(self, name: str, notice: _Notice) -> None:
-        """Tell of somebody else who writes an output, once until that has ended."""
+    def _report(self, name: str, notice: _TimedNotice) -> None:
+        """Report once that somebody else writes an output, until that has ended."""
         if name not in self._quiet:
             self.notices.append(notice)
         self._quiet[name] = 0, asyncio.get_running_loop().time()
-        self.tell_fights()
+        self.report_fights()
 
-    def _let_go(self, name: str, now: float) -> str:
-        """Let go of what somebody else has pressed, if it is time, and say so."""
+    def _try_clear(self, name: str, now: float) -> str:
+        """Release an output that somebody else has pressed, if it is time. Returns the text about it."""
         free_at = self._cleared_at.get(name, -math.inf) + FIGHT_S
         if now < free_at:
             return (
-                f"it was let go of not long ago, and is let go of again in {math.ceil(free_at - now)} s at the soonest"
+                f"it was released not long ago, and is released again in {math.ceil(free_at - now)} s at the earliest"
             )
         self._cleared_at[name] = now
         self._clear(name)
-        return f"it is let go of, once in {FIGHT_S:g} s at most"
+        return f"it is released, once in {FIGHT_S:g} s at most"
 
-    def tell_fights(self) -> None:
-        """Tell once of every hold that is hardly pressed again any more; once more only after it was let go."""
+    def report_fights(self) -> None:
+        """Report each hold that is dropped too often, once until it is released."""
         self._fights = {name for name in self._fights if self._outputs.output(name).dropped_at}
-        fights = {name for name in self._outputs.names if self._outputs.output(name).yields}
+        fights = {name for name in self._outputs.names if self._outputs.output(name).is_yielding}
         for name in sorted(fights - self._fights):
             self.notices.append(
-                _Notice(
-                    f"{self._printed(name)} was let go {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
+                _TimedNotice(
+                    f"{self._printed(name)} was released {MOST_PRESSES + 1} times within {FIGHT_S:g} s by the controller or by somebody"
                     f" else; it is pressed again once in {FIGHT_S:g} s at most: find out who else writes there"
                 )
             )
@@ -258,21 +260,23 @@ class ForeignWriteCheck:
 
 
 def _is_ours(command: CommandCodec, codec: Codec) -> bool:
-    """Whether nobody but us decides what stands at the points of a command: no lamp, no signal and no time of the device."""
-    if command.spec.ends_itself or command.spec.is_heartbeat or command.lamp or not command.read_points:
+    """Whether only our writes decide what the points of a command hold: no lamp, no signal and no timer of the device."""
+    if command.spec.ends_itself or command.spec.is_heartbeat or command.shows_lamp or not command.read_points:
         return False
-    return not any(_overlap(point, said) for point in command.read_points for said in codec.signal_points)
+    return not any(
+        _overlaps(point, signal_point) for point in command.read_points for signal_point in codec.signal_points
+    )
 
 
-def _overlap(one: Point, other: Point) -> bool:
+def _overlaps(one: Point, other: Point) -> bool:
     return one.cell == other.cell and bool(one.mask << one.low & other.mask << other.low)
 
 
-def _compared(command: CommandCodec, cells: Cells, code: int | None) -> str:
-    """Say of the first point that differs where it is, what it reads and what we wrote."""
-    wanted, found = command.encode(code), dict(seen(command, cells))
+def _describe_difference(command: CommandCodec, cells: Cells, code: int | None) -> str:
+    """Describe the first point that differs: its address, the value read and the value we wrote."""
+    expected, found = command.encode(code), dict(read_values(command, cells))
     addresses = command.spec.addresses
     for place, point in enumerate(command.points):
-        if found.get(point) != wanted[point]:
-            return f"at {addresses[place]}: it reads {found.get(point)}, we wrote {wanted[point]}"
+        if found.get(point) != expected[point]:
+            return f"at {addresses[place]}: it reads {found.get(point)}, we wrote {expected[point]}"
     return f"at {', '.join(addresses)}"

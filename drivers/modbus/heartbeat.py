@@ -1,4 +1,4 @@
-"""Whether the program of a controller runs: the counter that it changes all the time, where its map has one."""
+"""Detects a controller whose program has stopped, by the alive counter of its map."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from drivers.errors import HeartbeatAwaited, HeartbeatStopped
 from register_maps.codec import Codec
 
 SIGNAL = "alive"
-BIT_IN_STEP = "; a bit that changes in step with the polls always reads the same: it must stay longer than two polls"
+BIT_IN_STEP = "; a bit that changes in step with the polls always reads the same; it must stay for more than two polls"
 
 
 class Heartbeat:
     """Watches the alive counter of one lift.
 
-    What is read over a new connection counts only once the counter was seen to change on it: a controller that has been
-    started anew, with its program frozen or stopped, serves a counter that differs from the last one we saw.
+    Readings over a new connection count only once the counter has changed on it: a restarted controller whose program is frozen
+    or stopped serves a counter that differs from the one read last.
     """
 
     def __init__(self, codec: Codec, name: str) -> None:
-        """`name` begins every message. Where the map has no counter nothing is ever missed."""
+        """`name` begins every message. Without a counter in the map the program always counts as running."""
         self._name = name
         spec = codec.map.signals.get(SIGNAL)
         self._within_s = math.inf if spec is None else spec.must_change_within_s or math.inf
@@ -29,26 +29,26 @@ class Heartbeat:
         self._hint = BIT_IN_STEP if [point.mask for point in points] == [1] else ""
         self._epoch: int | None = None
         self._since = 0.0
-        """When the counter last changed, or was first read on this connection."""
+        """When the counter last changed or was first read on this connection."""
         self.live_until = math.inf if spec is None else -math.inf
-        """Until when the last change vouches for the program."""
+        """Until when the last change shows that the program runs."""
 
     @property
     def is_awaited(self) -> bool:
-        """Whether the counter was not seen to change yet on a connection that was read."""
+        """Whether the counter has not changed yet on a connection that was read."""
         return self._epoch is not None and self.live_until == -math.inf
 
     def connected(self, epochs: Mapping[str, int], at: float) -> None:
-        """A poll that was asked for at `at` has come over a new connection to some device; `epochs` by endpoint."""
+        """Take a poll requested at `at` that came over a new connection to some device; `epochs` by endpoint."""
         if self._endpoint is not None and epochs[self._endpoint] != self._epoch:
             self._epoch, self._since, self.live_until = epochs[self._endpoint], at, -math.inf
 
     def beat(self, at: float) -> None:
-        """The counter has changed by the poll that was asked for at `at`."""
+        """Record that the counter has changed by the poll requested at `at`."""
         self._since, self.live_until = at, at + self._within_s
 
     def error(self, at: float) -> HeartbeatStopped:
-        """Say what is wrong with a poll that was asked for at `at`, after `live_until`."""
+        """Return the error of a poll requested at `at`, after `live_until`."""
         still_s = at - self._since
         waits = self.live_until == -math.inf and still_s <= self._within_s
         return (HeartbeatAwaited if waits else HeartbeatStopped)(self._name, still_s, self._within_s, self._hint)

@@ -1,10 +1,10 @@
-"""What our cells hold, and whose they are: from the outputs as they stand to the words of a write. Pure."""
+"""Computes the content of our cells from the state of the outputs. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from drivers.modbus.output import Beat, Cells, Output, put
+from drivers.modbus.output import Beat, Cells, Output, put_values
 from drivers.modbus.steps import Phase, Step, StepKind
 from register_maps.codec import Block, Cell, CommandCodec
 from register_maps.command_codec import Written
@@ -16,37 +16,37 @@ class Image:
     """The cells of all outputs of one lift."""
 
     def __init__(self, outputs: Mapping[str, Output], beats: Mapping[str, Beat], written: Sequence[Written]) -> None:
-        """Look at these outputs and beats as they change; `written` are the blocks of the map."""
+        """Read the current state of these outputs and beats; `written` are the blocks of the map."""
         self._outputs = outputs
         self._beats = beats
         self._resting: dict[Cell, int] = {cell: 0 for block, _, _ in written for cell in block.cells}
-        """Every cell of ours with nothing pressed."""
+        """All our cells with nothing pressed."""
         codecs = [output.codec for output in outputs.values()] + [beat.codec for beat in beats.values()]
         for codec in codecs:
-            put(self._resting, codec.encode(None))
+            put_values(self._resting, codec.encode(None))
 
     def cells(self, step: Step, without: Collection[str]) -> Cells:
-        """Contents of our cells with a step applied: of everything else, only what is on is pressed, but for `without`."""
+        """Return our cells with a step applied; of the other outputs only those that are on are pressed, except `without`."""
         image = dict(self._resting)
         for beat in self._beats.values():
-            put(image, beat.codec.encode(beat.count or None))
+            put_values(image, beat.codec.encode(beat.count or None))
         for name, output in self._outputs.items():
-            if output.asserts and name not in without:
-                put(image, output.codec.encode(output.code))
+            if output.is_asserted and name not in without:
+                put_values(image, output.codec.encode(output.code))
         if step.block is None:
-            put(image, self._codec(step).encode(step.code))
+            put_values(image, self._codec(step).encode(step.code))
         return image
 
-    def covered(self, step: Step) -> list[Cell]:
-        """List every address that the writes of a step cover."""
+    def covered_cells(self, step: Step) -> list[Cell]:
+        """Return every cell that the writes of a step cover."""
         blocks = self._codec(step).blocks if step.block is None else (step.block,)
         return [cell for block in blocks for cell in block.cells]
 
-    def beside(self, step: Step) -> tuple[str, ...]:
-        """Other outputs in the cells of a step, on or not: it writes them as they stand."""
-        if self._codec(step).shared:
+    def others_in_cells(self, step: Step) -> tuple[str, ...]:
+        """Return the other outputs in the cells of a step, on or not."""
+        if self._codec(step).is_shared:
             return ()
-        cells = set(self.covered(step))
+        cells = set(self.covered_cells(step))
         return tuple(
             name
             for name, output in self._outputs.items()
@@ -54,14 +54,16 @@ class Image:
         )
 
     def neighbours(self, step: Step) -> tuple[str, ...]:
-        """Those beside a step that it has to write as pressed, because they are on, or may be."""
+        """Return the other outputs that a step has to write as pressed, because they are on or may be."""
         outputs = self._outputs
-        return tuple(name for name in self.beside(step) if outputs[name].asserts or outputs[name].awaits_look)
+        return tuple(
+            name for name in self.others_in_cells(step) if outputs[name].is_asserted or outputs[name].awaits_look
+        )
 
-    def idle(self, block: Block) -> bool:
-        """Whether nothing in this block is on, or may be: what is, is refreshed instead, with permission."""
-        inside = [output for output in self._outputs.values() if block in output.codec.blocks]
-        return not any(output.awaits_look or (output.phase in _BUSY and not output.yields) for output in inside)
+    def is_idle(self, block: Block) -> bool:
+        """Whether no output in this block is on or may be; such outputs are refreshed instead, with permission."""
+        outputs = [output for output in self._outputs.values() if block in output.codec.blocks]
+        return not any(output.awaits_look or (output.phase in _BUSY and not output.is_yielding) for output in outputs)
 
     def _codec(self, step: Step) -> CommandCodec:
         return self._beats[step.name].codec if step.kind is StepKind.BEAT else self._outputs[step.name].codec

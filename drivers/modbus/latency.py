@@ -1,48 +1,48 @@
-"""How long to wait for an answer: the time-out follows what the answers of this controller really take.
+"""Estimates how long to wait for an answer from the answers so far.
 
 The estimator is that of RFC 6298 (sections 2.2 and 2.3: smoothed round trip and its variation) with the lower bound that
-Linux gives the variation, and with the slowest answer of late as a floor. Its rule against mistaken samples (Karn) is not needed: a transaction id is never used for a
-second request, so an answer always tells which request it took its time over, late answers included.
+Linux gives the variation, and with the slowest recent answer as a floor. Karn's rule against ambiguous samples is not needed: a transaction id is never used for a
+second request, so every answer, even a late one, belongs to one request.
 """
 
 from __future__ import annotations
 
 SPARE_S = 0.25
-"""Least that is waited beyond the usual round trip. Chosen: TCP sends a lost segment again after 0.2 s at the earliest (Linux), and
+"""Minimum wait beyond the usual round trip. Chosen: TCP sends a lost segment again after 0.2 s at the earliest (Linux), and
 one lost segment is no silence."""
 _REMEMBERS = 0.995
-"""What is left of the slowest answer with each that is measured. Chosen: half of it after 140, half a minute to two minutes. A controller with
-a slow cycle now and then would otherwise miss each of them: the variation of RFC 6298 forgets within a second."""
+"""Decay of the slowest answer with each measured one. Chosen: half of it after 140, half a minute to two minutes. Otherwise each occasional
+slow cycle of a controller would be a time-out: the variation of RFC 6298 forgets within a second."""
 
 
 class Latency:
-    """The time-out of one unit on one link, and what it was measured from; it outlives the connections."""
+    """The time-out of one unit on one link, estimated across connections."""
 
     __slots__ = ("_calm_s", "_most_s", "_spare_s", "_usual_s", "_varies_s", "_worst_s", "timeout_s", "unmeasured")
 
     def __init__(self, first_s: float, *, spare_s: float, most_s: float) -> None:
-        """Begin with `first_s`; later it is `spare_s` more than the slowest round trip of late at the least, and `most_s` at the most."""
+        """Start with `first_s`; later at least `spare_s` more than the slowest recent round trip, and at most `most_s`."""
         self.timeout_s = first_s
         """How long the next answer may take."""
         self.unmeasured = 0
-        """Answers since the last one that was measured: counted by whoever measures."""
+        """Answers since the last measured one; counted by the caller."""
         self._calm_s = first_s
-        """The time-out without any backing off."""
+        """The time-out without backoff."""
         self._spare_s = spare_s
         self._most_s = most_s
         self._usual_s = -1.0
         """Smoothed round trip; less than 0 before the first answer."""
         self._varies_s = 0.0
         self._worst_s = 0.0
-        """The slowest answer of late, forgotten little by little."""
+        """The slowest recent answer, decaying."""
 
     @property
     def round_trip_s(self) -> float | None:
         """From request to answer, smoothed; None before the first answer."""
         return None if self._usual_s < 0 else self._usual_s
 
-    def answered(self, took_s: float) -> None:
-        """An honest answer took so long, in time or not. It ends every backing off."""
+    def add_answer(self, took_s: float) -> None:
+        """Record how long a good answer took, in time or not. Ends the backoff."""
         self.unmeasured = 0
         worst_s = self._worst_s * _REMEMBERS
         if took_s > worst_s:  # noqa: PLR1730
@@ -69,14 +69,14 @@ class Latency:
             wait_s = self._most_s
         self.timeout_s = self._calm_s = wait_s
 
-    def answered_late(self, took_s: float) -> None:
-        """As `answered`, of an answer that may have taken for ever: beyond the bound it tells no more than that."""
-        self.answered(min(took_s, self._most_s))
+    def add_late_answer(self, took_s: float) -> None:
+        """As `add_answer`, for a late answer: it counts as `most_s` at most."""
+        self.add_answer(min(took_s, self._most_s))
 
-    def missed(self) -> None:
-        """No answer came in time: wait twice as long for the next one, until there is an answer."""
+    def add_timeout(self) -> None:
+        """Record a time-out: wait twice as long for each next answer until one comes."""
         self.timeout_s = min(2 * self.timeout_s, self._most_s)
 
-    def calm_down(self) -> None:
-        """Somebody else on this connection answers: what is missing here is not the connection's fault, so back off no more."""
+    def end_backoff(self) -> None:
+        """End the backoff because another unit on this connection answers, so the connection works."""
         self.timeout_s = self._calm_s

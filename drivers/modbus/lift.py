@@ -1,4 +1,4 @@
-"""One lift behind Modbus links: a map and its links become readings, commands and outcomes."""
+"""The driver of one lift behind Modbus links: turns polls into readings, and commands into writes with outcomes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from drivers.errors import (
 )
 from drivers.modbus.capabilities import LiftSettings, capabilities
 from drivers.modbus.diagnosis import Diagnosis
-from drivers.modbus.endings import ended
 from drivers.modbus.foreign_writes import ForeignWriteCheck
 from drivers.modbus.heartbeat import SIGNAL, Heartbeat
 from drivers.modbus.link import Link
 from drivers.modbus.output_worker import OutputWorker
-from drivers.modbus.permission import Permissions
+from drivers.modbus.outputs import Outputs
+from drivers.modbus.permission import Permissions, closes_to_release
 from drivers.modbus.plan import plan_poll
 from drivers.modbus.presses import Press, Presses
 from drivers.modbus.reading import lift_values
-from drivers.modbus.recipe import Outputs
 from drivers.modbus.reports import DriverReports
 from drivers.modbus.signals import Signals
 from drivers.modbus.units import Unit, Units
@@ -41,13 +40,13 @@ from drivers.model import (
 from register_maps.codec import Cell, Codec
 
 _ONLY_ALIVE = frozenset({SIGNAL})
-_TAKEN_BACK = "let go before it was confirmed"
+_RELEASED_EARLY = "released before it was confirmed"
 
 
 class ModbusLift:
     """The LiftDriver of one lift on a Modbus link.
 
-    What is declared and pressed is noted at once; `run` writes it. Raises ValueError when the site's floors do not fit the map's coding.
+    `declare` and `press` return at once; `run` writes. Raises ValueError if the site's floors do not fit the map's coding.
     """
 
     def __init__(
@@ -57,7 +56,7 @@ class ModbusLift:
         settings: LiftSettings,
         endpoints: Mapping[str, Unit] | None = None,
     ) -> None:
-        """Plan the poll and prepare every request once; `endpoints` are the map's further devices."""
+        """Plan the poll and prepare its requests; `endpoints` are the map's further devices."""
         self._codec = codec
         self._units = Units(Unit(link, settings.unit_id), endpoints or {})
         self._name = link.name
@@ -69,8 +68,8 @@ class ModbusLift:
         )
         self._requests = tuple((b, self._units.link(b.endpoint), self._units.request(b)) for b in self._blocks)
         self._reader = codec.reader(self._blocks)
-        self._asked_at: tuple[float, ...] = ()
-        """When each block of the newest poll was asked for; empty before the first."""
+        self._requested_at: tuple[float, ...] = ()
+        """When each block of the newest poll was requested; empty before the first."""
         self._signals: Signals | None = None
         self._epoch = 0
         self._epochs: dict[str, int] = {}
@@ -78,27 +77,27 @@ class ModbusLift:
         watchdog = codec.map.signals.get("watchdog_time")
         self._watchdog_unit_s = (watchdog.unit_s if watchdog is not None else None) or 1.0
         car_floor = codec.map.signals.get("car_floor")
-        self._floor_under_way = car_floor is None or car_floor.known_while is None
+        self._is_floor_known_under_way = car_floor is None or car_floor.known_while is None
         self._diagnosis = Diagnosis(codec, self._units, settings.name)
         self._outputs = Outputs(self._commands, codec.written)
         self._declared: frozenset[str] = frozenset()
         """Names of the holds that should be on."""
-        self._up = DriverReports(self._outputs, self._names)
+        self._reports = DriverReports(self._outputs, self._names)
         beats = [command for command in self._commands.values() if command.spec.is_heartbeat]
-        notes = WriteReports(self._up.report, {point.cell for command in beats for point in command.points})
+        notes = WriteReports(self._reports.report, {point.cell for command in beats for point in command.points})
         self._writer = Writer(codec, self._commands, self._units, settings, notes)
-        self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._up.report)
+        self._presses = Presses(tuple(settings.floors), codec.map.at_floor_evidence, self._reports.report)
         self._permissions = self._new_permissions()
-        self._watch = self._new_watch()
-        self._notices = self._watch.notices
+        self._foreign_writes = self._new_foreign_write_check()
+        self._notices = self._foreign_writes.notices
         self._worker = OutputWorker(
             settings.name,
             self._outputs,
             self._writer,
             self._presses,
             self._permissions,
-            self._watch,
-            self._up,
+            self._foreign_writes,
+            self._reports,
         )
         self._check_floors()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -111,111 +110,113 @@ class ModbusLift:
             self._presses,
             self._units,
             self._heartbeat,
-            self._up,
+            self._reports,
             is_unread=self._is_unread,
         )
 
-    def _new_watch(self) -> ForeignWriteCheck:
+    def _new_foreign_write_check(self) -> ForeignWriteCheck:
         return ForeignWriteCheck(
             self._codec,
             self._outputs,
             self._units,
             self._settings,
             is_unread=self._is_unread,
-            tripped=self._permissions.is_tripped,
+            is_tripped=self._permissions.is_watchdog_tripped,
             clear=self._clear,
         )
 
     def _check_floors(self) -> None:
-        """Raise ValueError for a floor of the site that some call of the map cannot express."""
+        """Raise ValueError for a floor of the site that a call of the map cannot express."""
         for command in self._commands.values():
             for code in self._settings.floors.values() if command.is_call else ():
                 command.encode(code)
 
     @property
     def source(self) -> str:
-        """Where it is, for messages."""
+        """Controller name, for messages."""
         return self._name
 
     def signals(self, now: float) -> tuple[SignalValue, ...]:
-        """Return every signal of the map, from the words of the newest poll that was answered as a whole.
+        """Return every signal of the map as of the newest complete poll.
 
-        Words that came while the alive counter stands still are among them: a person who looks for the reason needs them.
+        This includes polls while the alive counter stands still: a person who looks for the reason needs their values.
         """
         if self._signals is None:
             self._signals = Signals(self._codec, self._blocks, self._names, watchdog_unit_s=self._watchdog_unit_s)
-        return self._signals.as_read(self._reader, self._asked_at, now)
+        return self._signals.values_at(self._reader, self._requested_at, now)
 
     async def read(self) -> LiftReading:
         """Poll once. Raises DriverError."""
-        units, up, loop = self._units, self._up, self._loop
+        units, reports, loop = self._units, self._reports, self._loop
         if loop is None:
-            # kept: Python 3.11 asks the kernel for the process id whenever it is asked for its loop
+            # cached: Python 3.11 makes a system call (getpid) each time it looks up its loop
             loop = self._loop = asyncio.get_running_loop()
         at, epoch = loop.time(), units.epoch
-        asked_at: tuple[float, ...] = (at,)
+        requested_at: tuple[float, ...] = (at,)
         if len(self._requests) == 1:
             block, link, request = self._requests[0]
             try:
                 payloads: tuple[bytes, ...] = (await link.read(request),)
             except ControllerException as error:
-                raise await self._diagnosis.explained(error, block) from error
+                raise await self._diagnosis.explain(error, block) from error
         else:
-            payloads, asked_at = await self._read_blocks(loop)
+            payloads, requested_at = await self._read_blocks(loop)
         if units.epoch != epoch:
             raise ConnectionLost(self._name, "poll", "the connection was replaced in the middle of it")
         is_new = epoch != self._epoch
         if is_new:
-            await self._take_over(epoch)
+            await self._read_outputs_again(epoch)
         changed = self._reader.feed(payloads)
-        self._asked_at = asked_at
-        values = up.values
+        self._requested_at = requested_at
+        values = reports.values
         if changed or values is None:
-            values = self._changed(changed or frozenset(), at)
+            values = self._update_values(changed or frozenset(), at)
         if is_new:
             self._heartbeat.connected(self._epochs, at)
-            self._presses.seen_again(values, at)
+            self._presses.restart(values, at)
         if at > self._heartbeat.live_until:
             raise self._heartbeat.error(at)
         if self._presses.waiting:
-            self._presses.look(values, at)
-        return LiftReading(at, epoch, values, self._watch.take_notices(at) if self._notices else (), up.states)
+            self._presses.check_proof(values, at)
+        return LiftReading(
+            at, epoch, values, self._foreign_writes.take_notices(at) if self._notices else (), reports.states
+        )
 
     async def run(self) -> None:
         """Carry out presses, holds and releases until cancelled; no device waits for another.
 
-        A bug raises only once everything is let go of, or after a few seconds in which that was not possible.
+        After a bug it raises once everything is released, or after a few seconds.
         """
         await self._worker.run()
 
-    def attach(self, above: DriverOwner) -> None:
-        """Ask and report to `above` from now on."""
-        self._up.above = above
+    def attach(self, owner: DriverOwner) -> None:
+        """Consult and report to `owner` from now on."""
+        self._reports.owner = owner
 
     def declare(self, holds: Mapping[Command, Hold]) -> None:
         """Replace what should be on."""
         now = asyncio.get_running_loop().time()
         if self._worker.has_failed:
             holds = {}
-        wanted = {command.name: (self._code(command), hold) for command, hold in holds.items()}
-        self._declared = frozenset(wanted).intersection(self._outputs.names)
-        first_fall_at = self._outputs.first_fall_at
+        declared = {command.name: (self._code(command), hold) for command, hold in holds.items()}
+        self._declared = frozenset(declared).intersection(self._outputs.names)
+        first_fall_at = self._outputs.first_expiry_at
         for name in self._outputs.names:
-            code, hold = wanted.get(name, (None, None))
+            code, hold = declared.get(name, (None, None))
             if code is None or hold is None:
                 released = self._outputs.undeclare(name)
-            elif self._epoch and self._permissions.missing(name) and not self._outputs.output(name).awaits_look:
-                # what the map requires was taken away: the hold goes, whatever its limit
+            elif self._epoch and self._permissions.missing_flags(name) and not self._outputs.output(name).awaits_look:
+                # a flag that the map requires is gone: release the hold, whatever its limit
                 released = self._outputs.withhold(name, hold)
             else:
                 released = self._outputs.declare(name, code, hold, now, adopts=not self._epoch)
             if released:
-                self._presses.end(name, Result.UNCONFIRMED, _TAKEN_BACK)
-        if self._up.report_states() or self._outputs.first_fall_at < first_fall_at:
-            self._stir()
+                self._presses.end(name, Result.UNCONFIRMED, _RELEASED_EARLY)
+        if self._reports.report_states() or self._outputs.first_expiry_at < first_fall_at:
+            self._on_outputs_changed()
 
     def press(self, press: PressId, command: Command, leave_by: float) -> None:
-        """Give a command once."""
+        """Press a command once."""
         name, code = command.name, self._code(command)
         given = Press(press, command)
         if name not in self._outputs or code is None:
@@ -227,89 +228,93 @@ class ModbusLift:
         self._presses.begin(given)
         now = asyncio.get_running_loop().time()
         self._outputs.press(name, code, now, press=press, leave_by=leave_by)
-        self._stir()
+        self._on_outputs_changed()
 
     def cancel(self, press: PressId) -> None:
-        """Take a press back."""
+        """Cancel a press."""
         for name in self._outputs.names:
-            output, given = self._outputs.output(name), self._presses.of(name)
+            output, given = self._outputs.output(name), self._presses.get(name)
             if output.press == press and (output.press_waits or name not in self._declared):
-                self._outputs.let_go(name)
+                self._outputs.release(name)
             if given is not None and given.id == press:
-                self._presses.finish(given, Result.UNCONFIRMED, _TAKEN_BACK)
-        self._stir()
+                self._presses.finish(given, Result.UNCONFIRMED, _RELEASED_EARLY)
+        self._on_outputs_changed()
 
     def frames(self, command: Command) -> tuple[str, ...]:
-        """Return the frames that a press of this command would be, as far as is known without reading."""
+        """Return the writes that a press of this command would send, as far as they are known without reading."""
         code = self._code(command)
         if command.name not in self._outputs or code is None:
             return ()
-        return self._writer.planned(*self._outputs.about_to_press(command.name, code))
+        return self._writer.plan_frames(*self._outputs.plan_press(command.name, code))
 
     def fence(self, until: float) -> None:
-        """Write nothing from this time on."""
+        """Write nothing at or after this time."""
         self._units.fence_at = until
-        self._worker.stir()
+        self._worker.wake()
 
     async def released(self) -> None:
         """Return once every output is at rest."""
-        await self._worker.rest()
+        await self._worker.wait_until_at_rest()
 
-    def _stir(self) -> None:
-        """Outputs are wanted otherwise than before."""
-        self._worker.end_dropped()
-        self._up.report_states()
-        self._worker.stir()
+    def _on_outputs_changed(self) -> None:
+        """Report the outputs and wake the workers after a change of what is declared or pressed."""
+        self._worker.end_dropped_presses()
+        self._reports.report_states()
+        self._worker.wake()
 
     def _code(self, command: Command) -> int | None:
-        """Return what a command writes; None for a floor that the site does not have."""
+        """Return the code that a command writes; None for a floor that the site does not have."""
         return self._settings.floors.get(command.floor) if command.floor is not None else 1
 
     async def _read_blocks(self, loop: asyncio.AbstractEventLoop) -> tuple[tuple[bytes, ...], tuple[float, ...]]:
-        """Return what each block holds, and when it was asked for."""
+        """Return the content of each block, and when it was requested."""
         payloads: list[bytes] = []
-        asked_at: list[float] = []
+        requested_at: list[float] = []
         for block, link, request in self._requests:
-            asked_at.append(loop.time())
+            requested_at.append(loop.time())
             try:
                 payloads.append(await link.read(request))
             except ControllerException as error:
-                raise await self._diagnosis.explained(error, block) from error
-        return tuple(payloads), tuple(asked_at)
+                raise await self._diagnosis.explain(error, block) from error
+        return tuple(payloads), tuple(requested_at)
 
-    def _changed(self, changed: frozenset[str], at: float) -> LiftValues:
+    def _update_values(self, changed: frozenset[str], at: float) -> LiftValues:
         if SIGNAL in changed:
             self._heartbeat.beat(at)
-        values = self._up.values
+        values = self._reports.values
         if values is None or changed != _ONLY_ALIVE:
-            self._up.values = values = lift_values(
+            self._reports.values = values = lift_values(
                 self._reader.values,
                 self._reader.unlisted,
                 self._names,
                 watchdog_unit_s=self._watchdog_unit_s,
-                floor_under_way=self._floor_under_way,
+                is_floor_known_under_way=self._is_floor_known_under_way,
             )
-            self._presses.changed(values, at)
+            self._presses.update(values, at)
             self._diagnosis.report_unlisted(values)
-            self._end_by_what_it_says(values)
+            self._release_by_reading(values)
         return values
 
-    def _end_by_what_it_says(self, values: LiftValues) -> None:
-        """Let go of what ends by a reading: close commands, and holds whose requirements were taken away."""
-        over = list(ended(self._commands, values, self._codec.signals))
-        for name in over:
-            self._outputs.let_go(name)
+    def _release_by_reading(self, values: LiftValues) -> None:
+        """Release what a reading ends: close commands, and holds whose required flags are gone."""
+        to_release = list(closes_to_release(self._commands, values, self._codec.signals))
+        for name in to_release:
+            self._outputs.release(name)
         for name in self._outputs.names:
-            if self._outputs.output(name).begin and self._permissions.missing(name) and self._outputs.withhold(name):
-                self._presses.end(name, Result.UNCONFIRMED, _TAKEN_BACK)
-                over.append(name)
-        if over:
-            self._worker.end_dropped()
-            self._worker.stir()
-        self._up.report_states()
+            if (
+                self._outputs.output(name).begin
+                and self._permissions.missing_flags(name)
+                and self._outputs.withhold(name)
+            ):
+                self._presses.end(name, Result.UNCONFIRMED, _RELEASED_EARLY)
+                to_release.append(name)
+        if to_release:
+            self._worker.end_dropped_presses()
+            self._worker.wake()
+        self._reports.report_states()
 
-    async def _take_over(self, epoch: int) -> None:
-        """Look at our own outputs over a new connection before anything is believed or written."""
+    async def _read_outputs_again(self, epoch: int) -> None:
+        """Read our own outputs back over a new connection before anything is trusted or written."""
         epochs = self._units.epochs
         changed = {endpoint for endpoint, number in epochs.items() if number != self._epochs.get(endpoint)}
         cells: dict[Cell, int] = {}
@@ -319,19 +324,19 @@ class ModbusLift:
             except UnitOffline:
                 raise
             except ControllerException as error:
-                raise PointsRefused(error, f"it does not say what our outputs hold: {names}") from error
+                raise PointsRefused(error, f"our outputs cannot be read back: {names}") from error
         if self._commands:
-            self._outputs.reconnected(cells, asyncio.get_running_loop().time(), changed)
-            self._worker.stir()
+            self._outputs.record_reconnect(cells, asyncio.get_running_loop().time(), changed)
+            self._worker.wake()
         self._epoch, self._epochs = epoch, epochs
-        self._up.report_states()
+        self._reports.report_states()
         self._diagnosis.forget()
 
     def _is_unread(self) -> bool:
-        """Whether a connection is new, and nothing was read over it yet."""
+        """Whether a connection is new and was not read yet."""
         return self._units.epoch != self._epoch
 
     def _clear(self, name: str) -> None:
-        """Let go of what somebody else has pressed."""
+        """Release an output that somebody else has pressed."""
         self._outputs.clear(name, asyncio.get_running_loop().time())
-        self._worker.stir()
+        self._worker.wake()

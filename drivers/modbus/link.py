@@ -1,7 +1,7 @@
-"""One connection to one controller over any wire, kept for ever: connect, use, notice the loss, connect again.
+"""Keeps one connection to one controller over any wire: connects, and connects again after each loss.
 
-A link repeats nothing but a read that was answered with busy. What it cannot vouch for it reports; after a second
-time-out in a row, or at once where answers and requests are out of step, it makes a new connection.
+A link repeats nothing but a read that was answered with busy; it reports all other failures. After a second time-out in a
+row, or at once if answers and requests are out of step, it makes a new connection.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from contextlib import contextmanager, suppress
 from enum import StrEnum, unique
 
 from drivers.errors import ConnectFailed, ConnectProblem, LinkDown
-from drivers.modbus.declared import Declared, UndeclaredWrite
+from drivers.modbus.declared_writes import DeclaredWrites, UndeclaredWrite
 from drivers.modbus.exchange import NO_ANSWER, Exchange, Permit
 from drivers.modbus.settings import LinkSettings, LinkStats
 from drivers.modbus.wire import OnBytes, Wire
-from drivers.rate_limits import TOLD_EVERY_S, ChangeRateLimiter
+from drivers.rate_limits import SUMMARY_EVERY_S, ChangeRateLimiter
 from register_maps.frames import Request
 
 __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
@@ -25,12 +25,12 @@ __all__ = ["Link", "LinkSettings", "LinkState", "LinkStats"]
 _logger = logging.getLogger(__name__)
 
 OUTAGES = 10
-"""Outages of one link that have lines of their own in the log, a minute. Chosen: as many as the changes of a lift have rows in the journal."""
+"""Outages of one link per minute with log lines of their own. Chosen: as many as changes of a lift have rows in the journal."""
 
 
 @unique
 class LinkState(StrEnum):
-    """Where a link is."""
+    """The state of a link."""
 
     DOWN = "down"
     """No connection, and none being made."""
@@ -39,9 +39,9 @@ class LinkState(StrEnum):
 
 
 class Link:
-    """One connection to one controller: `run` keeps it, everything else uses it.
+    """One connection to one controller: `run` keeps it, the other methods use it.
 
-    One transaction is in flight at a time. A command waits for that one at most, never behind queued reads.
+    One transaction is in flight at a time. A command waits for that one at most, not for queued reads.
     """
 
     def __init__(self, make_wire: Callable[[], Wire], settings: LinkSettings | None = None, *, name: str) -> None:
@@ -50,17 +50,17 @@ class Link:
         self.settings = settings or LinkSettings()
         self.stats = LinkStats()
         self.epoch = 0
-        """Rises by one with every connection made; 0 before the first. What an earlier epoch told counts no more."""
+        """Rises by one with every connection; 0 before the first. Readings of an earlier epoch no longer count."""
         self.shared_words = asyncio.Lock()
-        """Held by whoever reads a word and writes it back changed, so that two lifts on one controller cannot undo each other."""
-        self.declared: Declared | None = None
-        """What the lifts on this link may write: all else is a bug. None while no lift was put on it."""
+        """Held while a word is read and written back changed, so that two lifts on one controller cannot undo each other's writes."""
+        self.declared: DeclaredWrites | None = None
+        """What the lifts on this link may write; any other write is a bug. None before a lift is added."""
         self._make_wire = make_wire
         self._wire: Wire | None = None
         self._exchange: Exchange | None = None
-        self._hearers: tuple[OnBytes, ...] = ()
-        self._own_hearer: OnBytes | None = None
-        """Whoever listened to the wire before it was ours."""
+        self._listeners: tuple[OnBytes, ...] = ()
+        self._wire_listener: OnBytes | None = None
+        """The listener that the wire had when it was made."""
         self._last_tid = 0
         self._state = LinkState.DOWN
         self._reason = "not started"
@@ -69,7 +69,7 @@ class Link:
         self._warned = False
         self._outages = ChangeRateLimiter(OUTAGES)
         self._is_logged = True
-        """Whether the last outage has a line of its own in the log."""
+        """Whether the newest outage has a log line of its own."""
         self._summary: asyncio.TimerHandle | None = None
         self._running = False
         self._up = asyncio.Event()
@@ -79,27 +79,27 @@ class Link:
 
     @property
     def state(self) -> LinkState:
-        """Where it is now."""
+        """The current state."""
         return self._state
 
     @property
     def in_doubt(self) -> bool:
-        """Whether it is up, but the last request was not answered in time: presses are refused until an answer comes."""
+        """Whether it is up but the last request was not answered in time: presses are refused until an answer comes."""
         return self._exchange is not None and self._exchange.in_doubt
 
     @property
     def reason(self) -> str:
-        """Why it is not up, or in doubt; empty while all is well."""
+        """Why it is down or in doubt; empty while it works."""
         return NO_ANSWER if self.in_doubt else self._reason
 
     @property
     def since(self) -> float | None:
-        """Loop time at which it came up or went down (trying again changes nothing); None before `run`."""
+        """Loop time at which it came up or went down (attempts do not count); None before `run`."""
         return self._since
 
     @property
     def in_flight(self) -> bool:
-        """Whether a request has left and its answer is awaited."""
+        """Whether a request was sent and its answer is awaited."""
         return self._exchange is not None and self._exchange.in_flight
 
     @property
@@ -108,19 +108,19 @@ class Link:
         return (0, 0) if self._exchange is None else self._exchange.waiting
 
     @contextmanager
-    def tap(self, hear: OnBytes) -> Iterator[None]:
-        """Call `hear` with (sent, frame) of every frame for as long as the context lasts, over all connections.
+    def tap(self, listener: OnBytes) -> Iterator[None]:
+        """Call `listener` with (sent, frame) of every frame while the context lasts, over all connections.
 
-        Late and mismatched answers are among them; a frame that `Wire.send` says is thrown away is not. It must neither wait nor raise.
+        This includes late and mismatched answers, but not the frames that `Wire.send` discards. `listener` must neither block nor raise.
         """
-        self._hearers = (*self._hearers, hear)
+        self._listeners = (*self._listeners, listener)
         self._listen()
         try:
             yield
         finally:
-            left = list(self._hearers)
-            left.remove(hear)
-            self._hearers = tuple(left)
+            remaining = list(self._listeners)
+            remaining.remove(listener)
+            self._listeners = tuple(remaining)
             self._listen()
 
     async def read(self, request: Request) -> bytes:
@@ -132,7 +132,7 @@ class Link:
         return await self._exchange.read(request)
 
     async def read_urgent(self, request: Request) -> bytes:
-        """As `read`, in the command lane: to see what a command did."""
+        """As `read`, in the command lane: to read back the effect of a command."""
         if self._exchange is None:
             raise self._link_down()
         if request.values:
@@ -142,9 +142,9 @@ class Link:
     async def write(self, request: Request, permit: Permit | None = None, *, presses: bool = True) -> None:
         """Write, in the command lane; never sent a second time. Raises as `read`, and PressRefused if `permit` objects.
 
-        What needs a permit, and `presses`, is refused as well while the link is in doubt; a release leaves all the same.
-        The error's `sent` says whether the controller may have carried it out. Raises UndeclaredWrite, which is no DriverError,
-        for what no map on this link declares, whether or not there is a connection.
+        A write that has a permit and `presses` is also refused while the link is in doubt; a release is sent all the same.
+        The error's `sent` tells whether the controller may have carried it out. Raises UndeclaredWrite, which is not a DriverError,
+        for a write that no map on this link declares, connected or not.
         """
         if not request.values:
             raise ValueError(f"not a write: {request}")
@@ -187,7 +187,7 @@ class Link:
             self._ended.set()
 
     async def close(self) -> None:
-        """End it for good: everyone who waits is told, further use raises LinkDown, and `run` returns."""
+        """Close it for good: waiting requests and further use raise LinkDown, and `run` returns."""
         self._closing.set()
         self._end("closed")
         self._up.set()
@@ -195,9 +195,9 @@ class Link:
             await self._ended.wait()
 
     async def _serve(self) -> bool:
-        """One connection from its making to its end; returns whether the controller ever answered on it."""
+        """Make one connection and use it to its end. Returns whether the controller ever answered on it."""
         wire = self._wire = self._make_wire()
-        self._own_hearer = wire.on_bytes
+        self._wire_listener = wire.on_bytes
         self._listen()
         exchange = Exchange(
             self.name,
@@ -205,7 +205,7 @@ class Link:
             self.stats,
             wire,
             last_tid=self._last_tid,
-            on_broken=self._fault,
+            on_broken=self._end_connection,
             on_proved=self._on_proved,
         )
         self._down.clear()
@@ -214,9 +214,9 @@ class Link:
             await wire.open(exchange.on_frame, self._on_lost, timeout_s=self.settings.connect_timeout_s)
         except ConnectFailed as error:
             self.stats.failed_connects += 1
-            # No wire: it was ended meanwhile, and for a better reason.
+            # Without a wire it was ended meanwhile, for a better reason.
             if self._wire is not None:
-                self._fault(f"{error}{self._slots(error)}")
+                self._end_connection(f"{error}{self._slot_hint(error)}")
             return False
         self._exchange = exchange
         self.epoch += 1
@@ -228,18 +228,18 @@ class Link:
         return exchange.proved
 
     def _listen(self) -> None:
-        """Hear the wire only while somebody wants to: each frame would cost a call."""
+        """Listen to the wire only while there are listeners: each frame costs a call."""
         if self._wire is not None:
-            self._wire.on_bytes = self._on_bytes if self._hearers else self._own_hearer
+            self._wire.on_bytes = self._on_bytes if self._listeners else self._wire_listener
 
     def _on_bytes(self, sent: bool, frame: bytes) -> None:  # noqa: FBT001 - as OnBytes has it
-        if self._own_hearer is not None:
-            self._own_hearer(sent, frame)
-        for hear in self._hearers:
-            hear(sent, frame)
+        if self._wire_listener is not None:
+            self._wire_listener(sent, frame)
+        for listener in self._listeners:
+            listener(sent, frame)
 
-    def _slots(self, error: ConnectFailed) -> str:
-        """Say what may stand behind a connection that was not made, where a device serves few clients."""
+    def _slot_hint(self, error: ConnectFailed) -> str:
+        """Return a hint for a failed connection to a device that serves few clients."""
         most = self.settings.max_connections
         if most is None or error.problem not in (ConnectProblem.TIMED_OUT, ConnectProblem.REFUSED):
             return ""
@@ -247,23 +247,23 @@ class Link:
 
     def _on_lost(self, reason: str) -> None:
         self.stats.losses += 1
-        self._fault(reason)
+        self._end_connection(reason)
 
-    def _fault(self, reason: str) -> None:
-        """The connection ends, or was never made, and that was not our wish."""
+    def _end_connection(self, reason: str) -> None:
+        """End a connection that broke or could not be made, and log the outage."""
         is_new = not self._warned
         if is_new:
             self._quiet_since = now = asyncio.get_running_loop().time()
             self._is_logged = self._outages.admits("lost", now)
             if not self._is_logged and self._summary is None:
-                self._summary = asyncio.get_running_loop().call_later(TOLD_EVERY_S, self._log_outages)
+                self._summary = asyncio.get_running_loop().call_later(SUMMARY_EVERY_S, self._log_outages)
         level = logging.WARNING if is_new and self._is_logged else logging.DEBUG
         _logger.log(level, "%s: no connection: %s", self.name, reason)
         self._warned = True
         self._end(reason)
 
     def _log_outages(self) -> None:
-        """Log the outages that were only counted, and how it is now."""
+        """Log the outages that were only counted, with the current state."""
         if self._summary is not None:
             self._summary.cancel()
         self._summary = None
@@ -288,7 +288,7 @@ class Link:
             exchange.stop(reason, self._link_down)
 
     def _on_proved(self) -> None:
-        """The controller has answered: only now is an outage over, for some take every connection and serve none."""
+        """End the outage at the first answer: some controllers accept every connection and serve none."""
         if self._warned:
             self._warned = False
             silent_s = asyncio.get_running_loop().time() - self._quiet_since

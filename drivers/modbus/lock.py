@@ -1,4 +1,4 @@
-"""One manager per controller: a lock file that a second one, or a tool that would take the only slot, runs into."""
+"""Ensures one manager per controller with a lock file, which also stops tools that would occupy the only slot."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from drivers.own_files import is_shared, open_own
 
 @contextmanager
 def controller_lock(host: str, port: int, *, temporary: Path | None = None) -> Iterator[None]:
-    """Hold the lock of one controller. Raises ControllerTaken when another process on this machine has it, and LockUnusable.
+    """Hold the lock of one controller. Raises ControllerTaken if another process on this machine has it, and LockUnusable.
 
-    The system drops the lock with the process, however it ends. `temporary` is the folder for temporary files, by default the system's.
+    The system releases the lock when the process ends, however it ends. `temporary` is the folder for temporary files, by default the system's.
     """
     folder = (temporary or Path(tempfile.gettempdir())) / f"lift-manager-{os.getuid()}"
     path = folder / f"{re.sub(r'[^0-9A-Za-z.-]', '_', host)}_{port}.lock"

@@ -1,6 +1,6 @@
-"""A wire without a network, and a small controller at its end, for seeded tests and tests on virtual time.
+"""A wire in memory and a small controller at its end, for seeded tests and tests on virtual time.
 
-`MemoryWire` passes the same contract tests as the real wire. It uses nothing but the running loop's clock.
+`MemoryWire` passes the same contract tests as the real wire. It uses only the running loop's clock.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from register_maps.frames import Request
 from register_maps.words import BIT_TABLES, Table
 
 Reply = tuple[float, bytes | None]
-"""After so many seconds these bytes come; None: the device closes the connection."""
+"""(delay in seconds, bytes that arrive then); None: the device closes the connection."""
 Answer = Callable[[bytes], Iterable[Reply]]
-"""What a device makes of one request frame."""
+"""Returns the replies to one request frame."""
 Admit = Callable[[], ConnectProblem | None]
-"""Why a connection is not made; None: it is."""
+"""Returns why a connection fails, or None."""
 
 
 def _everyone() -> ConnectProblem | None:
@@ -31,7 +31,7 @@ def _everyone() -> ConnectProblem | None:
 
 
 class MemoryWire:
-    """A wire to `answer`; `admit` is asked at every attempt to connect."""
+    """A wire to `answer`; `admit` is called at every attempt to connect."""
 
     def __init__(self, answer: Answer, *, admit: Admit = _everyone, peer: str = "memory") -> None:
         self.on_bytes: OnBytes | None = None
@@ -90,7 +90,7 @@ class MemoryWire:
                 loop.call_soon(self._arrive, self._generation, data)
 
     def deliver(self, data: bytes) -> None:
-        """These bytes come now, asked for or not."""
+        """Receive these bytes now, requested or not."""
         try:
             whole, self._rest = frames.split(self._rest + data)
         except FrameError as error:
@@ -108,13 +108,13 @@ class MemoryWire:
             self._on_frame(frame)
 
     def drop(self, reason: str = CLOSED_BY_CONTROLLER) -> None:
-        """The connection goes away now."""
+        """Lose the connection now."""
         if self._open:
             self.close()
             self._on_lost(reason)
 
     def go_half_open(self) -> None:
-        """The other end is gone without a word: this connection stays open, and nothing goes or comes over it any more."""
+        """Lose the other end silently: this connection stays open, but carries nothing any more."""
         self._is_half_open = self._open
 
     def _arrive(self, generation: int, data: bytes | None) -> None:
@@ -128,12 +128,12 @@ class MemoryWire:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """How a device treats one request, other than right."""
+    """A wrong treatment of one request by a device."""
 
     replies: Callable[[bytes, bytes], Iterable[Reply]]
-    """(request frame, right answer) -> what comes instead."""
+    """(request frame, right answer) -> the replies instead."""
     executes: bool = True
-    """Whether the device does what was asked all the same."""
+    """Whether the device executes the request all the same."""
 
 
 def silence(*, executes: bool = True) -> Fault:
@@ -152,7 +152,7 @@ def twice(second_after_s: float = 0.0) -> Fault:
 
 
 def edited(edit: Callable[[bytes], bytes]) -> Fault:
-    """Other bytes made from the right answer: wrong transaction id, wrong echo, cut short."""
+    """The right answer, edited: wrong transaction id, wrong echo, cut short."""
     return Fault(lambda _request, answer: ((0.0, edit(answer)),))
 
 
@@ -162,7 +162,7 @@ def exception(code: int) -> Fault:
 
 
 def in_pieces(*cuts: int, every_s: float = 0.0) -> Fault:
-    """The right answer in segments that end at these bytes, so many seconds apart."""
+    """The right answer in segments that end at these bytes, `every_s` apart."""
     ends = (0, *cuts, None)
     return Fault(lambda _request, answer: ((i * every_s, answer[a:b]) for i, (a, b) in enumerate(pairwise(ends))))
 
@@ -174,15 +174,15 @@ def after(bytes_before: bytes) -> Fault:
 
 def reordered() -> tuple[Fault, Fault]:
     """For two requests: the answer to the first comes behind that to the second, in one segment."""
-    return _kept(lambda held, answer: answer + held)
+    return _pair(lambda held, answer: answer + held)
 
 
 def merged() -> tuple[Fault, Fault]:
     """For two requests: the answer to the first comes only with that to the second, before it, in one segment."""
-    return _kept(lambda held, answer: held + answer)
+    return _pair(lambda held, answer: held + answer)
 
 
-def _kept(together: Callable[[bytes, bytes], bytes]) -> tuple[Fault, Fault]:
+def _pair(together: Callable[[bytes, bytes], bytes]) -> tuple[Fault, Fault]:
     held: list[bytes] = []
 
     def keep(_request: bytes, answer: bytes) -> Iterable[Reply]:
@@ -193,13 +193,13 @@ def _kept(together: Callable[[bytes, bytes], bytes]) -> tuple[Fault, Fault]:
 
 
 def hang_up(*, executes: bool = True) -> Fault:
-    """The connection is closed instead of an answer."""
+    """The device closes the connection instead of answering."""
     return Fault(lambda _request, _answer: ((0.0, None),), executes=executes)
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedRequest:
-    """One request as the device heard it."""
+    """One request that the device received."""
 
     at_s: float
     """On the loop's clock."""
@@ -209,7 +209,7 @@ class ReceivedRequest:
 
 @dataclass(slots=True)
 class _Waiting:
-    """A fault, the requests that it is meant for, and how many of them it still takes."""
+    """A fault, the requests that it applies to, and its remaining uses."""
 
     fault: Fault
     applies: Callable[[Request], bool]
@@ -219,8 +219,8 @@ class _Waiting:
 class MemoryDevice:
     """A controller in memory: FC 1 to 6, 15, 16 and 22, exceptions 1, 2 and 3, and 0B for a foreign unit.
 
-    What was never set reads 0. `served` lists the first and last address of each range, and what it does not list
-    answers with exception 2; without it everything is served.
+    Values never set read 0. `served` lists the first and last address of each range; other addresses are answered with
+    exception 2. Without it everything is served.
     """
 
     def __init__(
@@ -233,13 +233,13 @@ class MemoryDevice:
         timed_coils: bool = False,
     ) -> None:
         self.values: dict[Table, dict[int, int]] = {table: {} for table in Table}
-        """The register image; tests read and set it."""
-        self.heard: list[ReceivedRequest] = []
+        """The register image, which tests read and set."""
+        self.received: list[ReceivedRequest] = []
         """Every well-formed request, in order."""
         self.connects = 0
-        """Attempts to connect, those turned away included."""
-        self.turns_away: ConnectProblem | None = None
-        """Set it to let no connection in."""
+        """Attempts to connect, including failed ones."""
+        self.connect_problem: ConnectProblem | None = None
+        """Set it to refuse connections."""
         self.delay_s = delay_s
         """How long an answer takes, seconds."""
         self._unit = unit
@@ -251,13 +251,13 @@ class MemoryDevice:
         self._faults: list[_Waiting] = []
 
     def wire(self) -> MemoryWire:
-        """A new wire to this device: what a link takes as its factory."""
+        """Return a new wire to this device; the factory for a link."""
         wire = MemoryWire(self.answer, admit=self._admit, peer=self._peer)
         self._wires.append(wire)
         return wire
 
     def fail_next(self, fault: Fault, *, times: int = 1, on: Callable[[Request], bool] = lambda _request: True) -> None:
-        """Treat the next requests (those for which `on` holds) like this; faults queue up."""
+        """Apply a fault to the next requests for which `on` holds; faults queue up."""
         if times > 0:
             self._faults.append(_Waiting(fault, on, times))
 
@@ -266,11 +266,11 @@ class MemoryDevice:
         self._faults.clear()
 
     def fall_silent(self, for_s: float) -> None:
-        """Hear and answer nothing for so long; connections stay open, and new ones are made."""
+        """Ignore all requests for so long; connections stay open, and new ones are made."""
         self._silent_until = asyncio.get_running_loop().time() + for_s
 
     def go_half_open(self) -> None:
-        """Vanish without a word from every connection there is; new ones work."""
+        """Lose every open connection silently; new ones work."""
         for wire in self._wires:
             wire.go_half_open()
 
@@ -279,16 +279,16 @@ class MemoryDevice:
         for wire in self._wires:
             wire.drop()
 
-    def say(self, data: bytes) -> None:
-        """Send bytes nobody asked for to everyone who is connected."""
+    def send_unrequested(self, data: bytes) -> None:
+        """Send unrequested bytes over every open connection."""
         for wire in self._wires:
             if wire.is_open:
                 wire.deliver(data)
 
     @property
     def executed(self) -> list[Request]:
-        """What was carried out, in order."""
-        return [heard.request for heard in self.heard if heard.executed]
+        """The requests that were carried out, in order."""
+        return [heard.request for heard in self.received if heard.executed]
 
     @property
     def writes(self) -> list[Request]:
@@ -296,7 +296,7 @@ class MemoryDevice:
         return [request for request in self.executed if request.is_write]
 
     def answer(self, frame: bytes) -> list[Reply]:
-        """Carry out one request and say what comes back."""
+        """Carry out one request and return the replies."""
         if self._silent_until is not None and asyncio.get_running_loop().time() < self._silent_until:
             return []
         try:
@@ -304,9 +304,9 @@ class MemoryDevice:
         except BadRequest as error:
             return [(self.delay_s, frames.exception_answer(frame, error.code))]
         fault = self._take_fault(request)
-        code = self._objection(request)
+        code = self._exception_code(request)
         executes = code is None and (fault is None or fault.executes)
-        self.heard.append(ReceivedRequest(asyncio.get_running_loop().time(), request, executes))
+        self.received.append(ReceivedRequest(asyncio.get_running_loop().time(), request, executes))
         if code is not None:
             right = frames.exception_answer(frame, code)
         else:
@@ -318,7 +318,7 @@ class MemoryDevice:
 
     def _admit(self) -> ConnectProblem | None:
         self.connects += 1
-        return self.turns_away
+        return self.connect_problem
 
     def _take_fault(self, request: Request) -> Fault | None:
         for place, waiting in enumerate(self._faults):
@@ -329,7 +329,7 @@ class MemoryDevice:
                 return waiting.fault
         return None
 
-    def _objection(self, request: Request) -> int | None:
+    def _exception_code(self, request: Request) -> int | None:
         if request.unit != self._unit:
             return TARGET_SILENT
         if self._served is None:

@@ -1,4 +1,4 @@
-"""From points to few block reads: pure."""
+"""Plans few block reads that cover many points. Pure."""
 
 from __future__ import annotations
 
@@ -9,36 +9,35 @@ from register_maps.codec import Block, Codec, Point
 from register_maps.words import BIT_TABLES
 
 _CAR = ("car_floor", "motion", "level")
-"""Signals that tell where the car is, and that it stands."""
+"""Signals about where the car is, and whether it stands."""
 
 
 class PlanError(ValueError):
     """A point lies outside what the device serves."""
 
 
-def polled(codec: Codec) -> list[Point]:
-    """List what a poll has to read: every signal and, of a device that only takes commands, one output.
+def polled_points(codec: Codec) -> list[Point]:
+    """Return the points of a poll: every signal and, of a device that only takes commands, one output.
 
-    Without that, a device that is switched off would be missed only by the next command.
+    Without the output, a device that is switched off would be noticed only at the next command.
     """
     points = list(codec.signal_points)
-    seen = {point.endpoint for point in points}
+    endpoints = {point.endpoint for point in points}
     for command in codec.commands.values():
         for point in command.read_points:
-            if point.endpoint not in seen:
-                seen.add(point.endpoint)
+            if point.endpoint not in endpoints:
+                endpoints.add(point.endpoint)
                 points.append(point)
     return points
 
 
 def plan_poll(codec: Codec, *, max_registers: int, max_bits: int) -> tuple[Block, ...]:
-    """Cover everything that a poll reads, in the order in which it is read: doors before floor, motion and level.
+    """Return the blocks of a poll in reading order: doors before floor, motion and level.
 
-    Where these take several reads, an open door lies between two looks at a car that stands at a floor, of this poll and of
-    the one before, once two polls in a row agree. The other way round the car may be gone by the time at which the door is
-    read, and open at the next floor.
+    If these take several reads, and two polls in a row agree, then an open door was read between two readings of a car that
+    stands at the floor. The other way round the car may have departed when the door is read, and be open at the next floor.
     """
-    blocks = plan_reads(polled(codec), codec.served, max_registers=max_registers, max_bits=max_bits)
+    blocks = plan_reads(polled_points(codec), codec.served, max_registers=max_registers, max_bits=max_bits)
     doors = [point for name, signal in codec.signals.items() if name.startswith("door.") for point in signal.points]
     car = [point for name in _CAR if name in codec.signals for point in codec.signals[name].points]
     if any(all(map(block.holds, doors + car)) for block in blocks):
@@ -55,7 +54,7 @@ def plan_reads(
 ) -> tuple[Block, ...]:
     """Cover the points with as few reads as the served ranges and the request limits allow.
 
-    A gap inside a served range is read along: even the longest read costs a controller less than a second round trip.
+    A gap inside a served range is read too: even the longest read costs a controller less than a second round trip.
     Raises PlanError for a point that no served range holds.
     """
     blocks: list[Block] = []

@@ -1,4 +1,4 @@
-"""From decoded signals to what one lift says: floor names, one mode, no guesses. Pure."""
+"""Turns decoded signals into the values of one lift: floor names, one mode, no guesses. Pure."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def lift_values(
     floors: Mapping[int, FloorName],
     *,
     watchdog_unit_s: float = 1.0,
-    floor_under_way: bool = True,
+    is_floor_known_under_way: bool = True,
 ) -> LiftValues:
-    """Put the decoded signals of one poll into the words of the manager.
+    """Turn the decoded signals of one poll into lift values.
 
-    `floors` names the site's floor codes; a code it does not list is unknown, and kept with its raw value. `watchdog_unit_s` is
-    one count of the module's watchdog. Without `floor_under_way` the floor counts only while the car is told to be stopped.
+    `floors` has the names by floor code; an unlisted code is unknown, and kept with its raw value. `watchdog_unit_s` is one
+    count of the module's watchdog. Without `is_floor_known_under_way` the floor counts only while the car is reported stopped.
     """
     calls = signals.get("calls_registered")
     counts = signals.get("watchdog_time")
@@ -37,7 +37,7 @@ def lift_values(
             unknown[signal] = code
     mode = lift_mode(signals)
     motion = signals.get("motion")
-    if not floor_under_way and motion is not Motion.STOPPED:
+    if not is_floor_known_under_way and motion is not Motion.STOPPED:
         named["car_floor"] = None
     return LiftValues(
         floor=named["car_floor"],
@@ -57,19 +57,19 @@ def lift_values(
 
 
 def lift_mode(signals: Mapping[str, Value]) -> Mode:
-    """Return the highest mode that the mode word or any flag tells.
+    """Return the highest-ranking mode that the mode word or any flag reports.
 
-    A mode word or safety flag that cannot be read makes it UNKNOWN, unless a flag tells a mode without robots.
+    A mode word or safety flag that cannot be read makes it UNKNOWN, unless a flag reports a mode without robots.
     """
-    told = [mode for mode, flags in FLAG_MODES if any(signals.get(flag) is True for flag in flags)]
+    reported = [mode for mode, flags in FLAG_MODES if any(signals.get(flag) is True for flag in flags)]
     if any(flag in signals and signals[flag] is None for flag in SAFETY_FLAGS):
-        told.append(Mode.UNKNOWN)
+        reported.append(Mode.UNKNOWN)
     if "mode" in signals:
         word = signals["mode"]
-        told.append(word if isinstance(word, Mode) else Mode.UNKNOWN)
-    if Mode.UNKNOWN in told and not any(_RANK.get(mode, 0) > _RANK[Mode.ROBOT] for mode in told):
+        reported.append(word if isinstance(word, Mode) else Mode.UNKNOWN)
+    if Mode.UNKNOWN in reported and not any(_RANK.get(mode, 0) > _RANK[Mode.ROBOT] for mode in reported):
         return Mode.UNKNOWN
-    return max(told, key=lambda mode: _RANK.get(mode, 0), default=Mode.NORMAL)
+    return max(reported, key=lambda mode: _RANK.get(mode, 0), default=Mode.NORMAL)
 
 
 def _door(value: Value) -> Door:

@@ -1,12 +1,12 @@
-"""The driver's end of `DriverOwner`: asks on behalf of outputs, and reports the states of outputs as they change."""
+"""Connects one driver with its `DriverOwner`: checks presses with it and reports outputs as they change."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from drivers.driver import DriverOwner, NoOwner, Report
-from drivers.modbus.confirm import Expectation, confirm_of, proof
-from drivers.modbus.recipe import Outputs
+from drivers.modbus.confirm import Expectation, confirmation_of, find_proof
+from drivers.modbus.outputs import Outputs
 from drivers.modbus.steps import Phase
 from drivers.model import (
     Command,
@@ -24,50 +24,50 @@ from register_maps.words import Side
 
 
 class DriverReports:
-    """What one lift's driver says to whoever is attached."""
+    """Reports of one lift's driver to its owner."""
 
     def __init__(self, outputs: Outputs, floors: Mapping[int, FloorName]) -> None:
-        """`floors` are the names of floors by their codes."""
-        self.above: DriverOwner = NoOwner()
+        """`floors` are floor names by code."""
+        self.owner: DriverOwner = NoOwner()
         self.values: LiftValues | None = None
-        """What the lift said last; None before it said anything."""
+        """The newest values of the lift; None before the first reading."""
         self.states: Mapping[str, OutputState] = dict.fromkeys(outputs.names, OutputState.AT_REST)
-        """As they were reported last; another object whenever one has changed."""
+        """As last reported; a new object whenever one has changed."""
         self._outputs = outputs
         self._floors = floors
 
     def report(self, item: Report) -> None:
-        """Report something."""
-        self.above.report(item)
+        """Report to the owner."""
+        self.owner.report(item)
 
     def report_failure(self, reason: str) -> None:
-        """Report that a bug was met."""
-        self.above.report(DriverFailed(reason))
+        """Report a bug."""
+        self.owner.report(DriverFailed(reason))
 
     def report_states(self) -> bool:
-        """Report each output that is in another state than was reported last; returns whether there is any."""
+        """Report each output whose state has changed. Returns whether there is any."""
         changed = {name: state for name, known in self.states.items() if (state := self._state(name)) is not known}
         if not changed:
             return False
         self.states = {**self.states, **changed}
         for name, state in changed.items():
-            self.above.report(OutputChanged(name, state))
+            self.owner.report(OutputChanged(name, state))
         return True
 
     def blocked_by(self, name: str, press: PressId | None) -> str | None:
-        """Ask what forbids an output to be written as pressed."""
-        return self.above.blocked_by(self.command(name), press)
+        """Return what forbids writing an output as pressed, or None."""
+        return self.owner.blocked_by(self.command(name), press)
 
     def command(self, name: str) -> Command:
-        """Return what an output is on for, or will be."""
+        """Return the command that an output carries out."""
         output = self._outputs.output(name)
         kind, _, side = name.partition(".")
         floor = self._floors.get(output.code) if output.codec.is_call and output.code is not None else None
         return Command(CommandKind(kind), floor, Side(side) if side else None)
 
-    def confirm(self, name: str) -> Confirm:
+    def confirmation(self, name: str) -> Confirm:
         """Return what shows that this command took effect."""
-        return confirm_of(self._outputs.output(name).spec)
+        return confirmation_of(self._outputs.output(name).spec)
 
     def _state(self, name: str) -> OutputState:
         output = self._outputs.output(name)
@@ -76,7 +76,7 @@ class DriverReports:
                 return OutputState.REQUESTED if output.awaits_look else OutputState.AT_REST
             case Phase.DUE | Phase.LEAVING:
                 return OutputState.REQUESTED
-            case Phase.LETTING_GO:
+            case Phase.RELEASING:
                 return OutputState.RELEASING
             case Phase.ON if output.is_lost:
                 return OutputState.LOST
@@ -89,9 +89,9 @@ class DriverReports:
         if self.values is None or not output.is_held:
             return False
         if output.codec.is_call:
-            return output.verified  # where the car goes says nothing of what is still on
-        any_of = self.confirm(name).any_of
+            return output.verified  # where the car goes does not show what is still on
+        any_of = self.confirmation(name).any_of
         if "readback" in any_of and not output.verified:
-            return False  # a door that is open by itself does not make up for a hold that is not there
+            return False  # a door that is open for another reason does not prove the hold
         expected = Expectation(self.command(name), any_of, None, ())
-        return proof(expected, self.values, read_back=output.verified) is not Proof.NONE
+        return find_proof(expected, self.values, read_back=output.verified) is not Proof.NONE

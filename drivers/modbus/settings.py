@@ -1,4 +1,4 @@
-"""What a link is told, and what it counts."""
+"""The settings of a link, and its counters."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from drivers.modbus.latency import SPARE_S, Latency
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkSettings:
-    """How one controller wants to be spoken to. Durations in seconds."""
+    """How to communicate with one controller. Durations in seconds."""
 
     timeout_s: float = 0.5
-    """For an answer, as long as none was measured; a write is never waited for less. Chosen: controllers answer within 20 to 100 ms; a second chance fits into one
-    second of age."""
+    """Time-out of an answer until round trips are measured; a write never has less. Chosen: controllers answer within 20 to 100 ms, and a
+    second try fits into one second of age."""
     timeout_max_s: float | None = None
-    """Most that an answer may take, however slow the controller was found to be: `most_timeout_s` says what it is by itself."""
+    """Longest time-out of an answer, however slow the controller is; the default is `most_timeout_s`."""
     connect_timeout_s: float = 1.0
-    """For a connection. Chosen: TCP repeats its request after 1 s, and the next attempt of ours is not far."""
+    """Time-out of a connection. Chosen: TCP repeats its request after 1 s, and our next attempt follows soon."""
     min_gap_s: float = 0.0
     """From the end of one transaction to the start of the next. From the controller's manual."""
     reconnect_min_s: float = 0.2
     """From the end of one connection to the next attempt. Chosen: a device with one slot needs time to free it."""
     reconnect_max_s: float = 1.0
-    """Most from the start of one attempt to that of the next. Chosen: heals within 2 s of the controller's return."""
+    """Longest time from the start of one attempt to that of the next. Chosen: heals within 2 s of the controller's return."""
     max_connections: int | None = None
-    """How many clients the device serves at once, where that is known: a time-out may mean that its slots are taken."""
+    """How many clients the device serves at once, if known: a time-out may mean that its slots are taken."""
     tid_echo: bool = True
     """Whether the device answers with the transaction id of the request, as the specification says; some do not."""
     tls: bool = False
     """Whether the wire is Modbus/TCP Security: there an exception may be about the role in our certificate."""
     busy_retries: int = 3
-    """How often a read that was answered with busy (06) is asked again. Chosen."""
+    """How often a read that was answered with busy (06) is repeated. Chosen."""
     busy_pause_s: float = 0.05
     """How long reads wait after a busy answer; commands do not. Chosen: about one poll period."""
 
@@ -53,8 +53,8 @@ class LinkSettings:
     def most_timeout_s(self) -> float:
         """`timeout_max_s`, else four times `timeout_s` but not beyond 2 s.
 
-        Chosen: four times heals a gateway that is far slower than its map says, and a release, which waits behind at most one
-        request, waits no longer for it than between two of its own tries.
+        Chosen: four times is enough for a gateway far slower than its map says; and a release, which waits for at most one request,
+        waits no longer than between two of its own tries.
         """
         if self.timeout_max_s is not None:
             return self.timeout_max_s
@@ -62,20 +62,20 @@ class LinkSettings:
 
     def new_latency(self) -> Latency:
         """Return an estimator for a link that has measured nothing yet."""
-        # without transaction ids one time-out costs the connection: there patience is cheaper than a quick verdict
+        # without transaction ids one time-out ends the connection, so waiting longer is cheaper
         spare_s = min(SPARE_S, self.timeout_s) if self.tid_echo else self.timeout_s
         return Latency(self.timeout_s, spare_s=spare_s, most_s=self.most_timeout_s)
 
 
 @dataclass(slots=True)
 class LinkStats:
-    """What has happened since the link was made."""
+    """Counters since the link was made."""
 
     transactions: int = 0
     """Requests sent."""
     timeouts: int = 0
     late: int = 0
-    """Answers to requests of ours that are no longer waited for: too late, or given twice. Thrown away."""
+    """Discarded answers to requests of ours: too late, or duplicates."""
     desyncs: int = 0
     """Answers that fit no request of ours."""
     recycles: int = 0
@@ -83,21 +83,21 @@ class LinkStats:
     connects: int = 0
     failed_connects: int = 0
     losses: int = 0
-    """Connections that the other side ended, or that brought something other than Modbus/TCP."""
+    """Connections that the other side ended, or that carried something other than Modbus/TCP."""
     exceptions: int = 0
     """Exception answers, busy ones included."""
     latencies: dict[int, Latency] = field(default_factory=dict)
-    """What the answers of each unit take, and how long its next one may."""
+    """Round trips and time-out of each unit."""
     silent_units: set[int] = field(default_factory=set)
     """Units that do not answer while others on this link do."""
     answered_at: float | None = None
-    """Loop time of the newest honest answer, exceptions included; None before the first."""
+    """Loop time of the newest good answer, including exceptions; None before the first."""
     round_trips: Histogram = field(default_factory=Histogram)
-    """From request to honest answer, late ones included. What was never answered is in `timeouts` only."""
+    """From request to good answer, including late ones. Requests without an answer are only in `timeouts`."""
     read_waits: Histogram = field(default_factory=Histogram)
     """How long reads waited for their turn before they left."""
     command_waits: Histogram = field(default_factory=Histogram)
-    """The same of the command lane."""
+    """The same for the command lane."""
 
     @property
     def round_trip_s(self) -> float | None:

@@ -1,4 +1,4 @@
-"""The words of the outputs: where one is, and what a write of it is for."""
+"""The phases of an output, and the kinds of steps that change it."""
 
 from __future__ import annotations
 
@@ -10,46 +10,46 @@ from register_maps.codec import Block
 
 @unique
 class Phase(StrEnum):
-    """Where one output is."""
+    """The phase of one output."""
 
     REST = "rest"
     DUE = "due"
-    """Wanted, not written yet."""
+    """Requested, not written yet."""
     LEAVING = "leaving"
-    """Its press is on its way: whoever wants rest now must let it go."""
+    """Its press is under way, so it has to be released to come to rest."""
     ON = "on"
-    LETTING_GO = "letting go"
+    RELEASING = "releasing"
 
 
 @unique
 class StepKind(StrEnum):
-    """What a write is for."""
+    """The purpose of a write."""
 
     PRESS = "press"
     REFRESH = "refresh"
     RELEASE = "release"
     PAUSE = "pause"
-    """The end of one pulse of a hold that is made of pulses; the hold goes on."""
+    """The end of one pulse of a hold that consists of pulses; the hold continues."""
     RESET = "reset"
     """The rest value, so that the press that follows is an edge."""
     CYCLE = "cycle"
-    """A block that is written whether or not anything is wanted, while nothing in it is on."""
+    """A block that is written in a cycle while nothing in it is on."""
     BEAT = "beat"
-    """Our sign of life."""
+    """Our heartbeat."""
     LOOK = "look"
-    """No write: whether a hold that is not written again is still there."""
+    """No write: reads back a hold that is not refreshed."""
     VERIFY = "verify"
-    """No write: whether a release that was answered has come about."""
+    """No write: reads back a release that was answered."""
 
 
-NEED_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})
-"""Writes that ask for something; all others let go, or say no more than that we live."""
+KINDS_WITH_PERMIT = frozenset({StepKind.PRESS, StepKind.REFRESH})
+"""Writes that press; all others release, or are heartbeats."""
 
-ONLY_LOOK = frozenset({StepKind.LOOK, StepKind.VERIFY})
+READ_ONLY_KINDS = frozenset({StepKind.LOOK, StepKind.VERIFY})
 """Steps that write nothing."""
 
-CHANGE = frozenset({StepKind.PRESS, StepKind.RELEASE, StepKind.PAUSE, StepKind.RESET})
-"""Steps that write something else than what stands there already, as far as we know."""
+CHANGING_KINDS = frozenset({StepKind.PRESS, StepKind.RELEASE, StepKind.PAUSE, StepKind.RESET})
+"""Steps that change the points, as far as we know."""
 
 
 @dataclass(frozen=True, slots=True)

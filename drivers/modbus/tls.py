@@ -1,4 +1,4 @@
-"""Modbus/TCP Security on our side of a link: whom it believes, what it shows, and what a failure means in plain words."""
+"""Modbus/TCP Security on our side of a link: which certificates it trusts and presents, and what a failure means."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 _SHOWN_ON = "%s; the last certificate and key that could be used are shown on"
 
 FILES_WITHIN_S = 1.0
-"""Chosen: files are read in milliseconds; a disk that takes longer may never answer, and a link tries again every second."""
+"""Chosen: files are read in milliseconds; a slower disk may never answer, and a link tries again every second."""
 
 NO_TLS = "what answers on this port speaks no TLS; a controller without Modbus/TCP Security needs no `tls` (its port is 502 as a rule)"
 _ENDED_HANDSHAKE = "the controller ended the connection in the middle of the TLS handshake; it may speak no TLS on this port, or refuse our certificate"
@@ -30,10 +30,10 @@ _NO_TLS_REASONS = {
     "RECORD_LAYER_FAILURE", "BAD_RECORD_TYPE",
 }  # fmt: skip
 _REFUSED_REASONS = {
-    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "it was shown none that it can use",
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "it received none that it can use",
     "TLSV1_ALERT_UNKNOWN_CA": "it does not know the CA of it; load that CA into the controller",
-    "SSLV3_ALERT_BAD_CERTIFICATE": "it calls it bad",
-    "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is of a kind that it does not support",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "it reports it as bad",
+    "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it does not support this kind",
     "SSLV3_ALERT_CERTIFICATE_REVOKED": "it is revoked",
     "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired, or the clock of the controller is wrong",
     "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "it does not accept it",
@@ -52,7 +52,7 @@ _OTHER_NAME_CODES = {62, 64}
 
 
 class ClientContext(ssl.SSLContext):
-    """The TLS of one link, one connection at a time; it tells when the handshake begins, which is when TCP is through."""
+    """The TLS context of one link, for one connection at a time; reports when the handshake starts, after the TCP connection."""
 
     handshake_s = 0.0
     on_handshake: Callable[[], None] | None = None
@@ -75,116 +75,114 @@ class ClientContext(ssl.SSLContext):
 
 @dataclass(slots=True)
 class LatestContext:
-    """What the files gave when they could be used last: reading takes milliseconds, and a link tries again every second."""
+    """The context from the files when they were last usable; cached because reading them takes milliseconds."""
 
     context: ClientContext | None = None
     stamp: tuple[tuple[int, int, int], ...] = ()
-    """Of the files before they were read."""
+    """State of the files before they were read."""
     fault: ConnectFailed | None = None
-    """Why the files cannot be used as they are."""
-    looking: asyncio.Future[None] | None = None
-    """The look at the files: one at a time, for a disk that hangs keeps its thread."""
+    """Why the present files cannot be used."""
+    pending_read: asyncio.Future[None] | None = None
+    """The reading of the files: one at a time, because a disk that hangs keeps its thread."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkTls:
-    """Mutual TLS of one link, as Modbus/TCP Security asks for it: files in PEM form.
+    """Mutual TLS of one link, as Modbus/TCP Security requires: files in PEM form.
 
-    They are read for the first connection, and for each later one before which one of them has changed; never on the event loop.
+    They are read for the first connection, and again when one of them has changed; never on the event loop.
     """
 
     ca: Path
-    """Whom we believe: the CA of the controller's certificate, or that certificate itself."""
+    """What we trust: the CA of the controller's certificate, or that certificate itself."""
     certificate: Path
-    """What we show."""
+    """What we present."""
     key: Path
     server_name: str | None = None
-    """The name or address that the controller's certificate must be for; that of the host when not said."""
+    """The name or address that the controller's certificate must be for; by default that of the host."""
     handshake_s: float = 5.0
-    """Most that the handshake may take, once TCP is through. Chosen: its arithmetic takes a small controller a second or two."""
+    """Longest duration of the handshake, after the TCP connection. Chosen: its arithmetic takes a small controller a second or two."""
     latest: LatestContext = field(default_factory=LatestContext, init=False, repr=False, compare=False)
 
 
 async def client_context(tls: LinkTls, peer: str) -> ClientContext:
-    """Return the context for the next connection. Raises ConnectFailed with what is wrong with the files.
+    """Return the context for the next connection. Raises ConnectFailed if the files cannot be used.
 
-    While they cannot be used, or do not answer, the last ones that could be are used on.
+    While the present files cannot be used or read, the context of the last usable ones remains in use.
     """
     latest = tls.latest
-    if latest.looking is None or latest.looking.done():
-        latest.looking = asyncio.ensure_future(in_thread(partial(_look, tls, peer)))
-    await asyncio.wait([latest.looking], timeout=FILES_WITHIN_S)
-    if not latest.looking.done():
-        _hangs(tls, peer)
-    elif (busy := latest.looking.exception()) is not None:
-        latest.fault = ConnectFailed(peer, ConnectProblem.OTHER, f"cannot look at the files of `tls`: {busy}")
+    if latest.pending_read is None or latest.pending_read.done():
+        latest.pending_read = asyncio.ensure_future(in_thread(partial(_refresh_context, tls, peer)))
+    await asyncio.wait([latest.pending_read], timeout=FILES_WITHIN_S)
+    if not latest.pending_read.done():
+        _report_hanging_disk(tls, peer)
+    elif (busy := latest.pending_read.exception()) is not None:
+        latest.fault = ConnectFailed(peer, ConnectProblem.OTHER, f"cannot read the files of `tls`: {busy}")
     if latest.context is None:
         raise latest.fault or ConnectFailed(peer, ConnectProblem.TLS, "the files of `tls` were not read")
     latest.context.began, latest.context.on_handshake = False, None
     return latest.context
 
 
-def handshake_fault(error: OSError, tls: LinkTls) -> str:
-    """What a handshake that failed means, and what to do about it."""
+def explain_handshake_failure(error: OSError, tls: LinkTls) -> str:
+    """Return what a failed handshake means, and what to do about it."""
     if isinstance(error, ssl.SSLCertVerificationError):
-        return _distrust(error, tls)
+        return _explain_distrust(error, tls)
     if not isinstance(error, ssl.SSLError):
         return _ENDED_HANDSHAKE
-    if (words := refused(error, tls)) is not None:
+    if (words := explain_refusal(error, tls)) is not None:
         return words
     reason = error.reason or ""
     if reason in _NO_TLS_REASONS:
         return NO_TLS
     if reason in _TOO_OLD_REASONS:
-        return (
-            "the controller speaks no TLS of version 1.2 or later; only such is safe, and the specification asks for it"
-        )
+        return "the controller does not speak TLS 1.2 or later, which is required for safety and by the specification"
     if reason in _NOTHING_SHARED_REASONS:
-        return "the controller and we have no way of encrypting in common, or it wants another certificate than ours"
+        return "the controller and the manager have no cipher in common, or it requires another certificate than ours"
     if isinstance(error, ssl.SSLEOFError | ssl.SSLZeroReturnError):
         return _ENDED_HANDSHAKE
-    return _failed(error)
+    return _explain_failure(error)
 
 
-def refused(error: Exception | None, tls: LinkTls) -> str | None:
-    """Say so where a controller refuses our certificate, in the handshake or, over TLS 1.3, after it."""
+def explain_refusal(error: Exception | None, tls: LinkTls) -> str | None:
+    """Return why the controller refuses our certificate, in the handshake or, over TLS 1.3, after it; None if it does not."""
     reason = error.reason if isinstance(error, ssl.SSLError) else None
     if reason not in _REFUSED_REASONS:
         return None
     return f"the controller refuses our certificate {tls.certificate}: {_REFUSED_REASONS[reason]}"
 
 
-def broken(error: Exception) -> str:
-    """What ended a connection after its handshake."""
-    return _failed(error) if isinstance(error, ssl.SSLError) else str(error)
+def explain_break(error: Exception) -> str:
+    """Return what ended a connection after its handshake."""
+    return _explain_failure(error) if isinstance(error, ssl.SSLError) else str(error)
 
 
-def unanswered(tls: LinkTls) -> str:
-    """What may stand behind a connection that ended before anything came over it."""
-    return f"it may refuse our certificate {tls.certificate}, which over TLS 1.3 shows only now"
+def explain_silence(tls: LinkTls) -> str:
+    """Return a possible cause of a connection that ended before the first answer."""
+    return f"it may refuse our certificate {tls.certificate}; over TLS 1.3 this shows only now"
 
 
-def tls_instead(data: bytes) -> str | None:
-    """Say so where data that is no Modbus/TCP is TLS."""
+def explain_tls_data(data: bytes) -> str | None:
+    """Return an explanation if data that is not Modbus/TCP is TLS."""
     return _IS_TLS if data.startswith(_TLS_RECORDS) else None
 
 
-def _failed(error: ssl.SSLError) -> str:
+def _explain_failure(error: ssl.SSLError) -> str:
     return f"TLS failed ({(error.reason or '').replace('_', ' ').lower() or error})"
 
 
-def _distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
+def _explain_distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
     code = error.verify_code
     if code in _OTHER_NAME_CODES:
         which = "its `host`" if tls.server_name is None else "`server_name`"
         advice = f"{which} in the site file must be a name or address that the certificate holds"
         if tls.server_name is None:
-            advice += ", or `server_name` must say one"
+            advice += ", or set `server_name` to one"
         return f"the certificate of the controller is for another name ({error.verify_message}); {advice}"
     if code == _EXPIRED_CODE:
-        return "the certificate of the controller, or of its CA, has expired; renew it, and look whether the clock of this computer is right"
+        return "the certificate of the controller, or of its CA, has expired; renew it, and check the clock of this computer"
     if code == _NOT_YET_VALID_CODE:
-        return "the certificate of the controller is not valid yet; look whether the clock of this computer is right"
+        return "the certificate of the controller is not valid yet; check the clock of this computer"
     if code in _UNKNOWN_ISSUER_CODES:
         return f"the certificate of the controller is not from the CA in {tls.ca}; nothing was sent to it"
     if code == _PURPOSE_CODE:
@@ -192,7 +190,7 @@ def _distrust(error: ssl.SSLCertVerificationError, tls: LinkTls) -> str:
     return f"the certificate of the controller is not accepted: {error.verify_message}"
 
 
-def _unusable(peer: str, what: str, error: OSError | ValueError) -> ConnectFailed:
+def _files_error(peer: str, what: str, error: OSError | ValueError) -> ConnectFailed:
     if isinstance(error, ssl.SSLError):
         mismatch = error.reason == "KEY_VALUES_MISMATCH"
         why = "the key does not belong to the certificate" if mismatch else "the file is not in PEM form, or too weak"
@@ -203,42 +201,42 @@ def _unusable(peer: str, what: str, error: OSError | ValueError) -> ConnectFaile
 
 
 def _no_passphrase() -> str:
-    # without this OpenSSL would ask at the terminal, and the manager would stand still
-    raise ValueError("the key is protected by a passphrase; store it without one, readable for the manager alone")
+    # without this OpenSSL would prompt at the terminal and block the manager
+    raise ValueError("the key is protected by a passphrase; store it without one, readable by the manager alone")
 
 
-def _read(tls: LinkTls, peer: str) -> ClientContext:
+def _load_context(tls: LinkTls, peer: str) -> ClientContext:
     context = ClientContext(ssl.PROTOCOL_TLS_CLIENT)
     context.handshake_s = tls.handshake_s
-    context.minimum_version = ssl.TLSVersion.TLSv1_2  # asked for by the specification
+    context.minimum_version = ssl.TLSVersion.TLSv1_2  # required by the specification
     context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN  # `ca` may be the controller's certificate itself
     try:
         context.load_verify_locations(tls.ca)
     except OSError as error:
-        raise _unusable(peer, f"the CA file {tls.ca}", error) from error
+        raise _files_error(peer, f"the CA file {tls.ca}", error) from error
     try:
         context.load_cert_chain(tls.certificate, tls.key, password=_no_passphrase)
     except (OSError, ValueError) as error:
         files = f"our certificate {tls.certificate} with its key {tls.key}"
-        raise _unusable(peer, files, error) from error
+        raise _files_error(peer, files, error) from error
     return context
 
 
-def _hangs(tls: LinkTls, peer: str) -> None:
-    what = f"{tls.ca}, {tls.certificate} or {tls.key} does not answer within {FILES_WITHIN_S:g} s; look at the disk that it is on"
+def _report_hanging_disk(tls: LinkTls, peer: str) -> None:
+    what = f"{tls.ca}, {tls.certificate} or {tls.key} does not answer within {FILES_WITHIN_S:g} s; check the disk that it is on"
     fault = ConnectFailed(peer, ConnectProblem.TLS, what)
     if tls.latest.context is not None and str(tls.latest.fault) != str(fault):
         _log.warning(_SHOWN_ON, fault)
     tls.latest.fault = fault
 
 
-def _look(tls: LinkTls, peer: str) -> None:
-    """Read the files if one of them has changed. It may block as long as their disk does."""
+def _refresh_context(tls: LinkTls, peer: str) -> None:
+    """Read the files if one of them has changed. Blocks as long as their disk does."""
     latest, stamp = tls.latest, _stamp(tls)
     if latest.context is not None and stamp == latest.stamp:
         return
     try:
-        latest.context, latest.fault = _read(tls, peer), None
+        latest.context, latest.fault = _load_context(tls, peer), None
     except ConnectFailed as fault:
         latest.fault = fault
         if latest.context is not None:
@@ -247,13 +245,13 @@ def _look(tls: LinkTls, peer: str) -> None:
 
 
 def _stamp(tls: LinkTls) -> tuple[tuple[int, int, int], ...]:
-    """What changes when one of the files does."""
+    """Return a value that changes when one of the files does."""
     found = []
     for path in (tls.ca, tls.certificate, tls.key):
         try:
-            seen = path.stat()
+            status = path.stat()
         except OSError:
             found.append((0, 0, 0))  # reading it says why
         else:
-            found.append((seen.st_mtime_ns, seen.st_size, seen.st_ino))
+            found.append((status.st_mtime_ns, status.st_size, status.st_ino))
     return tuple(found)

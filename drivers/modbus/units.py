@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from drivers.errors import ACCEPTED, ControllerException
-from drivers.modbus.declared import Declared
+from drivers.modbus.declared_writes import DeclaredWrites
 from drivers.modbus.exchange import Permit
 from drivers.modbus.link import Link, LinkState
 from register_maps import frames
@@ -26,7 +26,7 @@ class Unit:
 
 
 class Units:
-    """Every device of one lift, by endpoint; the controller's name is empty."""
+    """Every device of one lift, by endpoint; the controller's endpoint is empty."""
 
     def __init__(self, controller: Unit, endpoints: Mapping[str, Unit]) -> None:
         """`endpoints` as the map names them."""
@@ -41,17 +41,17 @@ class Units:
         return asyncio.get_running_loop().time() >= self.fence_at
 
     def declare(self, commands: Iterable[CommandCodec]) -> None:
-        """Let the links pass what writes these commands, beside what other lifts on them have declared, and nothing else."""
+        """Allow the links to write these commands, in addition to those that other lifts have declared, and nothing else."""
         declared = tuple(commands)
         for link in self._links:
             if link.declared is None:
-                link.declared = Declared()
+                link.declared = DeclaredWrites()
             units = {endpoint: unit.unit_id for endpoint, unit in self._units.items() if unit.link is link}
             link.declared.add(declared, units)
 
     @property
     def epoch(self) -> int:
-        """Rises with every connection made to any of the devices; what an earlier epoch told counts no more."""
+        """Rises with every connection to any of the devices; readings of an earlier epoch no longer count."""
         if len(self._links) == 1:
             return self._links[0].epoch
         return sum(link.epoch for link in self._links)
@@ -77,7 +77,7 @@ class Units:
         return self._units[endpoint].unit_id
 
     def round_trip_s(self, endpoint: str) -> float:
-        """How long one device takes to answer; 0 as long as it has not."""
+        """How long one device takes to answer; 0 before its first answer."""
         unit = self._units[endpoint]
         return unit.link.stats.round_trip_of(unit.unit_id) or 0.0
 
@@ -86,7 +86,7 @@ class Units:
         return frames.read(block.table, block.start, block.count, self.unit(block.endpoint))
 
     async def cells(self, blocks: Iterable[Block], *, urgent: bool = True) -> dict[Cell, int]:
-        """Read what these blocks hold, each once, in the command lane, or in the read lane if it is not urgent."""
+        """Read these blocks, each once, in the command lane, or in the read lane if not `urgent`."""
         cells: dict[Cell, int] = {}
         for block in dict.fromkeys(blocks):
             link = self.link(block.endpoint)
@@ -99,7 +99,7 @@ class Units:
         return cells
 
     async def send(self, endpoint: str, request: Request, permit: Permit | None) -> None:
-        """Write, unless that is fenced. An answer that the controller has accepted the command and is at work counts as its echo."""
+        """Write, unless fenced. An answer that the command is accepted but still in progress counts as its echo."""
 
         def unless_fenced() -> str | None:
             if self.is_fenced:
@@ -112,6 +112,6 @@ class Units:
             if error.code != ACCEPTED:
                 raise
 
-    def undisturbed(self, endpoint: str) -> asyncio.Lock:
-        """Keep other lifts on this link from writing between our read of a shared word and its write."""
+    def word_lock(self, endpoint: str) -> asyncio.Lock:
+        """Return the lock that prevents other lifts on this link from writing between our read of a shared word and its write."""
         return self.link(endpoint).shared_words

@@ -1,7 +1,7 @@
 """Whole Modbus/TCP frames to and from one controller: the `Wire` Protocol, and its form on pymodbus.
 
-It stands on pymodbus's transport layer alone. What pymodbus has above it (transactions, retries, a lock) repeats writes
-by itself and accepts answers to other questions; `link` does that work. Nothing else in drivers imports pymodbus.
+It uses only the transport layer of pymodbus. The layers above (transactions, retries, a lock) repeat writes on their own and
+accept answers to other requests; `link` does that work. No other module of drivers imports pymodbus.
 """
 
 from __future__ import annotations
@@ -19,60 +19,60 @@ from drivers.modbus.tls import (
     NO_TLS,
     ClientContext,
     LinkTls,
-    broken,
     client_context,
-    handshake_fault,
-    refused,
-    tls_instead,
-    unanswered,
+    explain_break,
+    explain_handshake_failure,
+    explain_refusal,
+    explain_silence,
+    explain_tls_data,
 )
 from register_maps.errors import FrameError
 from register_maps.frames import split
 
 OnFrame = Callable[[bytes], None]
-"""Receives every whole frame that comes, in order."""
+"""Receives every whole frame, in order."""
 OnLost = Callable[[str], None]
-"""Receives the reason when the connection goes away without `close`: at most once, and nothing comes after it."""
+"""Receives the reason when the connection is lost without `close`: at most once, and after the last frame."""
 OnBytes = Callable[[bool, bytes], None]
 """For traces: (sent, frame) of every frame, a sent one just before it leaves and a received one before `OnFrame`."""
 
 CLOSED_BY_CONTROLLER = "the controller closed the connection"
-NOT_MODBUS = "what came is not Modbus/TCP"
+NOT_MODBUS = "the data received is not Modbus/TCP"
 
 
 class Wire(Protocol):
-    """Whole frames to and from one controller. It never repeats, answers or reconnects by itself.
+    """Sends and receives whole frames. It never repeats, answers or reconnects by itself.
 
-    Every form passes tests/drivers/test_wire_contract.py.
+    Every implementation passes tests/drivers/test_wire_contract.py.
     """
 
     on_bytes: OnBytes | None
 
     @property
     def peer(self) -> str:
-        """Who is at the other end, for messages: "127.0.0.1:5020"."""
+        """The address of the other end, for messages: "127.0.0.1:5020"."""
 
     @property
     def is_open(self) -> bool:
         """Whether frames can be sent."""
 
     async def open(self, on_frame: OnFrame, on_lost: OnLost, *, timeout_s: float) -> None:
-        """Connect. May be called again after `close` or a loss; nothing of an earlier connection is heard any more.
+        """Connect. May be called again after `close` or a loss; frames of an earlier connection are no longer delivered.
 
-        `on_lost` is not called before it has returned. Raises ConnectFailed; also if `close` was called meanwhile.
+        `on_lost` is not called before this returns. Raises ConnectFailed, also if `close` was called meanwhile.
         """
 
     def close(self) -> None:
-        """Drop the connection at once, with all that waits to be sent. May be repeated.
+        """Drop the connection at once, with all unsent data. May be repeated.
 
-        Neither callback is called any more, not even for frames that came in the same segment.
+        Neither callback is called afterwards, not even for frames received in the same segment.
         """
 
     def send(self, frame: bytes) -> None:
-        """Send one frame. Never waits and never raises: a connection that is gone is told by `OnLost`.
+        """Send one frame. Never waits and never raises: a lost connection is reported by `OnLost`.
 
-        A frame of which a part has come before this is thrown away when it is whole: nobody answers what it was not asked
-        yet, and with a device that returns no transaction ids it would pass for the answer.
+        A frame of which a part was received before this call is discarded: it cannot be the answer to this request, and with a
+        device that returns no transaction ids it would pass for it.
         """
 
 
@@ -87,7 +87,7 @@ class PymodbusWire:
         self._peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._connection: _Connection | None = None
         self._attempts = 0
-        """Counts what an `open` that waits for its files has to notice: another one, or `close`."""
+        """Counts calls of `open` and `close`, so that an `open` that waits for its files notices a later call."""
 
     @property
     def peer(self) -> str:
@@ -104,18 +104,18 @@ class PymodbusWire:
         connection = _Connection(_params(self._host, self._port, context), self, on_frame, on_lost, self._tls)
         self._connection = connection
         try:
-            await _made(connection, context, timeout_s)
+            await _connect(connection, context, timeout_s)
         except TimeoutError as error:
             self.close()
-            raise self._too_late(context, timeout_s) from error
+            raise self._timeout_error(context, timeout_s) from error
         except (OSError, UnicodeError) as error:
             self.close()
-            raise self._failed(context, error) from error
+            raise self._open_error(context, error) from error
         except BaseException:
             self.close()
             raise
         if self._connection is not connection or not connection.is_active():
-            raise self._closed()
+            raise self._closed_error()
         connection.announced = True
 
     def close(self) -> None:
@@ -135,28 +135,28 @@ class PymodbusWire:
         attempt = self._attempts
         context = await client_context(tls, self._peer)
         if attempt != self._attempts:
-            raise self._closed()
+            raise self._closed_error()
         return context
 
-    def _closed(self) -> ConnectFailed:
+    def _closed_error(self) -> ConnectFailed:
         return ConnectFailed(self._peer, ConnectProblem.OTHER, "the connection was closed as soon as it was made")
 
-    def _too_late(self, context: ClientContext | None, timeout_s: float) -> ConnectFailed:
+    def _timeout_error(self, context: ClientContext | None, timeout_s: float) -> ConnectFailed:
         if context is not None and context.began:
-            detail = f"the controller took the connection, but no TLS handshake came about within {context.handshake_s:g} s; {NO_TLS}"
+            detail = f"the controller accepted the connection, but the TLS handshake did not complete within {context.handshake_s:g} s; {NO_TLS}"
             return ConnectFailed(self._peer, ConnectProblem.TLS, detail)
         detail = f"no answer to the connection request within {timeout_s:g} s"
         detail += "; the controller may be off, or may have no free connection slot"
         return ConnectFailed(self._peer, ConnectProblem.TIMED_OUT, detail)
 
-    def _failed(self, context: ClientContext | None, error: OSError | UnicodeError) -> ConnectFailed:
+    def _open_error(self, context: ClientContext | None, error: OSError | UnicodeError) -> ConnectFailed:
         if context is None or self._tls is None or not context.began or isinstance(error, UnicodeError):
             return _connect_failed(self._peer, error)
-        return ConnectFailed(self._peer, ConnectProblem.TLS, handshake_fault(error, self._tls))
+        return ConnectFailed(self._peer, ConnectProblem.TLS, explain_handshake_failure(error, self._tls))
 
 
 class _Connection(ModbusProtocol):
-    """One TCP connection, from its making to its end; it is never used for a second one."""
+    """One TCP connection, from its making to its end; never reused."""
 
     def __init__(
         self, params: CommParams, wire: PymodbusWire, on_frame: OnFrame, on_lost: OnLost, tls: LinkTls | None
@@ -171,21 +171,21 @@ class _Connection(ModbusProtocol):
         self._on_lost = on_lost
         self._rest = b""
         self._rest_is_old = False
-        """The frame that is coming in began before the last request left, so it cannot be the answer to it."""
+        """The incoming frame started before the last request was sent, so it cannot be the answer to it."""
         self._aborted = False
-        self._heard = False
+        self._has_received = False
         self.announced = False
         """Whether `open` has returned; a loss before that is its failure."""
 
     def write(self, frame: bytes) -> None:
-        # Not `ModbusProtocol.send`: it forgets the first half of an answer that is still coming in, and keeps every
-        # frame in a list that the whole process shares.
+        # Not `ModbusProtocol.send`: it drops the first half of an answer that is still arriving, and keeps every frame in a list
+        # that the whole process shares.
         self._rest_is_old = bool(self._rest)
         if self.transport is not None:
             self.transport.write(frame)  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
 
     def abort(self) -> None:
-        """Drop the connection. `close` alone would wait until a silent peer has taken what is still to be sent."""
+        """Drop the connection. `close` alone would wait until a silent peer has received all unsent data."""
         self._aborted = True
         if self.transport is not None:
             self.transport.abort()  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
@@ -198,7 +198,7 @@ class _Connection(ModbusProtocol):
         if self._aborted:
             self.transport.abort()  # type: ignore[attr-defined]  # pymodbus types it as BaseTransport
             return
-        # Both asked for by the messaging guide, 4.3.2; asyncio sets the first only on some platforms.
+        # Both required by the messaging guide, 4.3.2; asyncio sets the first only on some platforms.
         connected = self.transport.get_extra_info("socket")
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -209,23 +209,23 @@ class _Connection(ModbusProtocol):
             self._on_lost(self._ending(exc))
 
     def _ending(self, exc: Exception | None) -> str:
-        reason = f"the connection broke: {broken(exc)}" if exc else CLOSED_BY_CONTROLLER
-        if self._tls is None or self._heard:
+        reason = f"the connection broke: {explain_break(exc)}" if exc else CLOSED_BY_CONTROLLER
+        if self._tls is None or self._has_received:
             return reason
-        return refused(exc, self._tls) or f"{reason} before anything came; {unanswered(self._tls)}"
+        return explain_refusal(exc, self._tls) or f"{reason} before the first answer; {explain_silence(self._tls)}"
 
     def callback_data(self, data: bytes, addr: tuple[str, int] | None = None) -> int:
         raise RuntimeError("data_received does not pass it on")
 
     def data_received(self, data: bytes) -> None:
-        # Not left to ModbusProtocol: its buffer drops everything that comes when more than 516 bytes come together.
-        self._heard = True
+        # Not left to ModbusProtocol: its buffer drops everything when more than 516 bytes arrive together.
+        self._has_received = True
         try:
             frames, self._rest = split(self._rest + data)
         except FrameError as error:
             self.abort()
             if self.announced:
-                self._on_lost(f"{NOT_MODBUS}: {tls_instead(self._rest + data) or error}")
+                self._on_lost(f"{NOT_MODBUS}: {explain_tls_data(self._rest + data) or error}")
             return
         if frames and self._rest_is_old:
             self._rest_is_old = False
@@ -238,21 +238,21 @@ class _Connection(ModbusProtocol):
             self._on_frame(frame)
 
 
-async def _made(connection: _Connection, context: ClientContext | None, timeout_s: float) -> None:
-    """Make a connection: `timeout_s` for TCP, then the handshake's own time for TLS. Raises OSError, UnicodeError."""
+async def _connect(connection: _Connection, context: ClientContext | None, timeout_s: float) -> None:
+    """Connect: `timeout_s` for TCP, then the handshake's own time for TLS. Raises OSError, UnicodeError."""
     # Not `ModbusProtocol.connect`: it turns every failure into False and logs it on each attempt.
     async with asyncio.timeout(timeout_s) as limit:
         if context is None:
             await connection.call_create()
             return
-        context.on_handshake = partial(_give_more, limit, context.handshake_s)
+        context.on_handshake = partial(_extend_limit, limit, context.handshake_s)
         try:
             await connection.call_create()
         finally:
             context.on_handshake = None
 
 
-def _give_more(limit: asyncio.Timeout, more_s: float) -> None:
+def _extend_limit(limit: asyncio.Timeout, more_s: float) -> None:
     if not limit.expired():
         limit.reschedule(asyncio.get_running_loop().time() + more_s)
 

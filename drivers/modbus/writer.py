@@ -1,4 +1,4 @@
-"""Carries out the steps of one lift's outputs: requests in order, words that others write too, and the look afterwards."""
+"""Writes the steps of one lift's outputs: requests in order, words shared with other writers, and the read-back."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import AsyncIterator, Collection, Mapping
 
 from drivers.errors import ControllerException, Delivery, DriverError
 from drivers.modbus.capabilities import LiftSettings
-from drivers.modbus.confirm import confirm_of
+from drivers.modbus.confirm import confirmation_of
 from drivers.modbus.exchange import Permit
-from drivers.modbus.output import Cells, match
+from drivers.modbus.output import Cells, matches
 from drivers.modbus.plan import plan_reads
-from drivers.modbus.steps import ONLY_LOOK, Step, StepKind
+from drivers.modbus.steps import READ_ONLY_KINDS, Step, StepKind
 from drivers.modbus.units import Units
-from drivers.modbus.write_reports import CUT_SHORT, WriteReports, frames
+from drivers.modbus.write_reports import CUT_SHORT, WriteReports, hex_frames
 from drivers.modbus.writes import block_write, masked_write, read_back_blocks, timed_pulse
 from register_maps.codec import Block, Cell, Codec, CommandCodec
 from register_maps.frames import MASK_WRITE, Request
 
-_NOT_LOOKED_AT = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
+_NOT_READ_BACK = frozenset({StepKind.BEAT, StepKind.CYCLE, StepKind.RESET, StepKind.PAUSE})
 
 
 class Writer:
-    """Knows how each command of a map is written and read back."""
+    """Writes the commands of a map and reads them back."""
 
     def __init__(
         self,
@@ -29,13 +29,13 @@ class Writer:
         commands: Mapping[str, CommandCodec],
         units: Units,
         settings: LiftSettings,
-        notes: WriteReports | None = None,
+        reports: WriteReports | None = None,
     ) -> None:
-        """`commands` are those that this lift may use: from here on its links pass no write but theirs."""
+        """`commands` are those that this lift may use: its links accept only their writes."""
         self._codec = codec
         self._commands = commands
         self._units = units
-        self._notes = notes or WriteReports(lambda _: None)
+        self._reports = reports or WriteReports(lambda _: None)
         units.declare(commands.values())
         self._functions = {block: function for block, function, _ in codec.written}
         self._read_blocks = {
@@ -53,7 +53,7 @@ class Writer:
         }
 
     def read_blocks(self, endpoints: Collection[str]) -> dict[Block, str]:
-        """Everything to be read to see what the outputs of these devices hold, with the commands it is read for."""
+        """Return the blocks to read for the outputs of these devices, with the commands each is read for."""
         found: dict[Block, list[str]] = {}
         for name, blocks in self._read_blocks.items():
             if {point.endpoint for point in self._commands[name].points} & set(endpoints):
@@ -67,13 +67,13 @@ class Writer:
         return self._units.is_fenced
 
     def printed(self, name: str) -> str:
-        """Name a command with its addresses as its map prints them."""
+        """Return the name of a command, with its addresses as its map prints them."""
         return f"{name} at {', '.join(self._commands[name].spec.addresses)}" if name in self._commands else name
 
-    def planned(self, step: Step, cells: Cells) -> tuple[str, ...]:
-        """Return the writes of a press as hex, without reading: what others write into the same words is taken for 0."""
+    def plan_frames(self, step: Step, cells: Cells) -> tuple[str, ...]:
+        """Return the writes of a press as hex, without reading: the bits of other writers in the same words count as 0."""
         command = self._commands[step.name]
-        return frames(
+        return hex_frames(
             [
                 self._request(command, step, block, function, cells)
                 for block, function in self._in_order(command, step, cells)
@@ -81,16 +81,16 @@ class Writer:
         )
 
     async def write(self, step: Step, cells: Cells, permit: Permit | None) -> AsyncIterator[Request]:
-        """Send every request of a step, and yield each once it was answered. Raises DriverError.
+        """Send every request of a step, and yield each once it is answered. Raises DriverError.
 
-        Told to the notes at the end, whatever the end: what reached the wire or may have.
+        At the end, failed or not, what reached the wire or may have is reported.
         """
-        if step.kind in ONLY_LOOK:
+        if step.kind in READ_ONLY_KINDS:
             return
-        left: list[Request] = []
+        sent: list[Request] = []
         failure = CUT_SHORT
         try:
-            async for request in self._write(step, cells, permit, left):
+            async for request in self._write(step, cells, permit, sent):
                 yield request
             failure = ""
         except DriverError as error:
@@ -98,47 +98,50 @@ class Writer:
             raise
         finally:
             blocks = self._commands[step.name].blocks if step.block is None else (step.block,)
-            self._notes.wrote(step, blocks, cells, left, failure)
+            self._reports.report_write(step, blocks, cells, sent, failure)
 
     async def _write(
-        self, step: Step, cells: Cells, permit: Permit | None, left: list[Request]
+        self, step: Step, cells: Cells, permit: Permit | None, sent: list[Request]
     ) -> AsyncIterator[Request]:
         if step.block is not None:
             request = block_write(step.block, self._functions[step.block], cells, self._unit(step.block))
-            yield await self._send(request, step.block, permit, left)
+            yield await self._send(request, step.block, permit, sent)
             return
         command = self._commands[step.name]
         failure: DriverError | None = None
         for block, function in self._in_order(command, step, cells):
             try:
-                yield await self._write_block(command, step, block, function, cells, permit, left)
+                yield await self._write_block(command, step, block, function, cells, permit, sent)
             except DriverError as error:
-                # what is pressed on one device is let go whatever another one answers
+                # a press on one device is released whatever another device answers
                 if step.kind is not StepKind.RELEASE:
                     raise
                 failure = failure or error
         if failure is not None:
             raise failure
 
-    async def look(self, step: Step) -> bool | None:
-        """Read back whether the points hold what the step wrote; None where nobody asks for it."""
-        if step.kind in _NOT_LOOKED_AT:
+    async def read_back(self, step: Step) -> bool | None:
+        """Return whether the points hold what the step wrote; None if a read-back is not needed."""
+        if step.kind in _NOT_READ_BACK:
             return None
         command = self._commands[step.name]
         release = step.kind in (StepKind.RELEASE, StepKind.VERIFY)
-        if command.lamp or not command.read_points:
-            # what is read there is the controller's answer and not our write: a release can be no surer than its echo
+        if command.shows_lamp or not command.read_points:
+            # the points show the controller's answer and not our write: for a release the echo is all the proof there is
             return True if release else None
         if command.spec.self_clearing and not release:
             return None
         if not (
-            release or step.kind is StepKind.LOOK or command.shared or "readback" in confirm_of(command.spec).any_of
+            release
+            or step.kind is StepKind.LOOK
+            or command.is_shared
+            or "readback" in confirmation_of(command.spec).any_of
         ):
             return None
-        return match(command, await self.cells(step.name), step.code)
+        return matches(command, await self.cells(step.name), step.code)
 
     async def cells(self, name: str) -> Cells:
-        """Return what stands at the points where a command is read back. Raises DriverError."""
+        """Return the cells where a command is read back. Raises DriverError."""
         return await self._units.cells(self._read_blocks[name])
 
     async def _write_block(
@@ -149,16 +152,16 @@ class Writer:
         function: int,
         cells: Cells,
         permit: Permit | None,
-        left: list[Request],
+        sent: list[Request],
     ) -> Request:
-        if not command.shared or function == MASK_WRITE or command.is_timed_coil:
-            return await self._send(self._request(command, step, block, function, cells), block, permit, left)
-        async with self._units.undisturbed(block.endpoint):
+        if not command.is_shared or function == MASK_WRITE or command.is_timed_coil:
+            return await self._send(self._request(command, step, block, function, cells), block, permit, sent)
+        async with self._units.word_lock(block.endpoint):
             fresh: dict[Cell, int] = await self._units.cells([block])
             for point, value in command.encode(step.code).items():
                 if block.holds(point):
                     fresh[point.cell] = point.into(fresh[point.cell], value)
-            return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, left)
+            return await self._send(block_write(block, function, fresh, self._unit(block)), block, permit, sent)
 
     def _request(self, command: CommandCodec, step: Step, block: Block, function: int, cells: Cells) -> Request:
         unit = self._unit(block)
@@ -168,24 +171,24 @@ class Writer:
             return masked_write(command.encode(step.code), block, unit)
         return block_write(block, function, cells, unit)
 
-    async def _send(self, request: Request, block: Block, permit: Permit | None, left: list[Request]) -> Request:
-        left.append(request)
+    async def _send(self, request: Request, block: Block, permit: Permit | None, sent: list[Request]) -> Request:
+        sent.append(request)
         try:
             await self._units.send(block.endpoint, request, permit)
         except Exception as error:
-            if not _may_have_left(error):
-                left.pop()
+            if not _may_have_been_sent(error):
+                sent.pop()
             raise
         return request
 
     def _in_order(self, command: CommandCodec, step: Step, cells: Cells) -> list[tuple[Block, int]]:
-        """Return the blocks of a command with their functions: those that come to rest first.
+        """Return the blocks of a command with their functions: first those that come to rest.
 
-        Of outputs that the device lets go by itself, or that show lamps, only the pressed one is written: the others rest,
-        and a 0 there may be taken for something else, such as the end of a passenger's call.
+        Of outputs that the device releases by itself, or that show lamps, only the pressed one is written: the others are at
+        rest, and a 0 there may have another meaning, such as the end of a passenger's call.
         """
         pairs = list(zip(command.blocks, command.functions, strict=True))
-        if (command.spec.ends_itself or command.lamp) and command.spec.one_of is not None:
+        if (command.spec.ends_itself or command.shows_lamp) and command.spec.one_of is not None:
             code = step.was if step.code is None else step.code
             pressed = {point.cell for point, value in command.encode(code).items() if value}
             pairs = [pair for pair in pairs if not pressed.isdisjoint(pair[0].cells)]
@@ -195,6 +198,6 @@ class Writer:
         return self._units.unit(block.endpoint)
 
 
-def _may_have_left(error: Exception) -> bool:
-    """Whether a write that failed so is on the wire: a controller that answers has heard it, even where it did nothing."""
+def _may_have_been_sent(error: Exception) -> bool:
+    """Whether a failed write may be on the wire: a controller that answers has received it, even if it did nothing."""
     return isinstance(error, DriverError) and (error.sent is not Delivery.NO or isinstance(error, ControllerException))

@@ -1,4 +1,4 @@
-"""From a step to the requests that carry it out. Pure."""
+"""Builds the requests that carry out a step. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from register_maps.frames import Request
 
 
 def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: int) -> Request:
-    """Write a block as the image has it. `function` is 5, 6, 15 or 16."""
+    """Return the write of a block with the values of `cells`. `function` is 5, 6, 15 or 16."""
     values = [cells[cell] for cell in block.cells]
     match function:
         case 5:
@@ -25,7 +25,7 @@ def block_write(block: Block, function: int, cells: Mapping[Cell, int], unit: in
 
 
 def masked_write(values: Mapping[Point, int], block: Block, unit: int) -> Request:
-    """Set those of these bits that lie in one register inside the device, and no others."""
+    """Return a write that sets those of these bits that lie in one register, and no others, inside the device."""
     keep, put = 0xFFFF, 0
     for point, value in values.items():
         if block.holds(point):
@@ -35,19 +35,19 @@ def masked_write(values: Mapping[Point, int], block: Block, unit: int) -> Reques
 
 
 def timed_pulse(codec: CommandCodec, block: Block, unit: int) -> Request:
-    """Set the coil of a block for the time that the command names; the device ends it."""
+    """Return a write that sets a coil for the time that the command names; the device ends it."""
     return frames.pulse_coil(block.start, payload_counts(codec.spec), unit)
 
 
 def read_back_blocks(codec: CommandCodec, written: Iterable[Written], planned: Iterable[Block]) -> tuple[Block, ...]:
-    """Return what has to be read to see what a command's points hold: its write blocks whole, the rest as `planned`."""
+    """Return the blocks to read for a command's points: its write blocks whole, the rest as `planned`."""
     whole = [block for block, _, _ in written]
-    inside = [next((block for block in whole if block.holds(point)), None) for point in codec.read_points]
+    covering = [next((block for block in whole if block.holds(point)), None) for point in codec.read_points]
     return tuple(
         dict.fromkeys(
             [
-                *(block for block in inside if block is not None),
-                *(block for block in planned if not any(_covers(kept, block) for kept in inside if kept is not None)),
+                *(block for block in covering if block is not None),
+                *(block for block in planned if not any(_covers(kept, block) for kept in covering if kept is not None)),
             ]
         )
     )

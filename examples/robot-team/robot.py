@@ -1,4 +1,4 @@
-"""A small robot that takes the lift over the workshop API: what it asks, what it believes, and when it stops driving."""
+"""A small robot that takes the lift over the workshop API: what it requests, what it trusts, and when it stops driving."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from urllib.parse import quote
 from urllib.request import Request, urlopen
 
 ANSWER_S = 2.0
-"""The manager answers from memory, in milliseconds; one that does not is not there."""
-ASK_AGAIN_S = 0.5
+"""The manager answers from memory, in milliseconds; one that does not is unreachable."""
+REQUEST_AGAIN_S = 0.5
 LOOK_S = 0.05
 STEPS = 10
 """From the landing into the car, or out of it, in steps of ten centimetres."""
@@ -29,28 +29,28 @@ class Ride(StrEnum):
     GAVE_UP = "gave up"
     """The robot is where it was before, out of the doorway."""
     WAITS_ABOARD = "waits aboard"
-    """It is in the car, and people have to look."""
+    """It is in the car, and a person has to look."""
 
 
 class Wheels(Protocol):
     """What moves the robot."""
 
     def forward(self) -> None:
-        """Drive one step on."""
+        """Drive one step forward."""
 
     def back(self) -> None:
         """Drive one step back."""
 
 
 class Lift:
-    """One lift of a manager. A manager that does not answer is a lift that says no."""
+    """One lift of a manager. A manager that does not answer counts as a refusal."""
 
     def __init__(self, url: str, name: str) -> None:
         self._url = url
         self._query = f"lift_name={quote(name)}"
 
-    def ask(self, floor: str, door: int) -> bool:
-        """Ask for the car with its door held open, or let it go; returns whether the answer was yes."""
+    def request(self, floor: str, door: int) -> bool:
+        """Request the car with its door held open, or release it; returns whether the request was accepted."""
         body = json.dumps({"floor": floor, "door_state": door}).encode()
         return bool(self._answer("lift_request", body).get("success"))
 
@@ -60,8 +60,8 @@ class Lift:
         if not answer.get("success"):
             return False
         state = answer["data"]
-        seen = (state["current_floor"], state["door_state"], state["motion_state"])
-        return bool(seen == (floor, OPEN, STOPPED))
+        shown = (state["current_floor"], state["door_state"], state["motion_state"])
+        return bool(shown == (floor, OPEN, STOPPED))
 
     def _answer(self, route: str, body: bytes | None = None) -> dict[str, Any]:
         request = Request(f"{self._url}/{route}?{self._query}", body)  # noqa: S310 - the address is that of our manager
@@ -87,20 +87,20 @@ class Robot:
         """Take the lift from one floor to another."""
         lift = Lift(url, lift_name)
         if not self._comes(lift, start) or not self._cross(lift, start):
-            lift.ask(start, CLOSED)
+            lift.request(start, CLOSED)
             return Ride.GAVE_UP
         if not self._comes(lift, goal) or not self._cross(lift, goal):
             return Ride.WAITS_ABOARD
-        lift.ask(goal, CLOSED)
+        lift.request(goal, CLOSED)
         return Ride.ARRIVED
 
     def _comes(self, lift: Lift, floor: str) -> bool:
-        """Ask for the car until it stands open at a floor, or until patience ends."""
-        began_at, ask_at = time.monotonic(), 0.0
+        """Request the car until it stands open at a floor, or until patience ends."""
+        began_at, request_at = time.monotonic(), 0.0
         while time.monotonic() < began_at + self.patience_s and not self.halt.is_set():
-            if time.monotonic() >= ask_at:
-                lift.ask(floor, OPEN)
-                ask_at = time.monotonic() + ASK_AGAIN_S
+            if time.monotonic() >= request_at:
+                lift.request(floor, OPEN)
+                request_at = time.monotonic() + REQUEST_AGAIN_S
             if lift.invites_at(floor):
                 return True
             self.halt.wait(LOOK_S)
@@ -111,10 +111,10 @@ class Robot:
 
         When it no longer does, the robot leaves the doorway by the nearer side.
         """
-        for done in range(STEPS):
+        for steps_taken in range(STEPS):
             if not lift.invites_at(floor):
-                is_nearer_across = done > STEPS / 2
-                for _ in range(STEPS - done if is_nearer_across else done):
+                is_nearer_across = steps_taken > STEPS / 2
+                for _ in range(STEPS - steps_taken if is_nearer_across else steps_taken):
                     self._step(self._wheels.forward if is_nearer_across else self._wheels.back)
                 return is_nearer_across
             self._step(self._wheels.forward)

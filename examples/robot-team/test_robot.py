@@ -44,13 +44,13 @@ def my_robot(wheels: ModelWheels) -> Robot:
 
 @pytest.fixture
 def hurried_robot(wheels: ModelWheels) -> Robot:
-    """For rides that must fail: nobody wants to wait for the end of its patience."""
+    """For rides that must fail: its patience is short."""
     return Robot(wheels, patience_s=1.0, step_s=0.0)
 
 
 @pytest.fixture
-def beside() -> Iterator[ThreadPoolExecutor]:
-    """A thread for a robot, so that a test can go on while it rides."""
+def robot_thread() -> Iterator[ThreadPoolExecutor]:
+    """A thread for a robot, so that a test continues while it rides."""
     with ThreadPoolExecutor(1) as pool:
         yield pool
 
@@ -77,9 +77,9 @@ def test_the_robot_gives_up_when_there_is_a_fire_while_it_waits(
     lift_simulator: LiftSimulator,
     my_robot: Robot,
     wheels: ModelWheels,
-    beside: ThreadPoolExecutor,
+    robot_thread: ThreadPoolExecutor,
 ) -> None:
-    ended = beside.submit(my_robot.ride, lift_site.url, "lift", "L4", "L1")
+    ended = robot_thread.submit(my_robot.ride, lift_site.url, "lift", "L4", "L1")
     lift_simulator.wait_for(lambda truth: not truth.standing)
     lift_simulator.set_fire(True)
     lift_site.wait_for_event(lambda event: isinstance(event, Refused))
@@ -106,7 +106,7 @@ def test_the_robot_leaves_the_doorway_when_the_cable_is_pulled_out(
     assert (wheels.farthest, wheels.at) == (3, 0)
 
 
-def test_the_robot_does_not_wait_for_a_stuck_door_for_ever(
+def test_the_robot_does_not_wait_endlessly_for_a_stuck_door(
     lift_site: LiftSite, lift_simulator: LiftSimulator, hurried_robot: Robot, my_robot: Robot, wheels: ModelWheels
 ) -> None:
     with lift_simulator.fault("stuck_door"):
@@ -116,11 +116,11 @@ def test_the_robot_does_not_wait_for_a_stuck_door_for_ever(
     assert my_robot.ride(lift_site.url, "lift", "L2", "L1") == "arrived"
 
 
-def test_the_robot_waits_until_another_robot_has_done_with_the_lift(
-    lift_site: LiftSite, my_robot: Robot, wheels: ModelWheels, beside: ThreadPoolExecutor
+def test_the_robot_waits_until_another_robot_has_finished_with_the_lift(
+    lift_site: LiftSite, my_robot: Robot, wheels: ModelWheels, robot_thread: ThreadPoolExecutor
 ) -> None:
     with lift_site.held("L3", by="cleaner 7"):
-        ended = beside.submit(my_robot.ride, lift_site.url, "lift", "L1", "L2")
+        ended = robot_thread.submit(my_robot.ride, lift_site.url, "lift", "L1", "L2")
         lift_site.wait_for_event(lambda event: isinstance(event, Refused))
         assert wheels.farthest == 0
     assert ended.result(20) == "arrived"

@@ -67,7 +67,7 @@ class Bench:
 
     async def look(self, step: Step) -> tuple[bool, list[ReceivedRequest]]:
         """Look afterwards; returns whether the driver cares, and what it read."""
-        looked = await self._writer.look(step) is not None
+        looked = await self._writer.read_back(step) is not None
         return looked, self._taken()
 
     def _taken(self) -> list[ReceivedRequest]:

@@ -210,7 +210,7 @@ def _lost(fault: str, codec: Codec) -> Detection:
 
 def _foreign_writer(codec: Codec) -> Detection:
     lies = (FaultEffect.EFFECT, FaultEffect.OUTPUT)
-    blind = [command.name for command in codec.commands.values() if not command.read_points or command.lamp]
+    blind = [command.name for command in codec.commands.values() if not command.read_points or command.shows_lamp]
     if len(blind) == len(codec.commands):
         return Detection("foreign_writer", None, lies, "no output of this map can be read back")
     how = "an alarm names the output and what was written; the lift obeys both writers meanwhile"

@@ -11,8 +11,8 @@ import textwrap
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from drivers.modbus.diagnosis import named_at
-from drivers.modbus.recipe import Outputs
+from drivers.modbus.diagnosis import named_points
+from drivers.modbus.outputs import Outputs
 from drivers.modbus.steps import Step, StepKind
 from lift_manager.commissioning import wording
 from lift_manager.commissioning.bench import Bench, ReceivedRequest, bench
@@ -115,7 +115,7 @@ async def _plan(codec: Codec, floors: Mapping[str, int]) -> Plan:
 async def _poll(codec: Codec, on: Bench) -> Part:
     sent: list[PlannedRequest] = []
     for block in on.poll_blocks:
-        names = ", ".join(dict.fromkeys(name for name, _ in named_at(codec, block) if name in codec.signals))
+        names = ", ".join(dict.fromkeys(name for name, _ in named_points(codec, block) if name in codec.signals))
         purpose = f"what the lift says of {names}" if names else "one of our outputs, to see that the device is there"
         sent += _all("each poll", purpose, await on.read(block))
     return Part("One poll", tuple(sent), _cost(codec, sent))
@@ -147,12 +147,12 @@ async def _always(codec: Codec, on: Bench) -> Part:
     told: dict[str, list[PlannedRequest]] = {}
     now = 0.0
     for _ in range(_MOST_WRITES):
-        step = outputs.next(now)
+        step = outputs.next_step(now)
         if step is not None:
             every = _every(codec, step)
             if len(told.setdefault(every, [])) < 2:
                 told[every] += _all(f"{now:g} s", every, await on.write(step, outputs.cells(step)))
-            outputs.written(step, now)
+            outputs.record_write(step, now)
         elif all(len(found) >= 2 for found in told.values()):
             break
         else:
@@ -201,28 +201,28 @@ async def _command(codec: Codec, command: CommandCodec, code: int, on: Bench) ->
     written: list[Group] = []
     now, repeated, let_go = 0.0, False, False
     for _ in range(_MOST_WRITES):
-        step = outputs.next(now, command.endpoint)
+        step = outputs.next_step(now, command.endpoint)
         if step is None:
-            if outputs.at_rest:
+            if outputs.all_at_rest:
                 return written
             now = outputs.wake_at(command.endpoint)
             continue
         if step.name != command.name or (step.kind in _REPEATED and repeated):
             # a heartbeat or a cyclic block, which go on whatever is pressed; or one repetition of many
-            outputs.written(step, now)
+            outputs.record_write(step, now)
             continue
         heard = await on.write(step, outputs.cells(step))
-        outputs.written(step, now)
-        first = step.kind is StepKind.REFRESH and command.name in outputs and outputs.looks_first(command.name)
+        outputs.record_write(step, now)
+        first = step.kind is StepKind.REFRESH and command.name in outputs and outputs.is_looked_at_first(command.name)
         looked, seen = await on.look(Step(StepKind.LOOK, step.name, step.code) if first else step)
         if looked:
             # a device in memory shows nothing where outputs are read elsewhere; a real one shows what was written
-            outputs.looked(step, holds=True, now=now)
+            outputs.record_look(step, holds=True, now=now)
         when = "at the end" if let_go and step.kind is StepKind.RELEASE else f"{now:g} s"
         written.append(tuple(_step(step, when, heard, seen, looks_first=first)))
         repeated = repeated or step.kind in _REPEATED
         if repeated and command.spec.action == "hold" and not let_go:
-            outputs.let_go(command.name)
+            outputs.release(command.name)
             let_go = True
     raise ValueError(f"{command.name}: something is written so often that it never ends; look at the times of the map")
 

@@ -148,7 +148,7 @@ def places(source: RegisterMap, printed: Sequence[str], points: Sequence[Point])
             endpoint=point.endpoint,
             table=point.table.value,
             address=point.address,
-            bit=None if point.whole else point.low,
+            bit=None if point.is_whole else point.low,
             bits=point.width,
             words=wording.wire(point),
         )

@@ -67,7 +67,7 @@ def runs(points: Sequence[Point]) -> Iterator[tuple[int, int]]:
 
 def in_order(signal: SignalCodec, spec: Signal) -> tuple[Point, ...]:
     """Return the points of a signal as a reader expects them: of a 32-bit number, the lower address first."""
-    return tuple(sorted(signal.points)) if spec.wide else signal.points
+    return tuple(sorted(signal.points)) if spec.is_wide else signal.points
 
 
 def functions(numbers: Sequence[int]) -> str:
@@ -173,7 +173,7 @@ def link_loss(spec: Command) -> str:
 def _follows(one: Point, other: Point) -> bool:
     if (one.endpoint, one.table, one.width) != (other.endpoint, other.table, other.width):
         return False
-    if one.whole:
+    if one.is_whole:
         return other.address == one.address + 1
     return other.address == one.address and other.low == one.low + one.width
 
@@ -190,7 +190,7 @@ def _byte_order(spec: Signal | Command) -> str:
 def _size(signal: SignalCodec, spec: Signal) -> Iterator[str]:
     if spec.code_of is not None:
         yield f"{len(signal.points)} bits, lowest first"
-    elif spec.wide:
+    elif spec.is_wide:
         order = "high word first" if spec.word_order == "high_first" else "low word first"
         yield f"two registers, 32 bits, {order}{_byte_order(spec)}"
     elif spec.byte_order == "low_first":

@@ -58,7 +58,7 @@ def _claims(lift: str, at: Mapping[str, Device], codec: Codec) -> Iterator[tuple
                 continue  # it has no place yet, which is a mistake of its own
             for cell in block.cells:
                 bits = sum(point.mask << point.low for point in command.points if point.cell == cell)
-                word = command.spec.shared_word if command.shared else None
+                word = command.spec.shared_word if command.is_shared else None
                 claim = _Claim(
                     *(lift, block.endpoint, name, bits if word else _WHOLE, word),
                     owned=command.spec.shared_word == "owned",

@@ -40,7 +40,7 @@ def load_maps(source: Source, near: Path) -> Maps:
             continue
         used.add(controller)
         changes = _changes(source, name, lift)
-        if not changes.any:
+        if not changes.are_any:
             if (loaded := plain.load(controller, found.findings)) is not None:
                 found.lifts[name] = loaded
         elif not _spoiled(source, name):
@@ -139,7 +139,7 @@ def _misfits(place: _Place, changes: MapChanges, known: LoadedMap) -> Iterator[F
     """Yield parameters out of range, in the words of the map's own check: that is silent where they leave no map to check."""
     for name, value in changes.parameters.items():
         about = known.map.parameters.get(name)
-        if about is not None and (problem := about.objection(value)) is not None:
+        if about is not None and (problem := about.find_problem(value)) is not None:
             yield place.source.finding(("lifts", place.lift, "parameters", name), f"{problem} ({about.help})")
 
 

@@ -62,4 +62,4 @@ def _describe(console: Console, codec: Codec, floors: Mapping[str, int], where: 
 
 
 def _wire(points: tuple[Point, ...]) -> str:
-    return ", ".join(f"{point.space} {point.address}" + ("" if point.whole else f".{point.low}") for point in points)
+    return ", ".join(f"{point.space} {point.address}" + ("" if point.is_whole else f".{point.low}") for point in points)

@@ -8,7 +8,7 @@ from register_maps import frames
 from register_maps.codec import Codec, CommandCodec, Point
 from register_maps.command_codec import payload_counts
 from register_maps.words import Table
-from simulator.asks import watchdog_s
+from simulator.network_commands import watchdog_s
 
 _TYPE = {Table.COIL: 0, Table.DISCRETE: 1, Table.INPUT: 3, Table.HOLDING: 4}
 """mbpoll's option -t."""
@@ -57,7 +57,7 @@ def _gives(codec: Codec, command: CommandCodec, floors: Mapping[str, int], where
         return
     tool, host = _mbpoll(codec, point.endpoint, where)
     to = f"{tool} -t {_TYPE[point.table]} -r {point.address} {host}"
-    shared = "" if point.whole else "; writes the whole register"
+    shared = "" if point.is_whole else "; writes the whole register"
     if spec.is_heartbeat:
         changes = "another value" if spec.action == "count" else "0 and 1 in turn"
         yield f"{to} 1   {what}, {changes} every {spec.every_s:g} s{shared}"

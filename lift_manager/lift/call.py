@@ -128,7 +128,7 @@ def call_answered(call: Call, outcome: Outcome, now: float) -> Call:
     call = replace(call, outcome=outcome)
     if call.phase is not CallPhase.PRESSED:
         return call
-    if outcome.not_granted:
+    if outcome.grant_missing:
         return replace(call, phase=CallPhase.WANTED, since=now)
     if outcome.result is Result.CONFIRMED:
         return replace(call, phase=CallPhase.CONFIRMED, since=now, reason="")

@@ -401,7 +401,7 @@ def _by_progress(
     if progress.phase is CallPhase.PRESSED:
         return replace(pending, pressed=True, waiting_for="the lift to show that it has taken it")
     if progress.phase is CallPhase.WANTED:
-        not_sent = outcome is not None and outcome.not_granted
+        not_sent = outcome is not None and outcome.grant_missing
         waiting_for = lift.waiting_for or "its button to be pressed"
         return replace(pending, waiting_for=waiting_for, pressed=pending.pressed and not not_sent)
     if progress.phase is None:

@@ -410,7 +410,7 @@ def _forget(draft: Draft, name: WordName) -> None:
 
 
 def _is_level(config: LiftConfig, name: WordName) -> bool:
-    return COMMAND_OF[name].name in config.capabilities.levels
+    return COMMAND_OF[name].name in config.capabilities.held_commands
 
 
 def _word(draft: Draft, name: WordName) -> HandshakeWord:

@@ -40,7 +40,7 @@ def reason_of(outcome: Outcome) -> Reason:
     """Return the class of an outcome's reason, whatever its text says."""
     if outcome.result is Result.CONFIRMED:
         return _CONFIRMED_BY[outcome.proof]
-    if outcome.not_granted:
+    if outcome.grant_missing:
         return Reason.NOT_GRANTED
     if not outcome.frames:
         return Reason.NOT_SENT

@@ -287,14 +287,14 @@ def _take_outcome(draft: Draft, press: PressId, outcome: Outcome) -> None:
     draft.change(presses=tuple(pending for pending in record.presses if pending.id != press))
     draft.emit(CommandEnded(draft.config.name, outcome, None if session is None else session.holder))
     name = outcome.command.name
-    stays_on = outcome.result is Result.CONFIRMED and name in draft.config.capabilities.levels
+    stays_on = outcome.result is Result.CONFIRMED and name in draft.config.capabilities.held_commands
     if stays_on and not draft.record.is_given(outcome.command):
         # until the driver reports otherwise
         draft.change(outputs={**draft.record.outputs, name: OutputState.ON})
     if record.call is not None and record.call.press == press:
         # one that its holder's end came before has not failed
         kept_back = session is not None and session.is_ending and outcome.result is Result.REJECTED
-        forgiving = replace(outcome, not_granted=outcome.not_granted or kept_back)
+        forgiving = replace(outcome, grant_missing=outcome.grant_missing or kept_back)
         draft.change(call=call_answered(record.call, forgiving, draft.now))
     doors.closing_answered(draft, press, outcome)
     for word_name in handshake.COMMAND_OF:

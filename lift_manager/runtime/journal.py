@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from drivers.model import Command, Outcome, Proof, Result, Written
-from drivers.rate_limits import TOLD_EVERY_S, ChangeRateLimiter, RowRateLimiter
+from drivers.rate_limits import SUMMARY_EVERY_S, ChangeRateLimiter, RowRateLimiter
 from lift_manager.lift import audit
 from lift_manager.lift.call import Call, CallPhase
 from lift_manager.lift.events import (
@@ -257,7 +257,7 @@ class _Link:
 
     def _line(self, text: str, *, is_read: bool) -> None:
         self._logged = "" if is_read else self._fault or text
-        self._logged_again_at = math.inf if is_read else self._now + TOLD_EVERY_S
+        self._logged_again_at = math.inf if is_read else self._now + SUMMARY_EVERY_S
         level = logging.INFO if is_read else logging.WARNING
         _log.log(level, "%s: %s", self._lift, text, extra={"lift": self._lift})
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn, Protocol
 
-from drivers.rate_limits import RowRateLimiter, newest
+from drivers.rate_limits import RowRateLimiter, get_or_add
 from lift_manager.lift.journal import Json, Row, RowKind, short
 from lift_manager.lift.refusals import Refused
 from lift_manager.runtime.errors import raised
@@ -80,12 +80,12 @@ class RefusalLog:
         """Write down what was counted for a minute, or at the end all of it."""
         now = asyncio.get_running_loop().time()
         for whose, sparing in self._sparing.items():
-            if end or sparing.due(now):
+            if end or sparing.is_due(now):
                 self._tell(whose, sparing, now)
 
     def _note(self, whose: tuple[RowKind, str], code: str, row: Row) -> None:
         now = asyncio.get_running_loop().time()
-        sparing, gone = newest(self._sparing, whose, lambda: RowRateLimiter(REFUSALS))
+        sparing, gone = get_or_add(self._sparing, whose, lambda: RowRateLimiter(REFUSALS))
         if gone is not None:
             self._tell(*gone, now)
         if sparing.admits((row.lift, row.caller, row.text), now):
@@ -93,13 +93,13 @@ class RefusalLog:
             self._rows.note(row)
             return
         sparing.count(code, now)
-        if sparing.due(now):
+        if sparing.is_due(now):
             self._tell(whose, sparing, now)
 
     def _tell(self, whose: tuple[RowKind, str], sparing: RowRateLimiter, now: float) -> None:
-        if not sparing.counts:
+        if not sparing.has_counts:
             return
-        answers, for_s = sparing.told(now)
+        answers, for_s = sparing.take_counts(now)
         kind, caller = whose
         times, shown = answers.total(), ", ".join(f"{count} {code}" for code, count in sorted(answers.items()))
         text = f"refused {times} times more within {for_s:.0f} s: {shown}"

@@ -65,7 +65,7 @@ Result = TypeVar("Result")
 class Jobs(Protocol):
     """Does one job after the other, as `drivers.thread.Worker` does in a thread."""
 
-    def do(self, work: Callable[[], Result]) -> Future[Result]:
+    def submit(self, work: Callable[[], Result]) -> Future[Result]:
         """Do a job. Raises OSError if that cannot begin."""
         ...
 
@@ -202,7 +202,7 @@ class Committer:
             await self._work(jobs)
         finally:
             with suppress(OSError):  # without a thread there is nothing to close
-                await asyncio.wait([jobs.do(self._store.close)], timeout=self._end_s())
+                await asyncio.wait([jobs.submit(self._store.close)], timeout=self._end_s())
             jobs.stop()
             self._refuse("the manager ends")
             if self._queue or self._changed:
@@ -320,7 +320,7 @@ class Committer:
 
     def _do(self, jobs: Jobs, work: Callable[[], Result]) -> Future[Result]:
         try:
-            return jobs.do(work)
+            return jobs.submit(work)
         except OSError as error:
             raise no_thread(self.where, error) from error
 

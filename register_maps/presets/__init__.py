@@ -1,6 +1,6 @@
-"""How PLCs name their points: letter and number to table and address, one YAML file per family.
+"""Maps the point names of PLCs, a letter and a number, to table and address; one YAML file per family.
 
-A preset says where a name lies and nothing about lifts.
+A preset maps names to addresses and knows nothing about lifts.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Preset(_Part):
     provenance: Source
     areas: tuple[Area, ...] = Field(min_length=1)
     limits: dict[str, str] = Field(default_factory=dict)
-    """What its Modbus server allows, in words: connections, unit ids, registers per request."""
+    """What its Modbus server allows, as text: connections, unit ids, registers per request."""
 
     def find(self, text: str) -> tuple[Table, int, int | None]:
         """Table, address on the wire and bit of a name such as `X17`, `%QX0.3` or `D10.4`. Raises ValueError."""

@@ -30,7 +30,7 @@ from simulator.wire_faults.losses import (
 )
 from simulator.wire_faults.memory import FaultyAnswer, faulty
 from simulator.wire_faults.target import EVERYTHING, Access, Target
-from simulator.wire_faults.ways import (
+from simulator.wire_faults.timing import (
     Bandwidth,
     Delay,
     DuplicateAnswer,

@@ -71,13 +71,13 @@ class WrongFunction(ShapeFault):
 
 @dataclass(frozen=True, slots=True)
 class WrongCount(ShapeFault):
-    """The answer to a read brings fewer or more values than were asked for; functions 15 and 16 tell another quantity.
+    """The answer to a read has fewer or more values than requested; functions 15 and 16 repeat another quantity.
 
     An exception answer, and one without room for more, stays as it is.
     """
 
     by: int = -1
-    """Registers, bytes of bits, or the quantity told."""
+    """Registers, bytes of bits, or the quantity repeated."""
     field_only: bool = False
     """The byte count alone is wrong and the values are all there; makes no difference to functions 15 and 16."""
 
@@ -134,10 +134,10 @@ class WrongEcho(ShapeFault):
         if function not in frames.WRITES:
             return answer
         place = _DATA_AT if self.part is EchoPart.ADDRESS else _VALUE_AT
-        told = _word(answer, place)
-        if place == _VALUE_AT and function == frames.WRITE_COIL and told in (0, _COIL_FLIP):
-            return _with_word(answer, place, told ^ _COIL_FLIP)
-        return _with_word(answer, place, told + self.by)
+        value = _word(answer, place)
+        if place == _VALUE_AT and function == frames.WRITE_COIL and value in (0, _COIL_FLIP):
+            return _with_word(answer, place, value ^ _COIL_FLIP)
+        return _with_word(answer, place, value + self.by)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from simulator.wire_faults.faults import ORDER, WireFault
 from simulator.wire_faults.ledger import Entry, Exchange, Ledger, StruckFault
 from simulator.wire_faults.losses import AcceptAndSayNothing, ConnectionLimit, HalfOpen
 from simulator.wire_faults.target import FUNCTION_AT, UNIT_AT
-from simulator.wire_faults.ways import Bandwidth, LateAnswer, MergeAnswers
+from simulator.wire_faults.timing import Bandwidth, LateAnswer, MergeAnswers
 
 Answer = Callable[[bytes], Iterable[Reply]]
 """What a device makes of one request frame."""
@@ -65,9 +65,9 @@ class WireFaults:
         return tuple(entry.fault for entry in self._ledger.entries)
 
     @property
-    def done(self) -> list[StruckFault]:
-        """Every strike in its order. It grows without limit; whoever runs for long may clear it."""
-        return self._ledger.done
+    def strikes(self) -> list[StruckFault]:
+        """Every strike, in order. It grows without limit; long runs may clear it."""
+        return self._ledger.strikes
 
     @property
     def steady(self) -> bool:
@@ -83,7 +83,7 @@ class WireFaults:
     def on_exchange(self) -> Callable[[Exchange], None] | None:
         """Hears of each exchange as soon as its answers are planned, so their times may lie ahead.
 
-        An answer that is kept back counts when it is let go, and one that never came when the connection is closed.
+        An answer that is held back counts when it is sent, one that is never sent when the connection is closed.
         """
         return self._ledger.on_exchange
 
@@ -104,7 +104,7 @@ class WireFaults:
         self._ledger.remove(fault)
 
     def clear(self) -> None:
-        """Take all away. A connection that is dead stays dead, and what is on its way comes."""
+        """Remove all faults. A dead connection stays dead, and bytes under way still arrive."""
         self._ledger.entries.clear()
 
     def connection(self, now: float) -> Connection:
@@ -155,7 +155,7 @@ class Connection:
             ledger.clients += 1
 
     def request(self, frame: bytes, now: float, answer: Answer) -> list[Reply]:
-        """One request and all that comes of it, for a device that says at once what it will answer."""
+        """Handle one request completely, for a device that answers at once."""
         verdict = self.take(frame, now)
         if not verdict.executed:
             return list(verdict.replies)
@@ -168,13 +168,13 @@ class Connection:
                 came += self._answered(data, now + delay_s, now)
         if plan in self._pending:
             self._pending.remove(plan)
-            self._tell(plan, ())
+            self._report_exchange(plan, ())
         return came
 
     def take(self, frame: bytes, now: float) -> Verdict:
         """A request from the client."""
         if self.dead or self._ended:
-            self._tell(_Plan(frame, now), (), executed=False)
+            self._report_exchange(_Plan(frame, now), (), executed=False)
             return Verdict(executed=False, replies=())
         plan = self._plan(frame, now)
         if plan.instead is not None and isinstance(plan.instead[1], HalfOpen):
@@ -183,7 +183,7 @@ class Connection:
             return Verdict(executed=False, replies=tuple(self._replies(plan, now, now)))
         self._pending.append(plan)
         if len(self._pending) > _MOST_PENDING:
-            self._tell(self._pending.popleft(), ())
+            self._report_exchange(self._pending.popleft(), ())
         return Verdict(executed=True, replies=())
 
     def answered(self, frame: bytes, now: float) -> list[Reply]:
@@ -197,7 +197,7 @@ class Connection:
             self._ledger.clients -= 1
         self._ended = True
         while self._pending:
-            self._tell(self._pending.popleft(), ())
+            self._report_exchange(self._pending.popleft(), ())
         self._lose_held()
 
     def _plan(self, frame: bytes, now: float) -> _Plan:
@@ -218,18 +218,18 @@ class Connection:
         return plan
 
     def _answered(self, frame: bytes, at: float, now: float) -> list[Reply]:
-        plan = self._asked_by(frame)
+        plan = self._take_plan(frame)
         if plan is not None:
             plan.right = frame
         if self.dead or self._ended:
             if plan is not None:
-                self._tell(plan, ())
+                self._report_exchange(plan, ())
             return []
         if plan is None:
             return self._placed(((0.0, frame),), at, None, now)
         return self._replies(plan, at, now)
 
-    def _asked_by(self, answer: bytes) -> _Plan | None:
+    def _take_plan(self, answer: bytes) -> _Plan | None:
         """The request: by its transaction id, or the oldest that it fits, for some devices do not return the id."""
         if len(answer) < _SHORTEST:
             return None
@@ -242,7 +242,7 @@ class Connection:
         return plan
 
     def _replies(self, plan: _Plan, at: float, now: float) -> list[Reply]:
-        """What the client gets for a request whose answer is there, or will never be asked for."""
+        """Return the replies to a request whose answer is there, or is not needed."""
         replies: Replies = () if plan.right is None else ((0.0, plan.right),)
         if plan.instead is not None:
             entry, instead = plan.instead
@@ -268,12 +268,12 @@ class Connection:
         if not replies:
             if plan.bandwidth is not None:
                 plan.bandwidth[0].take_back()
-            self._tell(plan, ())
+            self._report_exchange(plan, ())
             return []
         if plan.bandwidth is not None:
             self._strike(plan, plan.bandwidth[0], at)
         own = self._placed(replies, at, plan, now)
-        self._tell(plan, own, since=now)
+        self._report_exchange(plan, own, since=now)
         if self._held is None:
             return own
         held, kept = self._held
@@ -281,17 +281,17 @@ class Connection:
             self._lose_held()
             return own
         self._held = None
-        return self._let_go(held, kept, own, now)
+        return self._release_held(held, kept, own, now)
 
-    def _let_go(self, held: _Plan, kept: Replies, own: list[Reply], now: float) -> list[Reply]:
+    def _release_held(self, held: _Plan, kept: Replies, own: list[Reply], now: float) -> list[Reply]:
         if any(isinstance(fault, MergeAnswers) for fault in held.struck):
             front = b"".join(data for _, data in kept if data is not None)
             (first_s, first), *others = own
-            self._tell(held, [(first_s, front)], since=now)
+            self._report_exchange(held, [(first_s, front)], since=now)
             return [(first_s, front + (first or b"")), *others]
         begin_s = kept[0][0]
         behind = self._placed(tuple((delay_s - begin_s, data) for delay_s, data in kept), now + own[-1][0], None, now)
-        self._tell(held, behind, since=now)
+        self._report_exchange(held, behind, since=now)
         return own + behind
 
     def _placed(self, replies: Replies, at: float, plan: _Plan | None, now: float) -> list[Reply]:
@@ -317,18 +317,20 @@ class Connection:
 
     def _strike(self, plan: _Plan, entry: Entry, at: float) -> None:
         plan.struck.append(entry.fault)
-        self._ledger.done.append(StruckFault(at, entry.fault, plan.frame))
+        self._ledger.strikes.append(StruckFault(at, entry.fault, plan.frame))
 
     def _lose_held(self) -> None:
         if self._held is not None:
             (plan, _), self._held = self._held, None
-            self._tell(plan, ())
+            self._report_exchange(plan, ())
 
-    def _tell(self, plan: _Plan, replies: Iterable[Reply], *, since: float = 0.0, executed: bool | None = None) -> None:
+    def _report_exchange(
+        self, plan: _Plan, replies: Iterable[Reply], *, since: float = 0.0, executed: bool | None = None
+    ) -> None:
         if self._ledger.on_exchange is None:
             return
         answers = tuple(sorted([(since + delay_s, data) for delay_s, data in replies if data is not None]))
-        came = answers[0][1] if len(answers) == 1 else b"".join([data for _, data in answers])
+        received = answers[0][1] if len(answers) == 1 else b"".join([data for _, data in answers])
         self._ledger.on_exchange(
             Exchange(
                 sent_at=plan.sent_at,
@@ -336,7 +338,7 @@ class Connection:
                 executed=plan.executed if executed is None else executed,
                 right=plan.right,
                 answers=answers,
-                honest=plan.right is not None and came == plan.right,
+                honest=plan.right is not None and received == plan.right,
                 faults=tuple(plan.struck),
             )
         )

@@ -28,7 +28,7 @@ from simulator.wire_faults.losses import (
     RefuseConnections,
     ResetConnection,
 )
-from simulator.wire_faults.ways import (
+from simulator.wire_faults.timing import (
     Bandwidth,
     Delay,
     DuplicateAnswer,

@@ -61,7 +61,7 @@ class Entry:
 
     fault: WireFault
     chance: random.Random
-    """Its own: what one fault does is the same whichever others are set beside it."""
+    """Its own, so that a fault does the same whichever others are set."""
     used: int = 0
     steady: SteadyChance | None = None
     """Where what it draws depends on the request and the time alone."""
@@ -109,13 +109,13 @@ class Ledger:
 
     seed: int
     start: float | None
-    done: list[StruckFault] = field(default_factory=list)
+    strikes: list[StruckFault] = field(default_factory=list)
     on_exchange: Callable[[Exchange], None] | None = None
     entries: list[Entry] = field(default_factory=list)
     clients: int = 0
     """Connections that were let in and are not closed yet."""
     steady: bool = False
-    """Whether draws depend on the request and the time alone, and not on how much was asked before."""
+    """Whether draws depend on the request and the time alone, and not on earlier requests."""
     _added: dict[str, int] = field(default_factory=dict)
 
     def add(self, fault: WireFault) -> None:
@@ -134,7 +134,7 @@ class Ledger:
         raise ValueError(f"{fault} is not set")
 
     def elapsed_s(self, now: float) -> float:
-        """Since the start, which is the first time anybody asks if none was given."""
+        """Return the seconds since the start, by default the first call."""
         if self.start is None:
             self.start = now
         return now - self.start
@@ -162,6 +162,6 @@ class Ledger:
             if isinstance(fault, ConnectionLimit) and self.clients < fault.clients:
                 continue
             if entry.strikes(elapsed_s):
-                self.done.append(StruckFault(now, fault, None))
+                self.strikes.append(StruckFault(now, fault, None))
                 return fault
         return None

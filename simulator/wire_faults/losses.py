@@ -16,7 +16,7 @@ class DropRequest(InsteadFault):
 
 @dataclass(frozen=True, slots=True)
 class DropAnswer(InsteadFault):
-    """The answer is lost; the device has done what was asked."""
+    """The answer is lost; the device has carried out the request."""
 
     @property
     def reaches_device(self) -> bool:
@@ -91,7 +91,7 @@ class HalfOpen(InsteadFault):
 
 @dataclass(frozen=True, slots=True)
 class RefuseConnections(ConnectionFault):
-    """Nobody is let in. Over TCP the connection is made and reset at once: the proxy's host accepts before it can be asked."""
+    """No connection is accepted. Over TCP it is made and reset at once: the proxy's host accepts it first."""
 
 
 @dataclass(frozen=True, slots=True)

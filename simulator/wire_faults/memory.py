@@ -9,7 +9,7 @@ from simulator.wire_faults.engine import Answer, Connection, ConnectOutcome, Wir
 
 
 class FaultyAnswer:
-    """A device as it is heard over a faulty wire: itself an `Answer`, with the question of who is let in."""
+    """A device behind a faulty wire: itself an `Answer`, which also admits connections."""
 
     def __init__(self, answer: Answer, engine: WireFaults, clock: Callable[[], float]) -> None:
         self._answer = answer
@@ -18,7 +18,7 @@ class FaultyAnswer:
         self._connection: Connection | None = None
 
     def __call__(self, frame: bytes) -> list[Reply]:
-        """One request: when which bytes come. Connects first if nobody has."""
+        """Return the replies to one request. Connects first if not connected."""
         now = self._clock()
         if self._connection is None:
             self._connection = self._engine.connection(now)

@@ -56,7 +56,7 @@ class Target:
             return False
         if self.table is None and self.addresses is None and self.access is None:
             return True
-        request = parsed(frame)
+        request = parse_request(frame)
         return request is not None and self._covers(request)
 
     def _covers(self, request: Request) -> bool:
@@ -73,7 +73,7 @@ class Target:
 EVERYTHING = Target()
 
 
-def parsed(frame: bytes) -> Request | None:
+def parse_request(frame: bytes) -> Request | None:
     """The request, with or without a duration for a coil; None for what no device has to understand."""
     try:
         return frames.parse_request(frame, timed_coils=True)

@@ -269,7 +269,7 @@ MUTANTS: tuple[Mutant, ...] = (
         (
             Edit(
                 "drivers/modbus/presses.py",
-                "found = proof(press.expected, values, read_back=press.read_back)",
+                "found = find_proof(press.expected, values, read_back=press.read_back)",
                 "found = Proof.READBACK",
             ),
         ),

@@ -75,7 +75,7 @@ class Caller:
         _ = self.log.before(command, self.driver.frames(command))
         now = asyncio.get_running_loop().time()
         self.driver.press(number, command, now + LEAVE_WITHIN_S)
-        if command.name in self.capabilities.levels and not outcome.done():
+        if command.name in self.capabilities.held_commands and not outcome.done():
             self._declare(command, 0, now)
         return outcome
 

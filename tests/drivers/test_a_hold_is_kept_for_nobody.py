@@ -60,7 +60,7 @@ async def renewed(made: Rig, for_s: float) -> None:
 
 def written_since(device: MemoryDevice, since: float, table: Table, address: int, bit: int) -> list[bool]:
     """Whether each write of a cell since then has left this bit on."""
-    return [bool(value & bit) for value in values_of([h for h in device.heard if h.at_s >= since], table, address)]
+    return [bool(value & bit) for value in values_of([h for h in device.received if h.at_s >= since], table, address)]
 
 
 @pytest.mark.parametrize("which", OF_MAP)
@@ -97,13 +97,13 @@ def test_a_kept_hold_that_is_found_on_stays_on_without_a_break_and_falls_by_its_
         since = now()
         device.fall_silent(5.0)
         await elapse(7.0)
-        before = len(device.heard)
+        before = len(device.received)
         await renewed(made, 5.0)
         await elapse(8.5)
         assert made.lift.given(HOLD_FRONT)
         assert device.values[table][address] == rest | bit
         assert False not in written_since(device, since, table, address, bit)
-        assert len(device.heard) - before < 500, "it is looked at no more often than it is refreshed"
+        assert len(device.received) - before < 500, "it is looked at no more often than it is refreshed"
         await elapse(2.5)
         assert not made.lift.given(HOLD_FRONT)
         assert device.values[table][address] == rest
@@ -130,7 +130,7 @@ def test_a_kept_hold_that_the_controller_drops_in_plain_sight_is_not_pressed_aga
         made.lift.keep(HOLD_FRONT)
         switched_off_and_on(made)
         await renewed(made, 5.0)
-        assert values_of(device.heard, Table.COIL, 8).count(1) == 1
+        assert values_of(device.received, Table.COIL, 8).count(1) == 1
 
     on_rig(check, NOT_REFRESHED, {"": device})
 
@@ -159,7 +159,7 @@ def test_what_waits_for_another_to_rest_is_not_pressed_once_it_is_only_kept() ->
         made.lift.keep(HOLD_FRONT)
         assert made.lift.at_rest(HOLD_FRONT)
         await renewed(made, 3.0)
-        assert values_of(made.device.heard, Table.COIL, 8) == []
+        assert values_of(made.device.received, Table.COIL, 8) == []
 
     on_rig(waits_for_another, EXCLUDING, {"": resting()})
 
@@ -175,7 +175,7 @@ def test_a_press_that_is_on_its_way_when_it_is_only_kept_comes_about() -> None:
         made.lift.keep(HOLD_FRONT)
         await renewed(made, 5.0)
         assert made.lift.held(HOLD_FRONT)
-        assert len(values_of(device.heard, Table.COIL, 8)) >= 3, "it is refreshed"
+        assert len(values_of(device.received, Table.COIL, 8)) >= 3, "it is refreshed"
         switched_off_and_on(made)
         await renewed(made, 3.0)
         assert made.lift.at_rest(HOLD_FRONT)
@@ -234,13 +234,13 @@ def test_a_kept_hold_that_fell_is_pressed_with_no_neighbour_in_its_block_from_th
     front, mode = ("", Table.COIL, 1), ("", Table.COIL, 2)
     for name in ("hold_door.front", "robot_mode"):
         made.hold(name, 0.0)
-    while (step := made.next(0.0)) is not None:
-        made.written(step, 0.0)
+    while (step := made.next_step(0.0)) is not None:
+        made.record_write(step, 0.0)
         if step.kind is StepKind.PRESS:
-            made.looked(step, holds=True, now=0.0)
-    assert made.verified("robot_mode")
+            made.record_look(step, holds=True, now=0.0)
+    assert made.is_verified("robot_mode")
     made.output("robot_mode").keep()
-    made.reconnected({front: 0, mode: 0}, 0.5)
+    made.record_reconnect({front: 0, mode: 0}, 0.5)
     step = Step(StepKind.REFRESH, "hold_door.front", 1)
     assert (made.cells(step)[front], made.cells(step)[mode]) == (1, 0)
-    assert made.next(0.5) == Step(StepKind.RELEASE, "robot_mode", None, was=1)
+    assert made.next_step(0.5) == Step(StepKind.RELEASE, "robot_mode", None, was=1)

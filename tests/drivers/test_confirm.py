@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.modbus.confirm import Expectation, proof
+from drivers.modbus.confirm import Expectation, find_proof
 from drivers.modbus.standstill import STILL_S, StandstillEvidence
 from drivers.model import Command, CommandKind, LiftValues, Proof
 from register_maps.schema import Evidence
@@ -17,7 +17,7 @@ DOOR_OPEN = Evidence(kind="door_open")
 
 def effect(target: str, before: LiftValues | None, now: LiftValues, *, stood: bool = False) -> bool:
     expected = Expectation(Command(CommandKind.GO_TO, target), ("effect",), before, FLOORS, stood)
-    return proof(expected, now, read_back=False) is Proof.EFFECT
+    return find_proof(expected, now, read_back=False) is Proof.EFFECT
 
 
 @pytest.mark.parametrize("motion", [Motion.UP, Motion.DOWN, Motion.MOVING])
@@ -97,33 +97,33 @@ def test_a_motion_that_never_tells_its_direction_is_all_that_can_be_seen() -> No
 )
 def test_a_car_stands_where_motion_or_an_open_door_says_so(values: LiftValues, stands: bool) -> None:
     standing = StandstillEvidence(DOOR_OPEN)
-    standing.look(values, 1.0)
-    assert standing.stands(1.0) is stands
+    standing.update(values, 1.0)
+    assert standing.is_standing(1.0) is stands
 
 
 def test_a_shut_car_without_a_word_about_motion_stands_once_it_has_told_one_floor_for_long_enough() -> None:
     standing = StandstillEvidence(DOOR_OPEN)
-    standing.look(LiftValues(floor="L2", doors={Side.FRONT: Door.CLOSING}), 1.0)
-    standing.look(LiftValues(floor="L2", doors=SHUT), 2.0)
-    standing.look(LiftValues(floor="L2", doors=SHUT, flags={"fire": False}), 8.0)
-    assert not standing.stands(1.9 + STILL_S)
-    assert standing.stands(2.0 + STILL_S)
-    standing.look(LiftValues(floor="L3", doors=SHUT), 20.0)
-    assert not standing.stands(20.0)
-    standing.look(LiftValues(floor=None, doors=SHUT), 50.0)
-    assert not standing.stands(90.0)
-    standing.look(LiftValues(floor="L3", doors=SHUT), 100.0)
-    standing.unseen()
-    assert not standing.stands(200.0)
+    standing.update(LiftValues(floor="L2", doors={Side.FRONT: Door.CLOSING}), 1.0)
+    standing.update(LiftValues(floor="L2", doors=SHUT), 2.0)
+    standing.update(LiftValues(floor="L2", doors=SHUT, flags={"fire": False}), 8.0)
+    assert not standing.is_standing(1.9 + STILL_S)
+    assert standing.is_standing(2.0 + STILL_S)
+    standing.update(LiftValues(floor="L3", doors=SHUT), 20.0)
+    assert not standing.is_standing(20.0)
+    standing.update(LiftValues(floor=None, doors=SHUT), 50.0)
+    assert not standing.is_standing(90.0)
+    standing.update(LiftValues(floor="L3", doors=SHUT), 100.0)
+    standing.reset()
+    assert not standing.is_standing(200.0)
 
 
 def test_what_the_map_calls_standing_is_enough() -> None:
     shut = LiftValues(floor="L2", doors=SHUT)
     stable = StandstillEvidence(Evidence(kind="position_stable", for_s=2.0))
-    stable.look(shut, 1.0)
-    assert (stable.stands(2.9), stable.stands(3.0)) == (False, True)
+    stable.update(shut, 1.0)
+    assert (stable.is_standing(2.9), stable.is_standing(3.0)) == (False, True)
     level = StandstillEvidence(Evidence(kind="level"))
-    level.look(replace(shut, flags={"level": True}), 1.0)
-    assert level.stands(1.0)
-    level.look(replace(shut, flags={"level": False}), 2.0)
-    assert not level.stands(2.0)
+    level.update(replace(shut, flags={"level": True}), 1.0)
+    assert level.is_standing(1.0)
+    level.update(replace(shut, flags={"level": False}), 2.0)
+    assert not level.is_standing(2.0)

@@ -26,7 +26,7 @@ def commands(hold: str = REFRESHED, more: str = GO_TO) -> str:
     return f'{SIGNALS}commands:\n  hold_door.front: {{at: "holding:17", {hold}}}\n{more}'
 
 
-LET_GO = "it is let go of, once in 60 s at most"
+LET_GO = "it is released, once in 60 s at most"
 BLOCK = (
     f'{SIGNALS}commands:\n  hold_door.front: {{at: "coil:1", {REFRESHED}}}\n  robot_mode: {{at: "coil:2", {UNREFRESHED}}}\n'
     'write_blocks: [{at: "coil:1", count: 2, function: 15}]\n'
@@ -59,7 +59,7 @@ def presses(made: Rig, since: float) -> list[float]:
     """Times at which the door hold was pressed."""
     return [
         heard.at_s
-        for heard in made.device.heard
+        for heard in made.device.received
         if heard.at_s >= since and heard.request.is_write and heard.request.values == (1,)
     ]
 
@@ -68,7 +68,7 @@ def looks(made: Rig, since: float) -> list[float]:
     """Times of the reads of our outputs."""
     return [
         heard.at_s
-        for heard in made.device.heard
+        for heard in made.device.received
         if heard.at_s >= since and not heard.request.is_write and heard.request.table is Table.HOLDING
     ]
 
@@ -116,7 +116,7 @@ def test_somebody_who_presses_again_and_again_is_let_go_of_once_a_minute_at_most
         for _ in range(round(300 / every_s)):
             made.device.values[Table.HOLDING][17] = 1
             await elapse(every_s)
-        released = [heard.at_s for heard in made.device.heard if heard.request.is_write][writes:]
+        released = [heard.at_s for heard in made.device.received if heard.request.is_write][writes:]
         begun = [at for before, at in pairwise([-60.0, *released]) if at - before > 2]
         assert 4 <= len(begun) <= 5
         assert all(after - before >= 60 for before, after in pairwise(begun))
@@ -148,7 +148,7 @@ def test_a_second_press_of_somebody_within_the_minute_is_told_and_waits() -> Non
         made.device.values[Table.HOLDING][17] = 1
         await elapse(5)
         assert made.cells(Table.HOLDING, 17) == [1]
-        assert "; it was let go of not long ago, and is let go of again in " in notices(made)[2]
+        assert "; it was released not long ago, and is released again in " in notices(made)[2]
         await elapse(60)
         assert made.cells(Table.HOLDING, 17) == [0]
 
@@ -254,7 +254,7 @@ def test_outputs_are_compared_with_one_read_about_every_two_seconds() -> None:
         since = now()
         await elapse(60)
         assert 26 <= len(looks(made, since)) <= 30
-        read = [heard.request for heard in made.device.heard if heard.at_s >= since]
+        read = [heard.request for heard in made.device.received if heard.at_s >= since]
         assert {request.count for request in read if request.table is Table.HOLDING} == {2}
 
     on_rig(check, commands())
@@ -298,7 +298,7 @@ def test_a_hold_that_somebody_lets_go_is_told_and_does_not_count_as_held() -> No
 
         await keep(made, 12, release)
         assert notices(made)[0] == (
-            "hold_door.front was let go by the controller or by somebody else at holding:17: it reads 0, we wrote 1"
+            "hold_door.front was released by the controller or by somebody else at holding:17: it reads 0, we wrote 1"
         )
         assert False in held
 
@@ -316,7 +316,7 @@ def test_whoever_lets_go_again_and_again_is_not_fought(hold: str) -> None:
         await keep(made, 60, release)
         fight = [notice for notice in notices(made) if "is pressed again once in 60 s at most" in notice]
         assert len(fight) == 1
-        assert "hold_door.front at holding:17 was let go 4 times within 60 s" in fight[0]
+        assert "hold_door.front at holding:17 was released 4 times within 60 s" in fight[0]
         pressed = presses(made, now() - 40)
         assert pressed == []
         assert not made.lift.held(HOLD_FRONT)
@@ -361,12 +361,12 @@ def test_no_refresh_hides_for_long_that_somebody_lets_go_between_two_of_them(ref
 
     async def check(made: Rig) -> None:
         def release() -> None:
-            written = [heard.at_s for heard in device.heard[-99:] if heard.request.is_write]
+            written = [heard.at_s for heard in device.received[-99:] if heard.request.is_write]
             if written and now() - written[-1] > 0.5 * refresh_s:
                 device.values[Table.HOLDING][17] = 0
 
         await keep(made, 60, release)
-        assert "hold_door.front was let go by the controller or by somebody else" in notices(made)[0]
+        assert "hold_door.front was released by the controller or by somebody else" in notices(made)[0]
 
     on_rig(check, commands(REFRESHED.replace("refresh_s: 1", f"refresh_s: {refresh_s}")), {"": device})
 
@@ -380,7 +380,7 @@ def test_who_lets_go_of_a_hold_between_its_quick_refreshes_is_not_fought_either(
 
         since = now()
         await keep(made, 60, release)
-        assert any("was let go 4 times within 60 s" in notice for notice in notices(made))
+        assert any("was released 4 times within 60 s" in notice for notice in notices(made))
         # it is dropped and written again until it was seen four times, and then no more
         assert max(presses(made, since)) < since + 20
 
@@ -476,7 +476,7 @@ def test_a_look_never_goes_before_a_command() -> None:
         for _ in range(40):
             began = now()
             press = made.lift.press(Command(CommandKind.GO_TO, "L2"), allowed)
-            while not any(heard.request.is_write and heard.at_s >= began for heard in device.heard):
+            while not any(heard.request.is_write and heard.at_s >= began for heard in device.received):
                 await elapse(0.01)
             took_s.append(now() - began)
             await elapse(1.37)
@@ -508,7 +508,9 @@ def test_a_block_that_is_written_all_the_time_goes_on_at_rest_once_its_hold_is_g
         assert any("is pressed again once in 60 s at most" in notice for notice in notices(made))
         since = now()
         await keep(made, 10)
-        images = [heard.request.values for heard in made.device.heard if heard.at_s > since and heard.request.is_write]
+        images = [
+            heard.request.values for heard in made.device.received if heard.at_s > since and heard.request.is_write
+        ]
         assert set(images) == {(0, 0)}
         assert len(images) == pytest.approx(20, abs=1)
 
@@ -517,7 +519,7 @@ def test_a_block_that_is_written_all_the_time_goes_on_at_rest_once_its_hold_is_g
     on_rig(check, commands(cyclic) + block)
 
 
-FOUGHT = "was let go 4 times within 60 s"
+FOUGHT = "was released 4 times within 60 s"
 
 
 @dataclass
@@ -626,7 +628,7 @@ def test_a_call_that_somebody_lets_go_is_told_and_not_pressed_again() -> None:
         await elapse(2.5)
         assert not made.lift.given(go)
         assert not made.lift.held(go)
-        assert "go_to was let go by the controller or by somebody else" in notices(made)[0]
+        assert "go_to was released by the controller or by somebody else" in notices(made)[0]
         await elapse(10.0)
         assert made.cells(Table.HOLDING, 16) == [0]
 

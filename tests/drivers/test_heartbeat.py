@@ -172,7 +172,7 @@ async def test_nothing_is_pressed_over_a_new_connection_before_the_counter_was_s
         refused = await made.lift.press(Command(CommandKind.ROBOT_MODE), allowed)
         assert (refused.result, refused.reason) == (
             Result.REJECTED,
-            "its alive counter was not seen to change on this connection yet",
+            "its alive counter has not changed on this connection yet",
         )
         assert not any(request.values[0] for request in device.writes)
         made.counts = True

@@ -104,7 +104,7 @@ def test_it_reads_what_is_served_and_writes_what_is_a_command_and_leaves_nothing
         await asyncio.gather(*running, return_exceptions=True)
 
     run_virtual(main)
-    assert all(heard.executed for heard in device.heard), "the device objected to a request"
+    assert all(heard.executed for heard in device.received), "the device objected to a request"
     for request in device.writes:
         cells = {(request.table, request.address + offset) for offset in range(request.count)}
         assert cells <= ours(source), f"{request} writes what no command names"

@@ -221,7 +221,7 @@ def test_a_controller_that_serves_less_than_its_map_says_is_reported_as_that() -
         assert "serves less than map written says: it refuses fault_code (holding:12)" in str(error)
         assert "exception 02 (illegal data address)" in str(error)
         assert "compare table and address with the manual, and how it counts with `addressing` of the map" in str(error)
-        asked = sum(1 for heard in device.heard if heard.request.count == 1 and heard.request.table is Table.HOLDING)
+        asked = sum(1 for heard in device.received if heard.request.count == 1 and heard.request.table is Table.HOLDING)
         assert asked == 2, "each address is asked for once, however often the poll is refused"
 
     on_rig(check, text, {"": device})

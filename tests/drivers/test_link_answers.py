@@ -131,7 +131,7 @@ async def test_a_recycle_tells_everyone_who_waits_and_sends_nothing_of_it_later(
         await link.wait_up()
         await elapse(10)
         assert device.executed == []
-        assert len(device.heard) == 2
+        assert len(device.received) == 2
 
 
 @virtual
@@ -181,9 +181,9 @@ async def test_a_device_that_does_not_return_transaction_ids_is_served_when_this
 async def test_an_answer_that_nobody_asked_for_ends_the_connection(tid_echo: bool) -> None:
     device = MemoryDevice()
     async with linked(device, LinkSettings(tid_echo=tid_echo)) as link:
-        device.say(frames.answer(READ, 9, b"\x00\x07"))
+        device.send_unrequested(frames.answer(READ, 9, b"\x00\x07"))
         assert link.state is LinkState.DOWN
-        assert "an answer nobody asked for, transaction id 9" in link.reason
+        assert "an unrequested answer, transaction id 9" in link.reason
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ async def test_an_exception_answer_is_told_with_its_code_and_name_and_the_connec
             with pytest.raises(ControllerException, match=rf"lobby: .*exception 0{code} \(") as caught:
                 await asking
             assert (caught.value.code, caught.value.sent) == (code, Delivery.YES)
-        assert len(device.heard) == 2
+        assert len(device.received) == 2
         assert (link.epoch, link.stats.exceptions) == (1, 2)
 
 
@@ -280,7 +280,7 @@ async def test_a_busy_answer_to_a_write_is_reported_as_not_sent_and_not_repeated
             await link.write(PRESS)
         assert (caught.value.code, caught.value.sent) == (6, Delivery.NO)
         await elapse(10)
-        assert len(device.heard) == 1
+        assert len(device.received) == 1
 
 
 @virtual
@@ -290,7 +290,7 @@ async def test_a_busy_answer_to_a_read_is_asked_again_after_a_pause() -> None:
     async with linked(device) as link:
         began = now()
         assert await link.read(READ_222) == IS_222
-        assert [heard.at_s - began for heard in device.heard] == pytest.approx([0.0, 0.05, 0.1, 0.15])
+        assert [heard.at_s - began for heard in device.received] == pytest.approx([0.0, 0.05, 0.1, 0.15])
 
 
 @virtual
@@ -300,7 +300,7 @@ async def test_a_read_is_asked_again_only_so_often() -> None:
     async with linked(device, LinkSettings(busy_retries=2)) as link:
         with pytest.raises(ControllerException, match="busy"):
             await link.read(READ)
-        assert len(device.heard) == 3
+        assert len(device.received) == 3
 
 
 @virtual
@@ -316,7 +316,7 @@ async def test_a_command_does_not_wait_while_reads_pause_for_a_busy_device() -> 
         assert now() - began == pytest.approx(0.1)
         assert not second.done()
     assert first.done()
-    assert [heard.request for heard in device.heard] == [READ_111, PRESS, READ_111, READ_222]
+    assert [heard.request for heard in device.received] == [READ_111, PRESS, READ_111, READ_222]
 
 
 @pytest.mark.parametrize(("code", "sent"), [(0x0A, Delivery.NO), (0x0B, Delivery.UNKNOWN)])

@@ -27,8 +27,8 @@ async def test_a_command_waits_for_the_transaction_in_flight_and_overtakes_every
         began = now()
         await link.write(PRESS)
         assert now() - began == pytest.approx(0.01 + 0.02)
-        assert [heard.request for heard in device.heard[:2]] == [frames.read(Table.HOLDING, 0), PRESS]
-    assert len(device.heard) == 51
+        assert [heard.request for heard in device.received[:2]] == [frames.read(Table.HOLDING, 0), PRESS]
+    assert len(device.received) == 51
 
 
 @virtual
@@ -63,7 +63,7 @@ async def test_one_transaction_is_in_flight_at_a_time() -> None:
     async with linked(device) as link, asyncio.TaskGroup() as group:
         for _ in range(4):
             group.create_task(link.read(READ))
-    times = [heard.at_s for heard in device.heard]
+    times = [heard.at_s for heard in device.received]
     assert [after - before for before, after in pairwise(times)] == pytest.approx([0.03] * 3)
 
 
@@ -74,11 +74,11 @@ async def test_the_pause_between_transactions_counts_from_the_end_of_the_last_on
         await link.read(READ)
         ended = now()
         await link.write(PRESS)
-        assert device.heard[-1].at_s - ended == pytest.approx(0.02)
+        assert device.received[-1].at_s - ended == pytest.approx(0.02)
         await elapse(5)
         began = now()
         await link.read(READ)
-        assert device.heard[-1].at_s == began
+        assert device.received[-1].at_s == began
 
 
 @virtual
@@ -90,7 +90,7 @@ async def test_the_pause_is_kept_after_a_time_out_too() -> None:
             await link.read(READ)
         ended = now()
         await link.read(READ)
-        assert device.heard[-1].at_s - ended == pytest.approx(0.02)
+        assert device.received[-1].at_s - ended == pytest.approx(0.02)
 
 
 @virtual
@@ -108,7 +108,7 @@ async def test_the_permit_is_asked_at_the_moment_of_sending_and_not_before() -> 
         await asyncio.sleep(0)
         group.create_task(link.write(PRESS, permit))
     assert asked_at == [pytest.approx(began + 0.1)]
-    assert device.heard[-1].at_s == asked_at[0]
+    assert device.received[-1].at_s == asked_at[0]
 
 
 @virtual
@@ -176,7 +176,7 @@ async def test_a_caller_cancelled_in_flight_keeps_the_lane_taken_until_its_answe
         second = group.create_task(link.read(frames.read(Table.HOLDING, 2)))
     assert first.cancelled()
     assert second.result() == (222).to_bytes(2, "big")
-    assert device.heard[1].at_s - began == pytest.approx(0.3)
+    assert device.received[1].at_s - began == pytest.approx(0.3)
     assert (link.stats.late, link.stats.timeouts) == (0, 0)
 
 

@@ -27,7 +27,7 @@ def waits(settings: LinkSettings, *took_s: float) -> float:
     """The time-out after answers that took so long."""
     latency = settings.new_latency()
     for each_s in took_s:
-        latency.answered_late(each_s)
+        latency.add_late_answer(each_s)
     return latency.timeout_s
 
 
@@ -61,7 +61,7 @@ def test_however_slow_answers_are_the_time_out_stays_below_four_times_what_the_m
     assert waits(settings, 60.0) == most_s
     latency = settings.new_latency()
     for _ in range(20):
-        latency.missed()
+        latency.add_timeout()
     assert latency.timeout_s == most_s
 
 
@@ -145,7 +145,7 @@ async def test_a_late_answer_is_a_measurement_too_and_an_answer_given_twice_is_n
         await elapse(0.3)
         assert link.stats.round_trip_s == pytest.approx(0.7)
         before = link.stats.round_trip_s
-        device.say(frames.answer(READ, 1, b"\x00\x00"))
+        device.send_unrequested(frames.answer(READ, 1, b"\x00\x00"))
         assert link.stats.round_trip_s == before
         assert link.stats.late == 2
 

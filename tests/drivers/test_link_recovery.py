@@ -31,7 +31,7 @@ async def test_a_link_that_was_never_started_says_so() -> None:
 async def test_while_it_is_down_everything_fails_at_once_with_the_reason_and_how_long() -> None:
     device = MemoryDevice(peer="127.0.0.1:5020")
     async with linked(device) as link:
-        device.turns_away = ConnectProblem.REFUSED
+        device.connect_problem = ConnectProblem.REFUSED
         device.disconnect()
         await elapse(3)
         began = now()
@@ -42,7 +42,7 @@ async def test_while_it_is_down_everything_fails_at_once_with_the_reason_and_how
                 await asking
             assert caught.value.sent is Delivery.NO
         assert now() == began
-        assert device.heard == []
+        assert device.received == []
 
 
 @virtual
@@ -86,7 +86,7 @@ async def test_attempts_back_off_to_one_a_second_and_no_further() -> None:
         attempts.append(now())
         return device.wire()
 
-    device.turns_away = ConnectProblem.REFUSED
+    device.connect_problem = ConnectProblem.REFUSED
     link = Link(make_wire, name="lobby")
     async with asyncio.TaskGroup() as group:
         group.create_task(link.run())
@@ -105,10 +105,10 @@ async def test_it_is_up_again_within_two_seconds_of_the_controllers_return(
 ) -> None:
     device = MemoryDevice()
     async with linked(device) as link:
-        device.turns_away = problem
+        device.connect_problem = problem
         device.disconnect()
         await elapse(away_s)
-        device.turns_away = None
+        device.connect_problem = None
         returned = now()
         await link.wait_up()
         assert now() - returned <= 2.0
@@ -151,7 +151,7 @@ async def test_a_silent_controller_is_given_the_shortest_pause_at_least() -> Non
             closed = now()
             await link.wait_up()
             assert 0.2 <= now() - closed + 1e-9 <= 1.0
-        assert len(device.heard) == 20
+        assert len(device.received) == 20
 
 
 def messages(caplog: pytest.LogCaptureFixture, level: int) -> list[str]:
@@ -166,10 +166,10 @@ def test_an_outage_is_one_warning_and_its_end_one_line_more(caplog: pytest.LogCa
         device = MemoryDevice(peer="127.0.0.1:5020")
         async with linked(device) as link:
             await link.read(READ)
-            device.turns_away = ConnectProblem.REFUSED
+            device.connect_problem = ConnectProblem.REFUSED
             device.disconnect()
             await elapse(60)
-            device.turns_away = None
+            device.connect_problem = None
             await link.wait_up()
             await link.read(READ)
             await link.read(READ)
@@ -256,7 +256,7 @@ def test_closing_while_it_connects_is_no_outage(caplog: pytest.LogCaptureFixture
 @virtual
 async def test_closing_while_it_connects_leaves_no_connection() -> None:
     device = MemoryDevice()
-    device.turns_away = ConnectProblem.TIMED_OUT
+    device.connect_problem = ConnectProblem.TIMED_OUT
     link = Link(device.wire, name="lobby")
     async with asyncio.TaskGroup() as group:
         group.create_task(link.run())
@@ -297,7 +297,7 @@ async def test_a_link_cannot_be_run_twice_at_once() -> None:
 async def test_bytes_that_come_before_the_first_question_are_no_connection() -> None:
     device = MemoryDevice()
     async with linked(device) as link:
-        device.say(b"login: please")
+        device.send_unrequested(b"login: please")
         assert link.state is LinkState.DOWN
         assert "not Modbus/TCP" in link.reason
 
@@ -315,7 +315,7 @@ def test_settings_that_cannot_work_are_refused(field: str, value: float) -> None
 async def test_a_device_with_few_slots_that_takes_no_connection_may_have_given_them_away() -> None:
     device = MemoryDevice(peer="127.0.0.1:5020")
     async with linked(device, LinkSettings(max_connections=1)) as link:
-        device.turns_away = ConnectProblem.TIMED_OUT
+        device.connect_problem = ConnectProblem.TIMED_OUT
         device.disconnect()
         await elapse(3)
         assert link.reason.endswith("; it serves 1 client at once, and another one may hold the slot")

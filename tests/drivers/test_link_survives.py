@@ -65,9 +65,9 @@ def with_the_next(make: Callable[[], tuple[Fault, Fault]]) -> Case:
 
 
 def turned_away(device: MemoryDevice, _: object) -> None:
-    device.turns_away = ConnectProblem.REFUSED
+    device.connect_problem = ConnectProblem.REFUSED
     device.disconnect()
-    asyncio.get_running_loop().call_later(2.0, setattr, device, "turns_away", None)
+    asyncio.get_running_loop().call_later(2.0, setattr, device, "connect_problem", None)
 
 
 def byte(at: int, change: int) -> Fault:
@@ -142,7 +142,7 @@ async def test_a_read_gets_its_own_answer_or_none_and_the_link_works_afterwards(
 
 def presses(made: Rig) -> Counter[int]:
     """How often the controller was asked for each floor."""
-    heard = [each.request for each in made.device.heard if each.request.is_write and each.request.address == 16]
+    heard = [each.request for each in made.device.received if each.request.is_write and each.request.address == 16]
     return Counter(request.values[0] for request in heard if any(request.values))
 
 
@@ -185,8 +185,8 @@ def test_a_release_is_repeated_until_it_is_confirmed(case: Case) -> None:
         async with asyncio.timeout(HEALS_WITHIN_S):
             await made.lift.release_all()
         assert made.cells(Table.HOLDING, 17) == [0]
-        seen = [each for each in made.device.heard if each.executed and is_release(each.request)]
-        looked = made.device.heard[-1].at_s
+        seen = [each for each in made.device.received if each.executed and is_release(each.request)]
+        looked = made.device.received[-1].at_s
         assert seen
         assert seen[-1].at_s <= looked
         await elapse(HEALS_WITHIN_S)
@@ -208,7 +208,7 @@ async def test_a_half_open_connection_swallows_what_is_sent_and_brings_nothing_w
     request = frames.frame(frames.read(Table.HOLDING, 0), 1)
     old.send(request)
     await elapse(60)
-    assert (old.is_open, heard, device.heard) == (True, [], [])
+    assert (old.is_open, heard, device.received) == (True, [], [])
     new = device.wire()
     await new.open(heard.append, pytest.fail, timeout_s=1)
     new.send(request)
@@ -227,7 +227,7 @@ async def test_a_silent_device_takes_connections_and_hears_nothing_until_its_tim
     for _ in range(25):
         wire.send(request)
         await elapse(0.1)
-    assert len(heard) == len(device.heard) == 5
+    assert len(heard) == len(device.received) == 5
 
 
 @virtual

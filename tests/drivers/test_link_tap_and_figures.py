@@ -54,7 +54,7 @@ async def test_a_listener_hears_late_and_foreign_answers_and_the_next_connection
             await outcome(link.read(READ))
             await elapse(0.5)
             assert came == [ANSWER]
-            device.say(stray)
+            device.send_unrequested(stray)
             assert came[1:] == [stray]
             assert await link.wait_up() == 2
             await link.read(READ)

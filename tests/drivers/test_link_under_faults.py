@@ -87,7 +87,7 @@ async def test_no_value_is_mixed_up_and_no_write_is_repeated(seed: int, tid_echo
         ends = await asyncio.gather(*others, return_exceptions=True)
         assert {type(end) for end in ends} == {asyncio.CancelledError}
     carried_out = Counter(request.address for request in device.writes)
-    heard = Counter(each.request.address for each in device.heard if each.request.is_write)
+    heard = Counter(each.request.address for each in device.received if each.request.is_write)
     assert max(heard.values()) == 1
     assert all(told[number] is not Delivery.NO for number in carried_out)
     assert len(good) > 200

@@ -70,4 +70,4 @@ async def test_a_request_the_specification_does_not_allow_gets_its_exception() -
     assert device.answer(bytes.fromhex("0001 0000 0006 01 03 0000 007E")) == [
         (0.0, bytes.fromhex("0001 0000 0003 01 83 03"))
     ]
-    assert device.heard == []
+    assert device.received == []

@@ -107,9 +107,9 @@ def lets_go(request: Request) -> bool:
 @pytest.mark.parametrize("map_name", ["generic-registers", "two-stop-agv"])
 def test_a_poll_costs_one_round_trip(map_name: str) -> None:
     async def check(made: Rig) -> None:
-        made.device.heard.clear()
+        made.device.received.clear()
         await made.lift.read()
-        assert len(made.device.heard) == 1
+        assert len(made.device.received) == 1
 
     on_rig(map_name, check)
 
@@ -178,13 +178,13 @@ def test_a_call_is_pressed_for_its_width_and_confirmed_by_its_lamp() -> None:
     async def check(made: Rig) -> None:
         future = made.lift.press(GO_L2, allowed)
         await made.until(lambda: bool(made.device.writes))
-        pressed_at = next(heard.at_s for heard in made.device.heard if heard.request.is_write)
+        pressed_at = next(heard.at_s for heard in made.device.received if heard.request.is_write)
         made.set(holding_7=2)
         outcome = await future
         assert (outcome.result, outcome.proof) == (Result.CONFIRMED, Proof.LAMP)
         await elapse(1)
         assert made.writes() == ["write holding register 16 := 2, unit 1", "write holding register 16 := 0, unit 1"]
-        released = [heard for heard in made.device.heard if heard.request.is_write][-1]
+        released = [heard for heard in made.device.received if heard.request.is_write][-1]
         assert released.at_s - pressed_at == pytest.approx(0.5, abs=0.02)
         assert outcome.frames == ("010600100002",)
 
@@ -212,7 +212,7 @@ def test_a_press_whose_answer_is_lost_is_let_go_but_never_pressed_again(fault: F
         assert outcome.result is result
         await elapse(5)
         assert made.device.values[Table.HOLDING].get(16, 0) == 0
-        assert [heard.request.values for heard in made.device.heard].count((2,)) == 1
+        assert [heard.request.values for heard in made.device.received].count((2,)) == 1
 
     on_rig("generic-registers", check)
 
@@ -224,7 +224,7 @@ def test_a_release_is_repeated_until_the_register_reads_back_at_rest() -> None:
         outcome = made.lift.press(GO_L2, allowed)
         await elapse(10)
         assert made.device.values[Table.HOLDING][16] == 0
-        assert [heard.request.values for heard in made.device.heard].count((0,)) >= 4
+        assert [heard.request.values for heard in made.device.received].count((0,)) >= 4
         assert outcome.done()
 
     on_rig("generic-registers", check)

@@ -150,12 +150,12 @@ def test_outputs_that_cannot_be_let_go_keep_no_other_from_it_and_no_reading_away
         made.lift.let_go(HOLD_FRONT)
         made.lift.let_go(REAR)
         await elapse(1.0)
-        readings, heard = len(made.readings), len(made.device.heard)
+        readings, heard = len(made.readings), len(made.device.received)
         made.lift.let_go(GO2)
         await elapse(5.0)
         assert made.cells(Table.COIL, 6) == [0]
         await elapse(25.0)
-        beats = [one for one in made.device.heard[heard:] if one.request.is_write and one.request.address == 3]
+        beats = [one for one in made.device.received[heard:] if one.request.is_write and one.request.address == 3]
         assert len(made.readings) - readings > 30
         assert len(beats) > 20
 
@@ -280,7 +280,7 @@ def test_every_press_has_an_outcome_although_the_controller_refuses_all_writes(r
             press = made.lift.press(GO2, allowed)
             await elapse(15.0)
             assert press.result().result in (Result.REJECTED, Result.UNCONFIRMED)
-        assert len([one for one in made.device.heard if one.request.is_write]) < 60
+        assert len([one for one in made.device.received if one.request.is_write]) < 60
 
     on_rig(
         check,
@@ -406,7 +406,7 @@ def test_an_output_that_cannot_be_read_back_is_named() -> None:
     device = MemoryDevice(served={Table.INPUT: [(0, 9)], Table.DISCRETE: [(0, 9)]})
 
     async def check(made: Rig) -> None:
-        assert "it does not say what our outputs hold: hold_door.front at coil:0" in str(made.errors[-1])
+        assert "our outputs cannot be read back: hold_door.front at coil:0" in str(made.errors[-1])
 
     on_rig(check, f'{SIGNALS}commands: {{hold_door.front: {{at: "coil:0", {HOLD}}}}}\n', {"": device})
 

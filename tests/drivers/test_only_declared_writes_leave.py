@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import DriverError
 from drivers.modbus.capabilities import LiftSettings
-from drivers.modbus.declared import Declared, UndeclaredWrite
+from drivers.modbus.declared_writes import DeclaredWrites, UndeclaredWrite
 from drivers.modbus.lift import ModbusLift
 from drivers.modbus.link import Link, LinkSettings
 from drivers.modbus.memory import MemoryDevice
@@ -68,8 +68,8 @@ REFUSED = {
 }
 
 
-def declared(codec: Codec, unit: int = 1) -> Declared:
-    made = Declared()
+def declared(codec: Codec, unit: int = 1) -> DeclaredWrites:
+    made = DeclaredWrites()
     made.add(codec.commands.values(), {"": unit})
     return made
 
@@ -110,7 +110,7 @@ async def test_a_permit_does_not_help_and_is_not_asked() -> None:
 def test_what_is_refused_is_refused_without_a_connection_too() -> None:
     async def main() -> None:
         link = Link(MemoryDevice().wire, LinkSettings(), name="plc")
-        link.declared = Declared()
+        link.declared = DeclaredWrites()
         with pytest.raises(UndeclaredWrite):
             await link.write(PASS[0])
 

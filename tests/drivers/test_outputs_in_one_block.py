@@ -46,7 +46,7 @@ async def keep(made: Rig, seconds: float, *commands: Command) -> None:
 
 
 def images(made: Rig, since: float) -> list[tuple[int, ...]]:
-    return [heard.request.values for heard in made.device.heard if heard.at_s >= since and heard.request.is_write]
+    return [heard.request.values for heard in made.device.received if heard.at_s >= since and heard.request.is_write]
 
 
 @pytest.mark.parametrize("away_s", [0.0, 0.5, 3.0])
@@ -59,9 +59,9 @@ def test_a_release_that_is_due_on_a_new_connection_takes_no_wanted_hold_with_it(
         made.device.fail_next(hang_up(executes=False), on=lambda request: request.is_write)
         since = now()
         if away_s:
-            made.device.turns_away = ConnectProblem.REFUSED
+            made.device.connect_problem = ConnectProblem.REFUSED
             await keep(made, away_s, HOLD_FRONT)
-            made.device.turns_away = None
+            made.device.connect_problem = None
         await keep(made, 10, HOLD_FRONT)
         assert {image[0] for image in images(made, since)} == {1}
         assert made.cells(Table.COIL, 1, 2) == [1, 0]
@@ -77,7 +77,7 @@ def test_a_release_waits_a_second_at_most_for_the_first_reading_of_a_connection(
         made.lift.let_go(MODE)
         lost = now()
         await keep(made, 4, HOLD_FRONT)
-        released = [heard.at_s for heard in made.device.heard if heard.at_s > lost and heard.request.is_write]
+        released = [heard.at_s for heard in made.device.received if heard.at_s > lost and heard.request.is_write]
         # the reconnect, the second, and a pause between two tries
         assert released[0] - lost <= 0.2 + 1.0 + 2.0
         assert made.cells(Table.COIL, 2) == [0]
@@ -132,7 +132,7 @@ def test_a_press_is_not_kept_waiting_by_holds_that_are_refreshed_all_the_time() 
         _ = made.lift.press(GO2, allowed)
         await keep(made, 2, HOLD_FRONT, REAR)
         pressed = next(
-            heard.at_s for heard in made.device.heard if heard.request.is_write and heard.request.address == 30
+            heard.at_s for heard in made.device.received if heard.request.is_write and heard.request.address == 30
         )
         # what is in hand, a write and its look, and nothing more
         assert pressed - began <= 0.15 * 4 + 0.1
@@ -202,7 +202,7 @@ def test_a_refresh_that_the_controller_refuses_is_not_written_at_the_pace_of_the
         made.device.fail_next(refused, times=10**6, on=lambda request: request.is_write)
         since = now()
         await keep(made, 60, HOLD_FRONT)
-        assert len([heard for heard in made.device.heard if heard.at_s >= since and heard.request.is_write]) <= 31
+        assert len([heard for heard in made.device.received if heard.at_s >= since and heard.request.is_write]) <= 31
         assert not made.lift.held(HOLD_FRONT)
 
     on_rig(check, TWO, {"": MemoryDevice(delay_s=0.02)})

@@ -23,7 +23,7 @@ def test_a_link_in_the_place_of_a_file_is_neither_read_nor_written(tmp_path: Pat
     link = tmp_path / "ours"
     link.symlink_to(theirs)
     for use in (open_own, read_own):
-        with pytest.raises(OSError, match="it is a symbolic link, and these are not followed"):
+        with pytest.raises(OSError, match="it is a symbolic link, and links are not followed"):
             use(link)
     os.close(make_own(link))
     assert (link.is_symlink(), link.read_text(), theirs.read_text()) == (False, "", "precious")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled
+from drivers.modbus.plan import PlanError, plan_poll, plan_reads, polled_points
 from drivers.modbus.reading import lift_mode, lift_values
 from register_maps.codec import Block, Point
 from register_maps.words import Door, Mode, Motion, Side, Table
@@ -94,12 +94,12 @@ def test_a_door_is_read_before_the_floor_where_they_take_two_reads() -> None:
     )
     assert door < floor
     assert sorted(plan, key=str) == sorted(
-        plan_reads(polled(codec), codec.served, max_registers=2, max_bits=2000), key=str
+        plan_reads(polled_points(codec), codec.served, max_registers=2, max_bits=2000), key=str
     )
 
 
 def test_a_poll_whose_door_and_floor_come_together_is_read_in_the_order_of_addresses() -> None:
     codec = compiled("wago-750")
     plan = plan_poll(codec, max_registers=125, max_bits=2000)
-    assert plan == plan_reads(polled(codec), codec.served, max_registers=125, max_bits=2000)
+    assert plan == plan_reads(polled_points(codec), codec.served, max_registers=125, max_bits=2000)
     assert len(plan) > 1

@@ -149,7 +149,7 @@ async def test_a_hold_is_refreshed_while_the_unit_beside_it_is_silent(every_s: f
             if now() > until - 50:
                 made.gateway.fall_silent(2)
                 held.append(made.lifts[0].held(HOLD_FRONT))
-        writes = [heard.at_s for heard in made.gateway.units[1].heard if heard.request.is_write]
+        writes = [heard.at_s for heard in made.gateway.units[1].received if heard.request.is_write]
         assert max(after - before for before, after in pairwise(writes)) < 3
         assert sum(held) > 0.95 * len(held)
 

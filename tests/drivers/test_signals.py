@@ -103,7 +103,7 @@ async def test_each_signal_is_as_old_as_the_request_for_its_block() -> None:
         lift = lift_of(link, EVERY_KIND)
         began = now()
         await lift.read()
-        order = [heard.request.table for heard in device.heard]
+        order = [heard.request.table for heard in device.received]
         found = by_name(lift)
         age_s = {table: now() - began - 0.2 * place for place, table in enumerate(order)}
         assert len(age_s) == 3
@@ -149,7 +149,7 @@ def test_the_points_of_further_devices_are_told_with_their_name() -> None:
         assert door.wire == ("sensor/discrete 1",)
         assert door.age_s is not None
         assert 0.0 < door.age_s < 0.3
-        devices["sensor"].turns_away = None
+        devices["sensor"].connect_problem = None
         devices["sensor"].fall_silent(60.0)
         await elapse(10.0)
         age_s = {signal.name: signal.age_s for signal in made.lift.signals(now())}
@@ -190,9 +190,9 @@ async def test_asking_reads_nothing_and_decides_nothing() -> None:
     async with linked(device) as link:
         lift = lift_of(link, EVERY_KIND)
         reading = await lift.read()
-        asked = len(device.heard)
+        asked = len(device.received)
         for _ in range(3):
             lift.signals(now())
             await asyncio.sleep(0)
-        assert len(device.heard) == asked
+        assert len(device.received) == asked
         assert (await lift.read()).values is reading.values

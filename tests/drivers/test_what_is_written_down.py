@@ -204,7 +204,7 @@ def test_a_write_that_was_cut_short_is_told_as_that() -> None:
         assert log.told == []
 
     on_rig(check, PLAIN, log=log)
-    assert log.told == [Written("hold_door.front", "press", ("01050008ff00",), "its answer was not waited for")]
+    assert log.told == [Written("hold_door.front", "press", ("01050008ff00",), "its answer was not awaited")]
 
 
 def test_a_heartbeat_in_a_block_that_is_written_in_a_cycle_does_not_make_each_cycle_news() -> None:

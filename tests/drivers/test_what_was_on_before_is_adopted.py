@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import ConnectProblem
 from drivers.modbus.memory import MemoryDevice, ReceivedRequest, exception
 from drivers.modbus.output import LOOK_S
-from drivers.modbus.recipe import Outputs
+from drivers.modbus.outputs import Outputs
 from drivers.modbus.steps import Phase, Step, StepKind
 from drivers.model import Command, CommandKind, Result
 from register_maps.words import Side, Table
@@ -97,7 +97,7 @@ def test_a_hold_that_is_found_on_stays_on_is_refreshed_and_falls_by_its_limit(
         assert device.values[table][address] == on
         assert made.lift.held(HOLD_FRONT)
         if text is not NOT_REFRESHED:
-            assert len(values_of(device.heard, table, address)) >= 5
+            assert len(values_of(device.received, table, address)) >= 5
         await elapse(9.5)
         assert made.lift.given(HOLD_FRONT)
         await elapse(1.0)
@@ -176,8 +176,8 @@ def test_what_is_not_adopted_is_cleared_and_what_is_adopted_beside_it_never_flic
     async def check(made: Rig) -> None:
         await elapse(3.0)
         assert made.cells(Table.COIL, 1, 2) == [1, 0]
-        assert set(values_of(device.heard, Table.COIL, 1)) == {1}
-        assert values_of(device.heard, Table.COIL, 2)[-1] == 0
+        assert set(values_of(device.received, Table.COIL, 1)) == {1}
+        assert values_of(device.received, Table.COIL, 2)[-1] == 0
 
     on_rig(check, BLOCK, {"": device}, first=adopting(HOLD_FRONT))
 
@@ -191,7 +191,7 @@ def test_no_cycle_and_no_heartbeat_writes_over_what_may_be_on_before_the_first_l
         assert made.lift.given(HOLD_FRONT)
         await elapse(5.0)
         assert made.lift.held(HOLD_FRONT)
-        assert set(values_of(device.heard, Table.COIL, 1)) == {1}
+        assert set(values_of(device.received, Table.COIL, 1)) == {1}
 
     on_rig(check, BLOCK, {"": device}, first=adopting(HOLD_FRONT))
 
@@ -212,7 +212,7 @@ def test_a_cycle_that_is_on_its_way_does_not_write_over_what_is_adopted_meanwhil
     async def check(made: Rig) -> None:
         await elapse(5.0)
         assert made.lift.held(HOLD_FRONT)
-        assert set(values_of(device.heard, Table.COIL, 1)) == {1}
+        assert set(values_of(device.received, Table.COIL, 1)) == {1}
 
     no_heartbeat = "".join(line for line in BLOCK.splitlines(keepends=True) if "heartbeat" not in line)
     no_heartbeat = no_heartbeat.replace("count: 3", "count: 2")
@@ -221,35 +221,35 @@ def test_a_cycle_that_is_on_its_way_does_not_write_over_what_is_adopted_meanwhil
 
 def test_a_lift_that_cannot_be_read_for_long_loses_what_was_to_be_adopted() -> None:
     device = left_on({Table.COIL: {8: 1}})
-    device.turns_away = ConnectProblem.REFUSED
+    device.connect_problem = ConnectProblem.REFUSED
 
     async def check(made: Rig) -> None:
         assert made.lift.given(HOLD_FRONT)
         await elapse(9.5)
         assert not made.lift.given(HOLD_FRONT)
-        device.turns_away = None
+        device.connect_problem = None
         await elapse(5.0)
         assert device.values[Table.COIL][8] == 0
-        assert set(values_of(device.heard, Table.COIL, 8)) == {0}
+        assert set(values_of(device.received, Table.COIL, 8)) == {0}
 
     on_rig(check, SINGLE, {"": device}, first=adopting(HOLD_FRONT))
 
 
 def test_renewals_before_the_first_look_keep_the_adoption_alive() -> None:
     device = left_on({Table.COIL: {8: 1}})
-    device.turns_away = ConnectProblem.REFUSED
+    device.connect_problem = ConnectProblem.REFUSED
     log = LogByHand(trouble="the disk is full")
 
     async def check(made: Rig) -> None:
         for _ in range(200):
             made.lift.hold(HOLD_FRONT, allowed)
             await elapse(0.1)
-        device.turns_away = None
+        device.connect_problem = None
         for _ in range(50):
             made.lift.hold(HOLD_FRONT, allowed)
             await elapse(0.1)
         assert made.lift.held(HOLD_FRONT)
-        assert set(values_of(device.heard, Table.COIL, 8)) == {1}
+        assert set(values_of(device.received, Table.COIL, 8)) == {1}
         assert log.rows == [], "what is on needs no row"
 
     on_rig(check, SINGLE, {"": device}, first=adopting(HOLD_FRONT), log=log)
@@ -272,7 +272,7 @@ def test_what_the_map_requires_is_not_missing_before_anything_was_read() -> None
 
     async def check(made: Rig) -> None:
         assert made.lift.held(HOLD_FRONT)
-        assert set(values_of(device.heard, Table.COIL, 8)) == {1}
+        assert set(values_of(device.received, Table.COIL, 8)) == {1}
 
     on_rig(check, text, {"": device}, first=first)
 
@@ -290,7 +290,7 @@ def test_letting_go_before_the_first_look_releases_without_one(*, at_rest: bool)
     async def check(made: Rig) -> None:
         await elapse(2.0)
         assert made.readings == []
-        assert set(values_of(device.heard, Table.COIL, 8)) == {0}
+        assert set(values_of(device.received, Table.COIL, 8)) == {0}
         async with asyncio.timeout(0.1):
             await made.lift.release_all()
 
@@ -299,13 +299,13 @@ def test_letting_go_before_the_first_look_releases_without_one(*, at_rest: bool)
 
 def test_an_end_before_the_first_look_lets_go_of_what_was_to_be_adopted() -> None:
     device = left_on({Table.COIL: {8: 1}})
-    device.turns_away = ConnectProblem.REFUSED
+    device.connect_problem = ConnectProblem.REFUSED
 
     async def check(made: Rig) -> None:
         ending = asyncio.ensure_future(made.lift.release_all())
         await elapse(0.1)
         assert not ending.done()
-        device.turns_away = None
+        device.connect_problem = None
         await elapse(2.0)
         assert ending.done()
         assert device.values[Table.COIL][8] == 0
@@ -324,8 +324,8 @@ def test_of_two_that_exclude_each_other_the_one_adopted_last_is_kept() -> None:
 
     async def check(made: Rig) -> None:
         assert made.cells(Table.COIL, 8, 9) == [1, 0]
-        assert 0 not in values_of(device.heard, Table.COIL, 8)
-        assert 1 not in values_of(device.heard, Table.COIL, 9)
+        assert 0 not in values_of(device.received, Table.COIL, 8)
+        assert 1 not in values_of(device.received, Table.COIL, 9)
 
     on_rig(check, EXCLUDING, {"": device}, first=first)
 
@@ -337,8 +337,8 @@ def test_a_press_of_what_an_adoption_excludes_ends_it_and_waits_for_the_gap() ->
         _ = made.lift.press(CLOSE_FRONT, allowed)
         await elapse(2.0)
         assert made.cells(Table.COIL, 8, 9) == [0, 1]
-        off = next(h.at_s for h in device.heard if values_of([h], Table.COIL, 8) == [0])
-        pressed = next(h.at_s for h in device.heard if values_of([h], Table.COIL, 9) == [1])
+        off = next(h.at_s for h in device.received if values_of([h], Table.COIL, 8) == [0])
+        pressed = next(h.at_s for h in device.received if values_of([h], Table.COIL, 9) == [1])
         assert pressed - off >= 0.5
 
     on_rig(check, EXCLUDING, {"": device}, first=adopting(HOLD_FRONT))
@@ -346,18 +346,18 @@ def test_a_press_of_what_an_adoption_excludes_ends_it_and_waits_for_the_gap() ->
 
 def test_a_new_call_before_the_first_look_ends_the_adopted_one_though_it_cannot_be_given_yet() -> None:
     device = left_on({Table.HOLDING: {40: 1}})
-    device.turns_away = ConnectProblem.REFUSED
+    device.connect_problem = ConnectProblem.REFUSED
 
     async def check(made: Rig) -> None:
         press = made.lift.press(GO2, allowed)
-        device.turns_away = None
+        device.connect_problem = None
         await elapse(3.0)
         assert press.result().result is Result.REJECTED
         assert not made.lift.given(GO1)
-        assert values_of(device.heard, Table.HOLDING, 40) == [0]
+        assert values_of(device.received, Table.HOLDING, 40) == [0]
         _ = made.lift.press(GO2, allowed)
         await elapse(0.5)
-        assert values_of(device.heard, Table.HOLDING, 40) == [0, 2]
+        assert values_of(device.received, Table.HOLDING, 40) == [0, 2]
 
     on_rig(check, CALL, {"": device}, first=adopting(GO1))
 
@@ -398,7 +398,7 @@ def test_what_cannot_be_seen_to_be_on_is_not_adopted(what: str) -> None:
         await elapse(5.0)
         assert not made.lift.given(command)
         assert device.values[Table.COIL][8] == stays
-        assert 1 not in values_of(device.heard, Table.COIL, 8)
+        assert 1 not in values_of(device.received, Table.COIL, 8)
 
     on_rig(check, f"{signals}commands: {{{text}}}\n", {"": device}, first=first)
 
@@ -430,16 +430,16 @@ def test_after_the_first_reading_nothing_is_adopted_any_more() -> None:
 
 def test_an_output_on_a_second_device_is_adopted_by_the_first_look_at_all_devices() -> None:
     devices = {"": left_on({}), "door": left_on({Table.COIL: {4: 1}})}
-    devices["door"].turns_away = ConnectProblem.REFUSED
+    devices["door"].connect_problem = ConnectProblem.REFUSED
     head = HEAD + "endpoints: {door: {unit_id: 1, served: {coil: [[0, 9]]}}}\n"
     text = f'{SIGNALS}commands:\n  hold_door.front: {{at: "door/coil:4", refresh_s: 1, {LEVEL}}}\n'
 
     async def check(made: Rig) -> None:
         assert made.lift.given(HOLD_FRONT)
-        devices["door"].turns_away = None
+        devices["door"].connect_problem = None
         await elapse(3.0)
         assert made.lift.held(HOLD_FRONT)
-        assert set(values_of(devices["door"].heard, Table.COIL, 4)) == {1}
+        assert set(values_of(devices["door"].received, Table.COIL, 4)) == {1}
 
     on_rig(check, text, devices, head, first=adopting(HOLD_FRONT))
 
@@ -493,7 +493,7 @@ def test_an_adopted_hold_that_the_controller_drops_stays_off_until_it_may_be_beg
             made.lift.hold(HOLD_FRONT, allowed, begin=False)
             await elapse(0.1)
         assert not made.lift.given(HOLD_FRONT)
-        assert on not in values_of([h for h in device.heard if h.request in device.writes[before:]], table, address)
+        assert on not in values_of([h for h in device.received if h.request in device.writes[before:]], table, address)
         made.lift.hold(HOLD_FRONT, allowed)
         await elapse(0.5)
         assert made.lift.held(HOLD_FRONT)
@@ -547,25 +547,25 @@ def test_an_adoption_whose_time_is_over_counts_no_more_though_nobody_has_looked_
     for looked_at, kept in ((9.9, True), (10.0, False)):
         made = outputs(SINGLE)
         made.adopt("hold_door.front", 1, 0.0)
-        made.reconnected({("", Table.COIL, 8): 1}, looked_at)
+        made.record_reconnect({("", Table.COIL, 8): 1}, looked_at)
         assert (made.phase("hold_door.front") is Phase.ON) is kept
 
 
 def test_an_adopted_hold_that_is_not_refreshed_is_looked_at_from_then_on() -> None:
     made = outputs(NOT_REFRESHED)
     made.adopt("hold_door.front", 1, 0.0)
-    made.reconnected({("", Table.COIL, 8): 1}, 3.0)
-    assert made.next(3.0) is None
+    made.record_reconnect({("", Table.COIL, 8): 1}, 3.0)
+    assert made.next_step(3.0) is None
     assert made.wake_at() == 3.0 + LOOK_S
-    assert made.next(3.0 + LOOK_S) == Step(StepKind.LOOK, "hold_door.front", 1)
+    assert made.next_step(3.0 + LOOK_S) == Step(StepKind.LOOK, "hold_door.front", 1)
 
 
 def test_a_call_that_was_given_anew_and_failed_leaves_nothing_to_adopt() -> None:
     made = outputs(CALL)
     made.adopt("go_to", 1, 0.0)
     made.press("go_to", 1, 0.1)
-    step = made.next(0.1)
+    step = made.next_step(0.1)
     assert step is not None
-    made.failed(step, maybe_sent=False, now=0.2)
-    made.reconnected({("", Table.HOLDING, 40): 1}, 0.5)
-    assert made.next(0.5) == Step(StepKind.RELEASE, "go_to", None)
+    made.record_failure(step, maybe_sent=False, now=0.2)
+    made.record_reconnect({("", Table.HOLDING, 40): 1}, 0.5)
+    assert made.next_step(0.5) == Step(StepKind.RELEASE, "go_to", None)

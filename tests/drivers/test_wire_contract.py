@@ -337,7 +337,7 @@ def test_bytes_that_are_not_modbus_are_a_loss(run: Runner) -> None:
         wire.send(ASK)
         await far.heard.get()
         far.say(b"HTTP/1.1 400 Bad Request\r\n\r\n")
-        assert (await near.lost.get()).startswith("what came is not Modbus/TCP: protocol id")
+        assert (await near.lost.get()).startswith("the data received is not Modbus/TCP: protocol id")
         assert not wire.is_open
         assert near.frames.empty()
 

@@ -119,7 +119,7 @@ def test_a_certificate_from_the_future_points_at_the_clock(run: Run, authority: 
     async def test() -> None:
         async with plc.listening() as port:
             error = await refusal(PymodbusWire("127.0.0.1", port, tls=tls))
-        assert "is not valid yet; look whether the clock of this computer is right" in str(error)
+        assert "is not valid yet; check the clock of this computer" in str(error)
 
     run(test)
 
@@ -134,7 +134,7 @@ def test_a_certificate_for_another_name_says_which_word_of_the_site_file_mends_i
             error = await refusal(PymodbusWire("127.0.0.1", port, tls=tls))
             assert "for another name" in str(error)
             assert "not valid for '127.0.0.1'" in str(error)
-            assert "`server_name` must say one" in str(error)
+            assert "set `server_name` to one" in str(error)
             wrong = await refusal(PymodbusWire("127.0.0.1", port, tls=replace(tls, server_name="plc.roof")))
             assert "`server_name` in the site file must be" in str(wrong)
             wire = PymodbusWire("127.0.0.1", port, tls=replace(tls, server_name="plc.machine-room"))
@@ -219,7 +219,7 @@ def test_a_controller_that_hangs_up_before_its_first_answer_may_have_refused_our
             wire.send(ASK)
             reason = await near.lost.get()
         assert reason.startswith(
-            "the controller closed the connection before anything came; it may refuse our certificate"
+            "the controller closed the connection before the first answer; it may refuse our certificate"
         )
 
     run(test)
@@ -328,7 +328,7 @@ def test_a_port_that_takes_connections_and_says_nothing_is_not_called_off(run: R
         with socket.create_server(("127.0.0.1", 0)) as mute:
             wire = PymodbusWire("127.0.0.1", mute.getsockname()[1], tls=replace(tls, handshake_s=0.2))
             error = await refusal(wire)
-        assert "took the connection, but no TLS handshake came about within 0.2 s" in str(error)
+        assert "accepted the connection, but the TLS handshake did not complete within 0.2 s" in str(error)
         assert "may be off" not in str(error)
 
     run(test)
@@ -369,7 +369,7 @@ def test_a_wire_without_tls_knows_an_answer_in_tls_when_it_sees_one(run: Run) ->
             near = await opened(wire)
             wire.send(ASK)
             reason = await near.lost.get()
-        assert reason.startswith("what came is not Modbus/TCP: it answers in TLS; ")
+        assert reason.startswith("the data received is not Modbus/TCP: it answers in TLS; ")
         assert "give this controller `tls` in the site file" in reason
 
     run(test)

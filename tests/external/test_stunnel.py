@@ -181,7 +181,7 @@ def test_a_controller_with_nothing_but_rsa_key_exchange_is_not_spoken_to(
 
     async def main() -> None:
         wire = PymodbusWire("127.0.0.1", tunnel.port, tls=replace(tls, ca=shown.certificate))
-        with pytest.raises(ConnectFailed, match="no way of encrypting in common"):
+        with pytest.raises(ConnectFailed, match="no cipher in common"):
             await wire.open(lambda _: None, lambda _: None, timeout_s=1.0)
 
     on(asyncio.new_event_loop, main())

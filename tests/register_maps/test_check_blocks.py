@@ -21,7 +21,7 @@ BITS = """\
 """
 
 BLOCKS: list[Mistake] = [
-    ("strangers without their value", BLOCK, BLOCK.replace(", gaps: 0", ""), "write_blocks[0]", "holding 22, 23 in it belong to no command, and are never written; shorten or split the block, or say `gaps: 0`"),
+    ("strangers without their value", BLOCK, BLOCK.replace(", gaps: 0", ""), "write_blocks[0]", "holding 22, 23 in it belong to no command, and are never written; shorten or split the block, or use `gaps: 0`"),
     ("a signal that would be overwritten", '"holding:10", means_yes', '"holding:22", means_yes', "write_blocks[0]", "holding 22 in it is read as overload, and 0 would be written over it"),
     ("a gap nobody serves", "[[0, 40]", "[[0, 22], [24, 40]", "write_blocks[0]", "holding 23 in it is not served"),
     ("a block over the edge of a range", "[[0, 40]", "[[0, 21], [22, 40]", "write_blocks[0]", "crosses the edge of a served range"),
@@ -35,11 +35,11 @@ BLOCKS: list[Mistake] = [
 ]  # fmt: skip
 
 WORDS: list[Mistake] = [
-    ("a bit of a register of nobody", FRONT_WORD, "    on_link_loss: latches\n", "commands.hold_door.front", "holding:30.0 is a bit in a register; say `shared_word: owned` if nobody else writes"),
-    ("a word that is shared in two ways", REAR_WORD, REAR_WORD.replace("mask_write", "accepted"), "commands.close_door.rear.shared_word", "hold_door.front lies in the same register and says `mask_write`; say the same"),
+    ("a bit of a register of nobody", FRONT_WORD, "    on_link_loss: latches\n", "commands.hold_door.front", "holding:30.0 is a bit in a register; use `shared_word: owned` if nobody else writes"),
+    ("a word that is shared in two ways", REAR_WORD, REAR_WORD.replace("mask_write", "accepted"), "commands.close_door.rear.shared_word", "hold_door.front lies in the same register and has `mask_write`; use the same"),
     ("a coil that is shared", "    timed_by: device\n", "    timed_by: device\n    shared_word: owned\n", "commands.close_door.front.shared_word", "belongs to a command in a bit of a register"),
     ("a register that is shared", LATCHING, LATCHING + "    shared_word: accepted\n", "commands.go.shared_word", "belongs to a command in a bit of a register"),
-    ("a pulse of the device in a word of our own with another command", OCCUPANCY, BITS.replace("WORD", "owned"), "commands.robot_left.shared_word", "robot_left is a pulse that the device ends, and each write of robot_in_place would start it anew; say `mask_write` in each of them"),
+    ("a pulse of the device in a word of our own with another command", OCCUPANCY, BITS.replace("WORD", "owned"), "commands.robot_left.shared_word", "robot_left is a pulse that the device ends, and each write of robot_in_place would restart it; use `mask_write` in each of them"),
 ]  # fmt: skip
 
 
@@ -82,7 +82,7 @@ def test_a_pulse_of_the_device_is_not_in_a_block_that_is_written_again_and_again
         tmp_path,
         changed(text, BLOCK, block.replace("}", ", every_s: 1}"))[0],
         "write_blocks[0]",
-        "close_door.front is a pulse that the device ends, and each cycle would start it anew",
+        "close_door.front is a pulse that the device ends, and each cycle would restart it",
     )
 
 
@@ -94,7 +94,7 @@ def test_a_pulse_of_the_device_is_in_no_block_with_another_command(tmp_path: Pat
         tmp_path,
         changed(text, '"coil:9"', '"coil:21"')[0],
         "write_blocks[0]",
-        "close_door.front is a pulse that the device ends, and each write of robot_left would start it anew",
+        "close_door.front is a pulse that the device ends, and each write of robot_left would restart it",
     )
 
 
@@ -120,7 +120,7 @@ def test_a_device_that_lets_go_by_itself_must_hear_from_us(tmp_path: Path) -> No
     assert loaded(tmp_path, silent).warnings == ()  # the block is written again and again
     once = silent.replace(", every_s: 0.5, gaps: 0}", ", gaps: 0}")
     expect_only(
-        tmp_path, once, "commands.go.on_link_loss", "say `refresh_s`, shorter than its watchdog, or declare a heartbeat"
+        tmp_path, once, "commands.go.on_link_loss", "use `refresh_s`, shorter than its watchdog, or declare a heartbeat"
     )
     assert loaded(tmp_path, once.replace(LATCHING, LATCHING + "    refresh_s: 2\n")).warnings == ()
 

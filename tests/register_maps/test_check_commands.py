@@ -30,8 +30,8 @@ MISTAKES: list[Mistake] = [
     ("a number in a bit", READ_AT, READ_AT + "\n    press: 2", "commands.hold_door.front.press", "a bit holds 0 to 1"),
     ("a bit read back as a register", READ_AT, 'read_at: "input:10"', "commands.hold_door.front.read_at", "holding:30.0 is a single bit, and input:10 is not"),
     ("a register read back as a bit", GO, GO + '    read_at: "coil:50"\n', "commands.go.read_at", "read it back from a whole register"),
-    ("one output read back as several", GO, GO + '    read_one_of: ["holding:5", "holding:6"]\n', "commands.go.read_one_of", "say `read_at`"),
-    ("several outputs read back as one", CALL, CALL + '    read_at: "coil:50"\n', "commands.call.read_at", "say `read_one_of`"),
+    ("one output read back as several", GO, GO + '    read_one_of: ["holding:5", "holding:6"]\n', "commands.go.read_one_of", "use `read_at`"),
+    ("several outputs read back as one", CALL, CALL + '    read_at: "coil:50"\n', "commands.call.read_at", "use `read_one_of`"),
     ("outputs read back at too few places", CALL, CALL + '    read_one_of: ["coil:50", "coil:51"]\n', "commands.call.read_one_of", "has 2 entries for 3 outputs"),
     ("outputs read back in two ways", READ_AT, READ_AT + '\n    read_one_of: ["input:10.1", "input:10.2"]', "commands.hold_door.front.read_at", "remove one of the two"),
     ("an output read back where another is", READ_AT, 'read_at: "coil:8"', "commands.hold_door.front.read_at", "coil:8 is where robot_in_place is read back"),
@@ -57,7 +57,7 @@ MISTAKES: list[Mistake] = [
     ("a heartbeat with a value", BEAT, BEAT[:-1] + ", press: 4}", "commands.heartbeat.press", "never pressed"),
     ("a heartbeat with an end", BEAT, BEAT[:-1] + ", until: arrived}", "commands.heartbeat.until", "heartbeat goes nowhere"),
     ("a pace of something else", IN_PLACE, IN_PLACE[:-1] + ", every_s: 1}", "commands.robot_in_place.every_s", "belongs to the heartbeat"),
-    ("a hold that the device times", GO, GO + "    timed_by: device\n", "commands.go.timed_by", "say `on_link_loss: timed_by_device`"),
+    ("a hold that the device times", GO, GO + "    timed_by: device\n", "commands.go.timed_by", "use `on_link_loss: timed_by_device`"),
     ("a pulse with a limit", IN_PLACE, IN_PLACE[:-1] + ", max_hold_s: 9}", "commands.robot_in_place.max_hold_s", "belongs to `action: hold`"),
     # its end
     ("a word to the lift that arrives", IN_PLACE, 'robot_in_place: {at: "coil:8", action: hold, until: arrived, max_hold_s: 9, on_link_loss: latches, confirm: {any_of: [readback], within_s: 3}}', "commands.robot_in_place.until", "belongs to a call"),
@@ -67,30 +67,30 @@ MISTAKES: list[Mistake] = [
     ("a pulse repeated before it ends", REAR, REAR.replace("0.5", "2"), "commands.close_door.rear.repeat_pulse_s", "each pulse lasts 2 s and has to end before the next"),
     ("a pulse repeated too late", REAR, REAR.replace("repeat_pulse_s: 2", "repeat_pulse_s: 10"), "commands.close_door.rear.repeat_pulse_s", "10 s is not before max_hold_s, 10 s; repeat sooner"),
     ("a pulse that the controller takes", IN_PLACE, IN_PLACE.replace("width_s: 5", "width_s: 5, self_clearing: true"), "commands.robot_in_place.self_clearing", "belongs to a hold that is one level and no call"),
-    ("a hold that is taken and never written again", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, self_clearing: true, max_hold_s: 9, on_link_loss: latches").replace("readback", "may_leave"), "commands.robot_in_place.self_clearing", "has to be written again: say `refresh_s`"),
+    ("a hold that is taken and never written again", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, self_clearing: true, max_hold_s: 9, on_link_loss: latches").replace("readback", "may_leave"), "commands.robot_in_place.self_clearing", "has to be written again: use `refresh_s`"),
     ("a point that is cleared as its own proof", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, self_clearing: true, refresh_s: 1, max_hold_s: 9, on_link_loss: latches"), "commands.robot_in_place.self_clearing", "a point that the controller clears confirms nothing"),
-    ("a hold that is taken before it is written again", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, cleared_after_s: 1, refresh_s: 1, max_hold_s: 9, on_link_loss: latches"), "commands.robot_in_place.cleared_after_s", "say `self_clearing: true` instead"),
+    ("a hold that is taken before it is written again", IN_PLACE, IN_PLACE.replace("pulse, width_s: 5", "hold, cleared_after_s: 1, refresh_s: 1, max_hold_s: 9, on_link_loss: latches"), "commands.robot_in_place.cleared_after_s", "use `self_clearing: true` instead"),
     ("a hold written and pressed again", REAR, REAR + "    refresh_s: 1\n", "commands.close_door.rear.refresh_s", "remove one of the two"),
-    ("a gap after nothing", READ_AT, READ_AT + "\n    gap_s: 1", "commands.hold_door.front.gap_s", "say `excludes`"),
+    ("a gap after nothing", READ_AT, READ_AT + "\n    gap_s: 1", "commands.hold_door.front.gap_s", "use `excludes`"),
     ("a grant in time and by nobody", READ_AT, READ_AT + "\n    granted_within_s: 9", "commands.hold_door.front.granted_within_s", "belongs to `granted_by`"),
     ("a door that arrives in time", READ_AT, READ_AT + "\n    arrive_within_s: 9", "commands.hold_door.front.arrive_within_s", "hold_door.front goes nowhere"),
     # a time as its value
-    ("a time that is not given", SECONDS, SECONDS.replace("max_hold_s", "width_s"), "commands.hold_door.rear.payload.time", "say `time: max_hold_s`"),
+    ("a time that is not given", SECONDS, SECONDS.replace("max_hold_s", "width_s"), "commands.hold_door.rear.payload.time", "use `time: max_hold_s`"),
     ("a time in a call", GO, GO + "    payload: {time: max_hold_s, unit_s: 1}\n", "commands.go.payload", "a call writes its floor, and cannot carry a time"),
     ("a time in one output per floor", CALL, CALL + "    payload: {time: max_hold_s, unit_s: 1}\n", "commands.call.payload", "one output per floor carries a time only if the device ends it"),
     ("a time and a value", SECONDS, SECONDS + "\n    press: 3", "commands.hold_door.rear.press", "the value written is the time"),
     ("a time in a bit", READ_AT, READ_AT + "\n    payload: {time: max_hold_s, unit_s: 1}", "commands.hold_door.front.payload", "a bit cannot carry a time"),
-    ("a time in a coil that we time", TIMED, TIMED.replace("    timed_by: device\n", ""), "commands.close_door.front.payload", "say `action: pulse` and `timed_by: device`"),
+    ("a time in a coil that we time", TIMED, TIMED.replace("    timed_by: device\n", ""), "commands.close_door.front.payload", "use `action: pulse` and `timed_by: device`"),
     ("half a count", SECONDS, SECONDS.replace("unit_s: 1", "unit_s: 2"), "commands.hold_door.rear.max_hold_s", "5 s is 2.5 counts of 2 s; give a whole number"),
     ("no count at all", TIMED, TIMED.replace("unit_s: 0.1", "unit_s: 3600").replace("width_s: 0.5", "width_s: 0.0000001"), "commands.close_door.front.width_s", "1 to 32767 can be written"),
     ("more counts than a coil takes", TIMED, TIMED.replace("unit_s: 0.1", "unit_s: 0.00001"), "commands.close_door.front.width_s", "50000 counts of 1e-05 s, and 1 to 32767 can be written"),
     ("more counts than a register takes", SECONDS, SECONDS.replace("unit_s: 1", "unit_s: 0.00005"), "commands.hold_door.rear.max_hold_s", "1 to 65535 can be written"),
     # what it names
-    ("an exclusion of the heartbeat", "[hold_door.rear]", "[heartbeat]", "commands.close_door.rear.excludes[0]", "heartbeat is never let go"),
+    ("an exclusion of the heartbeat", "[hold_door.rear]", "[heartbeat]", "commands.close_door.rear.excludes[0]", "heartbeat is never released"),
     # what proves it
     ("a read-back of a lamp", "[calls_registered]", "[readback]", "commands.call.confirm.any_of[0]", "is the lamp calls_registered, lit or not whatever we wrote; name calls_registered"),
     ("a read-back of what ends by itself", TIMED + "    confirm: {any_of: [effect]", TIMED + "    confirm: {any_of: [readback]", "commands.close_door.front.confirm.any_of[0]", "the device ends this pulse by itself"),
-    ("a read-back between pulses", "{any_of: [effect], within_s: 10}", "{any_of: [readback], within_s: 10}", "commands.close_door.rear.confirm.any_of[0]", "between its pulses it reads as let go"),
+    ("a read-back between pulses", "{any_of: [effect], within_s: 10}", "{any_of: [readback], within_s: 10}", "commands.close_door.rear.confirm.any_of[0]", "between its pulses it reads as released"),
     ("registered calls as proof of a door", "shared_word: mask_write\n    confirm: {any_of: [readback]", "shared_word: mask_write\n    confirm: {any_of: [calls_registered]", "commands.hold_door.front.confirm.any_of[0]", "calls_registered is a set of floors, and only a call has a floor"),
     ("a number as proof", "shared_word: mask_write\n    confirm: {any_of: [readback]", "shared_word: mask_write\n    confirm: {any_of: [load]", "commands.hold_door.front.confirm.any_of[0]", "only a flag or a floor confirms"),
 ]  # fmt: skip
@@ -121,19 +121,19 @@ LEVEL_IN_PLACE = """\
 
 TOGETHER: list[tuple[str, dict[str, str], list[str], str]] = [
     # name, changes, keys of all findings, words of the first
-    ("go without call", {CALL_TEXT: ""}, ["commands.go", "needs_occupancy"], "nothing brings the car to it; declare `call`"),
-    ("call without go", {GO_TEXT: ""}, ["commands.call", "needs_occupancy"], "nothing sends the occupied one on; declare `go`"),
+    ("go without call", {CALL_TEXT: ""}, ["commands.go", "needs_occupancy"], "no command calls the car to it; declare `call`"),
+    ("call without go", {GO_TEXT: ""}, ["commands.call", "needs_occupancy"], "no command sends the occupied one on; declare `go`"),
     ("a call for every robot beside call and go", {"  heartbeat:": f"{SIDES}  heartbeat:"}, ["commands.call", "commands.go"], "keep call and go, or go_to.front"),
     ("an end that is not declared", {f"  {LEFT}\n": ""}, ["commands.go.until", "needs_occupancy"], "the map has no command robot_left"),
-    ("a word to the lift that has no effect of its own", {IN_PLACE: IN_PLACE.replace("[readback]", "[effect]")}, ["commands.robot_in_place.confirm.any_of[0]"], "lifts differ in what follows robot_in_place; say `readback`"),
-    ("a door that nobody sees closed", {'  door.rear: {at: "sensor/discrete:0", active: low}\n': "", "[effect, readback]": "[readback]", "[effect], within_s: 10": "[may_enter], within_s: 10"}, ["commands.close_door.rear.until"], "nobody can see the door closed without door.rear"),
+    ("a word to the lift that has no effect of its own", {IN_PLACE: IN_PLACE.replace("[readback]", "[effect]")}, ["commands.robot_in_place.confirm.any_of[0]"], "lifts differ in what follows robot_in_place; use `readback`"),
+    ("a door that nobody sees closed", {'  door.rear: {at: "sensor/discrete:0", active: low}\n': "", "[effect, readback]": "[readback]", "[effect], within_s: 10": "[may_enter], within_s: 10"}, ["commands.close_door.rear.until"], "a closed door is not visible without door.rear"),
     ("a proof that is a condition", {IN_PLACE: IN_PLACE[:-1].replace("[readback]", "[may_enter]") + ", requires: [may_enter]}"}, ["commands.robot_in_place.confirm.any_of[0]"], "may_enter has to read yes before the press, so it proves nothing"),
-    ("a car that nobody sees arrive", {GO: GO.replace("robot_left", "arrived"), f"  {FLOOR}\n": "", "door_limit": "motion_stopped"}, ["commands.go.until"], "nobody can see the car arrive without car_floor; declare it"),
-    ("a call to a floor that is never shown", {CALL: CALL.replace('"coil:2"', '"coil:2", "coil:3"')}, ["commands.call.one_of", "commands.call.confirm.any_of[0]"], "has 4 outputs, one per floor, and car_floor only says codes 0 to 2"),
-    ("a lamp of a floor that is never shown", {'"coil:2"]}': '"coil:2", "coil:50"]}'}, ["signals.calls_registered.each_of"], "has 4 bits, one per floor, and car_floor only says codes 0 to 2"),
+    ("a car that nobody sees arrive", {GO: GO.replace("robot_left", "arrived"), f"  {FLOOR}\n": "", "door_limit": "motion_stopped"}, ["commands.go.until"], "the arrival of the car is not visible without car_floor; declare it"),
+    ("a call to a floor that is never shown", {CALL: CALL.replace('"coil:2"', '"coil:2", "coil:3"')}, ["commands.call.one_of", "commands.call.confirm.any_of[0]"], "has 4 outputs, one per floor, and car_floor only reports codes 0 to 2"),
+    ("a lamp of a floor that is never shown", {'"coil:2"]}': '"coil:2", "coil:50"]}'}, ["signals.calls_registered.each_of"], "has 4 bits, one per floor, and car_floor only reports codes 0 to 2"),
     ("too few lamps to confirm every call", {', "coil:2"]}': "]}"}, ["commands.call.confirm.any_of[0]"], "has 2 bits for 3 outputs, and cannot confirm the last"),
     ("too few limits for the floors", {'"discrete:1", "discrete:2"]}\n  door.rear': '"discrete:1"]}\n  door.rear', "door_limit": "motion_stopped"}, ["signals.door.front.open_limits"], "has 2 limits, and car_floor shows 3 floors"),
-    ("a floor beyond the position code", {'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}': 'car_floor: {at: "discrete:40", as: floor}', "door_limit": "motion_stopped"}, ["signals.door.front.open_limits", "signals.calls_registered.each_of", "commands.call.one_of"], "car_floor only says codes 0 to 1"),
+    ("a floor beyond the position code", {'car_floor: {one_of: ["discrete:0", "discrete:1", "discrete:2"]}': 'car_floor: {at: "discrete:40", as: floor}', "door_limit": "motion_stopped"}, ["signals.door.front.open_limits", "signals.calls_registered.each_of", "commands.call.one_of"], "car_floor only reports codes 0 to 1"),
 ]  # fmt: skip
 
 
@@ -181,9 +181,9 @@ SAME_HOLD = "action: hold, until: arrived, max_hold_s: 60, refresh_s: 2, on_link
 @pytest.mark.parametrize(
     ("front", "rear", "key", "words"),
     [
-        ("action: pulse, width_s: 1,", SAME_HOLD, "action", "go_to.front says `action: pulse`"),
-        (SAME_HOLD.replace("until: arrived, ", ""), SAME_HOLD, "until", "go_to.front says no `until`"),
-        (SAME_HOLD, SAME_HOLD.replace("until: arrived, ", ""), "until", "go_to.front says `until: arrived`"),
+        ("action: pulse, width_s: 1,", SAME_HOLD, "action", "go_to.front has `action: pulse`"),
+        (SAME_HOLD.replace("until: arrived, ", ""), SAME_HOLD, "until", "go_to.front has no `until`"),
+        (SAME_HOLD, SAME_HOLD.replace("until: arrived, ", ""), "until", "go_to.front has `until: arrived`"),
     ],
 )
 def test_the_calls_of_both_doors_are_given_and_ended_alike(
@@ -193,7 +193,7 @@ def test_the_calls_of_both_doors_are_given_and_ended_alike(
     one, other = SIDES.splitlines(keepends=True)
     pulse = "action: pulse, width_s: 1,"
     text, _ = changed(GOOD, go_to, one.replace(pulse, front) + other.replace(pulse, rear))
-    expect_only(tmp_path, text, f"commands.go_to.rear.{key}", f"{words}, and the calls of one lift are all given")
+    expect_only(tmp_path, text, f"commands.go_to.rear.{key}", f"{words}, and all calls of one lift have the same")
     alike, _ = changed(GOOD, go_to, one.replace(pulse, front) + other.replace(pulse, front))
     assert loaded(tmp_path, alike).warnings == ()
 
@@ -230,7 +230,7 @@ def test_an_output_that_no_floor_can_use_is_a_warning(tmp_path: Path) -> None:
     (warning,) = loaded(tmp_path, text).warnings
     assert warning.key == "commands.go_to.one_of"
     assert (
-        "coil:8 calls the floor with code 0, and car_floor never says 0; say how the outputs count, such as `codes: [1, 2, 3]`"
+        "coil:8 calls the floor with code 0, and car_floor never reports 0; give the codes of the outputs, such as `codes: [1, 2, 3]`"
         in warning.message
     )
 
@@ -250,14 +250,14 @@ def test_a_given_code_that_the_floor_never_says_is_refused(tmp_path: Path) -> No
         tmp_path,
         text,
         "commands.go_to.codes",
-        "coil:8 calls the floor with code 0, and car_floor never says 0; correct it",
+        "coil:8 calls the floor with code 0, and car_floor never reports 0; correct it",
     )
 
 
 def test_a_given_code_that_no_floor_switch_has_is_refused(tmp_path: Path) -> None:
     text, _ = changed(HANDSHAKE, CALL, CALL + "    codes: [0, 1, 3]\n")
     text, _ = changed(text, '{each_of: ["coil:0", "coil:1", "coil:2"]}', '{each_of: ["coil:50", "coil:51", "coil:52"]}')
-    expect_only(tmp_path, text, "commands.call.codes", "car_floor only says codes 0 to 2; a floor is never shown: 3")
+    expect_only(tmp_path, text, "commands.call.codes", "car_floor only reports codes 0 to 2; a floor is never shown: 3")
 
 
 def test_a_timed_pulse_without_a_proof_is_not_said_to_be_read_back(tmp_path: Path) -> None:

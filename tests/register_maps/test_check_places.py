@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from register_maps.check import check
-from register_maps.check_places import unreadable
+from register_maps.check_places import find_unreadable
 from register_maps.errors import Problem
 from register_maps.schema import RegisterMap
 from tests.support.good_map import HANDSHAKE, Mistake, changed, expect_only, findings_of, loaded
@@ -90,10 +90,10 @@ def test_strangers_of_a_block_are_told_by_their_wire_address_where_numbers_have_
 
 def test_what_cannot_be_read_is_found_before_the_rest_is_checked(tmp_path: Path) -> None:
     model = loaded(tmp_path, HANDSHAKE).map
-    assert unreadable(model) == []
+    assert find_unreadable(model) == []
     text = model.model_dump_json(by_alias=True, exclude_unset=True).replace('"sensor/discrete:0"', '"sensor/0"')
     spoiled = RegisterMap.model_validate_json(text)
-    (problem,) = unreadable(spoiled)
+    (problem,) = find_unreadable(spoiled)
     assert isinstance(problem, Problem)
     assert problem.path == ("signals", "door.rear", "at")
     rest = {name: signal for name, signal in spoiled.signals.items() if name != "door.rear"}

@@ -19,12 +19,12 @@ LOAD = 'load: {at: "input:2", type: uint32, word_order: high_first, unit: kg}'
 WATCHDOG = 'watchdog_time: {at: "holding:12", unit_s: 0.1}'
 
 FORMS: list[Mistake] = [
-    ("a floor in any number of bits", CODE, 'destination: {each_of: ["input:0.0", "input:0.1"]}', "signals.destination.each_of", "this is a floor; say `at` or `one_of` or `code_of`"),
-    ("a set of floors at one point", LAMPS, 'calls_registered: {at: "holding:13"}', "signals.calls_registered.at", "say `each_of`"),
-    ("a set of floors of which one is set", LAMPS, LAMPS.replace("each_of", "one_of"), "signals.calls_registered.one_of", "say `each_of`"),
+    ("a floor in any number of bits", CODE, 'destination: {each_of: ["input:0.0", "input:0.1"]}', "signals.destination.each_of", "this is a floor; use `at` or `one_of` or `code_of`"),
+    ("a set of floors at one point", LAMPS, 'calls_registered: {at: "holding:13"}', "signals.calls_registered.at", "use `each_of`"),
+    ("a set of floors of which one is set", LAMPS, LAMPS.replace("each_of", "one_of"), "signals.calls_registered.one_of", "use `each_of`"),
     ("a position code for a motion", MOTION, 'motion: {code_of: ["discrete:8", "discrete:9"]}', "signals.motion.code_of", "this is a motion"),
-    ("two directions for a flag", ENTER, 'may_enter: {up: "discrete:10", down: "discrete:12"}', "signals.may_enter.up", "this is a flag; say `at`"),
-    ("one limit per floor for a flag", ENTER, 'may_enter: {open_limits: ["discrete:10", "discrete:12"]}', "signals.may_enter.open_limits", "this is a flag; say `at`"),
+    ("two directions for a flag", ENTER, 'may_enter: {up: "discrete:10", down: "discrete:12"}', "signals.may_enter.up", "this is a flag; use `at`"),
+    ("one limit per floor for a flag", ENTER, 'may_enter: {open_limits: ["discrete:10", "discrete:12"]}', "signals.may_enter.open_limits", "this is a flag; use `at`"),
     ("words for two directions", MOTION, MOTION[:-1] + ", values: {0: stopped}}", "signals.motion.values", "belongs to a signal with `at`"),
     ("a field of a position code", CODE, CODE[:-1] + ", bits: [0, 1]}", "signals.destination.bits", "belongs to a signal with `at`"),
     ("a reserved code of one bit per floor", FLOOR, FLOOR[:-1] + ", unknown: [0]}", "signals.car_floor.unknown", "belongs to a signal with `at` or `code_of`"),
@@ -36,7 +36,7 @@ FORMS: list[Mistake] = [
     ("Gray code with a sign", CODE, 'destination: {at: "input:0", as: floor, type: int16, code: gray}', "signals.destination.code", "use `type: uint16`"),
     ("an inverted floor number", CODE, 'destination: {at: "input:0", as: floor, active: low}', "signals.destination.active", "the bits of a position code"),
     ("an inverted word", REAR, 'door.rear: {at: "sensor/holding:1", values: {0: closed, 1: open}, active: low}', "signals.door.rear.active", "change the `values`"),
-    ("a door that is open either way", REAR, 'door.rear: {at: "sensor/discrete:0", values: {0: open, 1: open}}', "signals.door.rear.values", "with open alone the door reads alike open and shut"),
+    ("a door that is open either way", REAR, 'door.rear: {at: "sensor/discrete:0", values: {0: open, 1: open}}', "signals.door.rear.values", "with open alone an open and a shut door read the same"),
     ("an inverted motion word", MOTION, 'motion: {at: "discrete:8", values: {0: stopped, 1: moving}, active: low}', "signals.motion.active", "change the `values`"),
     ("a reserved code beyond the position code", CODE, CODE.replace("[3]", "[4]"), "signals.destination.none[0]", "2 bits of uint16 hold 0 to 3"),
     ("a position code with two meanings", CODE, CODE.replace("none: [3]", "none: [3], unknown: [3]"), "signals.destination.none[0]", "code 3 means unknown already"),
@@ -46,7 +46,7 @@ FORMS: list[Mistake] = [
     ("codes of a position", CODE, CODE[:-1] + ", codes: [0, 1]}", "signals.destination.codes", "belongs to a signal with `one_of` or `each_of` or `open_limits`"),
     ("fewer codes than floors", LAMPS, LAMPS[:-1] + ", codes: [0, 1]}", "signals.calls_registered.codes", "has 2 entries for 3 bits"),
     ("a code for two floors", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 0]}", "signals.calls_registered.codes[2]", "code 0 is given twice"),
-    ("lamps of a floor that is never shown", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 7]}", "signals.calls_registered.codes", "car_floor only says codes 0 to 2; a floor is never shown: 7"),
+    ("lamps of a floor that is never shown", LAMPS, LAMPS.replace('"coil:0", "coil:1", "coil:2"', '"coil:50", "coil:51", "coil:52"')[:-1] + ", codes: [0, 1, 7]}", "signals.calls_registered.codes", "car_floor only reports codes 0 to 2; a floor is never shown: 7"),
     ("BCD with a sign", CODE, 'destination: {at: "input:0", as: floor, type: int16, code: bcd}', "signals.destination.code", "without a sign; use `type: uint16`"),
     ("BCD in a flag", ENTER, ENTER[:-1] + ", code: bcd}", "signals.may_enter.code", "BCD is for a floor or a number in several bits"),
     ("a reserved code beyond BCD", CODE, 'destination: {at: "input:0", as: floor, code: bcd, none: [10000]}', "signals.destination.none[0]", "16 bits of BCD hold 0 to 9999"),
@@ -65,12 +65,12 @@ POSITIONS: list[Mistake] = [
     ("a place that is taken", BY_POSITION, BY_POSITION.replace("input:3", "holding:12"), "signals.watchdog_time.at", "holding:12 is in car_position already"),
     ("a place that is not served", BY_POSITION, BY_POSITION.replace("input:3", "input:300"), "signals.car_position.at", "input:300 is not served"),
     ("a place that cannot be read", BY_POSITION, BY_POSITION.replace("input:3", "inputs:3"), "signals.car_position.at", "inputs:3"),
-    ("limits of a floor without a position", 'door.rear: {at: "sensor/discrete:0", active: low}', 'door.rear: {open_limits: ["discrete:20", "discrete:21"], codes: [0, 5]}', "signals.door.rear.codes", "car_floor only says codes 0 to 2; a floor is never shown: 5"),
+    ("limits of a floor without a position", 'door.rear: {at: "sensor/discrete:0", active: low}', 'door.rear: {open_limits: ["discrete:20", "discrete:21"], codes: [0, 5]}', "signals.door.rear.codes", "car_floor only reports codes 0 to 2; a floor is never shown: 5"),
 ]  # fmt: skip
 
 NUMBERS: list[Mistake] = [
     ("a 32-bit number without its order", LOAD, LOAD.replace(" word_order: high_first,", ""), "signals.load", "needs `word_order`"),
-    ("an order of a 16-bit number", WATCHDOG, WATCHDOG[:-1] + ", word_order: low_first}", "signals.watchdog_time.word_order", "say `type: uint32`"),
+    ("an order of a 16-bit number", WATCHDOG, WATCHDOG[:-1] + ", word_order: low_first}", "signals.watchdog_time.word_order", "use `type: uint32`"),
     ("a 32-bit flag", ENTER, 'may_enter: {at: "input:4", type: uint32, word_order: low_first}', "signals.may_enter.type", "is for numbers and floors, and this is a flag"),
     ("a 32-bit number in a bit", LOAD, LOAD.replace("input:2", "input:2.1"), "signals.load.type", "needs two whole registers, and this is 1 bit"),
     ("a 32-bit number in a discrete", LOAD, LOAD.replace("input:2", "discrete:20"), "signals.load.type", "needs two whole registers"),
@@ -89,13 +89,13 @@ NUMBERS: list[Mistake] = [
 
 CLASHES: list[Mistake] = [
     ("a limit that is another floor's switch", FRONT, FRONT.replace('"discrete:1", "discrete:2"', '"discrete:30", "discrete:1"'), "signals.door.front.open_limits[2]", "discrete:1 is floor 1 of car_floor and floor 2 of door.front; list both in the same order"),
-    ("limits inverted, and the switches at them not", FRONT, FRONT[:-1] + ", active: low}", "signals.door.front", "has another `active`; say the same in both"),
+    ("limits inverted, and the switches at them not", FRONT, FRONT[:-1] + ", active: low}", "signals.door.front", "has another `active`; use the same in both"),
     ("a single limit at a floor's switch", REAR, 'door.rear: {at: "discrete:2"}', "signals.door.rear.at", "discrete:2 is in car_floor already"),
     ("a limit at something else", FRONT, FRONT.replace('"discrete:0", "discrete:1", "discrete:2"', '"discrete:30", "discrete:31", "discrete:8"'), "signals.motion.up", "discrete:8 is in door.front already"),
     ("two directions in one bit", MOTION, MOTION.replace("discrete:9", "discrete:8"), "signals.motion.down", "discrete:8 is twice in this one"),
     ("a flag that is our own output", ENTER, 'may_enter: {at: "coil:8"}', "signals.may_enter.at", "coil:8 shows what robot_in_place writes, and not what the lift does"),
     ("a flag where an output is read back", ENTER, 'may_enter: {at: "input:10.0"}', "signals.may_enter.at", "input:10.0 shows what hold_door.front writes"),
-    ("a flag in the register of a call", ENTER, 'may_enter: {at: "holding:20.3"}', "signals.may_enter.at", "shows what go writes, and not what the lift does; give the place where the controller says it; a lamp in a call button is calls_registered or call_accepted"),
+    ("a flag in the register of a call", ENTER, 'may_enter: {at: "holding:20.3"}', "signals.may_enter.at", "shows what go writes, and not what the lift does; give the place where the controller reports it; a lamp in a call button is calls_registered or call_accepted"),
     ("lamps in another order than their buttons", LAMPS, LAMPS.replace('"coil:1", "coil:2"', '"coil:2", "coil:1"'), "signals.calls_registered.each_of[1]", "coil:2 is floor 1 here and floor 2 of call; list both in the same order"),
     ("lamps with other codes than their buttons", LAMPS, 'calls_registered: {each_of: ["coil:0", "coil:50", "coil:51"], codes: [1, 0, 2]}', "signals.calls_registered.each_of[0]", "coil:0 is floor 1 here and floor 0 of call; give both the same `codes` for it"),
     ("limits with other codes than the switches", FRONT, 'door.front: {open_limits: ["discrete:0", "discrete:30", "discrete:31"], codes: [1, 0, 2]}', "signals.door.front.open_limits[0]", "discrete:0 is floor 0 of car_floor and floor 1 of door.front; give both the same `codes` for it"),

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from register_maps.errors import Finding, MapFileError
-from register_maps.expand import fill, overlay, unused
+from register_maps.expand import fill, find_unused, overlay
 from register_maps.load import LoadedMap, MapChanges, load
 from register_maps.source import KeyPath
 from tests.support.rows import each_row
@@ -234,7 +234,7 @@ def test_data_that_is_no_map_goes_through_unchanged() -> None:
     for data in others:
         assert overlay(data, {"signals": {}}) == data
         assert fill(data).data == data
-        assert unused(data) == []
+        assert find_unused(data) == []
 
 
 def test_changes_are_named_for_whoever_looks_at_the_site() -> None:

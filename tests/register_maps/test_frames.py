@@ -138,7 +138,7 @@ def test_an_exception_code_outside_the_specification_is_still_an_exception_answe
     ],
 )
 def test_an_answer_that_does_not_fit_is_refused(request_: Request, answer: bytes, what: str) -> None:
-    with pytest.raises(Mismatch, match=r"expected .*, came "):
+    with pytest.raises(Mismatch, match=r"expected .*, received "):
         frames.check(request_, answer)
 
 
@@ -146,14 +146,12 @@ def test_a_wrong_transaction_id_is_refused_only_where_one_is_expected() -> None:
     request = frames.read(Table.HOLDING, 0)
     answer = adu("03 02 00 07", unit=1, tid=8)
     assert frames.check(request, answer) == b"\x00\x07"
-    with pytest.raises(Mismatch, match="expected transaction id 7, came 8"):
+    with pytest.raises(Mismatch, match="expected transaction id 7, received 8"):
         frames.check(request, answer, tid=7)
 
 
 def test_a_mismatch_says_what_was_asked_in_plain_words() -> None:
-    with pytest.raises(
-        Mismatch, match="asked to read 4 holding registers from 0, unit 1: expected unit 1, came unit 2"
-    ):
+    with pytest.raises(Mismatch, match="read 4 holding registers from 0, unit 1: expected unit 1, received unit 2"):
         frames.check(frames.read(Table.HOLDING, 0, 4), adu("03 02 00 07", unit=2))
 
 

@@ -36,7 +36,7 @@ class Far:
 
     @property
     def struck(self) -> list[WireFault]:
-        return [struck.fault for struck in self.faults.done]
+        return [struck.fault for struck in self.faults.strikes]
 
 
 def right(frame: bytes) -> bytes:

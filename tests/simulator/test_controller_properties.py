@@ -27,7 +27,7 @@ any_inputs = st.builds(
     emergency=st.sampled_from([False, False, False, True]),
     overload=st.sampled_from([False, False, False, True]),
     fault=st.sampled_from([False, False, False, True]),
-    asked=some_commands,
+    commands=some_commands,
     signs_of_life=st.integers(0, 2),
 )
 scripts = st.lists(st.tuples(any_inputs, st.floats(0.01, 8.0)), min_size=1, max_size=8)

@@ -138,7 +138,7 @@ def test_people_do_not_change_what_the_interlocks_promise(script: list[tuple[Inp
     lift, people = Lift(), People(seed, 5, Traffic(per_minute=30.0))
     before, now, inputs = lift.see(), 0.0, Inputs()
     for given_inputs, duration_s in script:
-        inputs = replace(inputs, faults=given_inputs.faults, asked=given_inputs.asked)
+        inputs = replace(inputs, faults=given_inputs.faults, commands=given_inputs.commands)
         for n in range(int(duration_s / 0.05)):
             if n % 5 == 0:
                 inputs = people.act(now, lift.see(), inputs)

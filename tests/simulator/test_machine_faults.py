@@ -171,7 +171,7 @@ def test_a_call_that_was_not_served_yet_goes_right_once_the_fault_is_gone() -> N
 def test_a_robot_is_told_to_get_in_at_the_wrong_floor() -> None:
     lift = Lift(Parameters(shaft=BUILDING, handshake=handshake.Rules()))
     lift.run(SCAN_S, faults=these(WrongFloor()))
-    lift.run(2 * SCAN_S, asked={"call": 2})
+    lift.run(2 * SCAN_S, commands={"call": 2})
     picture = until(lift, lambda picture: picture.may_enter)
     assert (picture.floor, picture.door_open_floor) == (3, 3)
 
@@ -364,7 +364,7 @@ def test_a_moving_car_whose_calls_are_cancelled_stops_at_a_floor_with_its_doors_
 
 def test_cancelled_calls_of_a_robot_are_forgotten_too() -> None:
     lift = Lift(Parameters(shaft=BUILDING, handshake=handshake.Rules()))
-    lift.run(2 * SCAN_S, asked={"call": 2})
+    lift.run(2 * SCAN_S, commands={"call": 2})
     lift.run(SCAN_S, faults=these(CallsCancelled()))
     assert not any(picture.may_enter for picture in lift.watch(30))
 
@@ -439,8 +439,8 @@ def test_the_order_of_faults_never_matters() -> None:
         Relevelling(1.0),
         InMode(Mode.FIRE),
     ]
-    assert machine_faults.acting(frozenset(some)) == machine_faults.acting(frozenset(reversed(some)))
-    assert machine_faults.acting(frozenset(some)).relevelling == Relevelling(1.0)
+    assert machine_faults.combine_faults(frozenset(some)) == machine_faults.combine_faults(frozenset(reversed(some)))
+    assert machine_faults.combine_faults(frozenset(some)).relevelling == Relevelling(1.0)
 
 
 def test_an_idle_lift_with_faults_costs_nothing_either() -> None:

@@ -128,7 +128,7 @@ def test_it_tells_what_struck_when_and_whom() -> None:
     far.faults.add(RefuseConnections(times=1))
     far.ask(at=1.5)
     far.faults.connection(2.0)
-    assert [(struck.at, struck.fault, struck.about) for struck in far.faults.done] == [
+    assert [(struck.at, struck.fault, struck.about) for struck in far.faults.strikes] == [
         (1.5, DropAnswer(times=1), "read 3 holding registers from 10, unit 1"),
         (2.0, RefuseConnections(times=1), "an attempt to connect"),
     ]
@@ -324,7 +324,7 @@ def test_a_steady_draw_depends_on_the_request_and_the_time_and_not_on_what_else_
             if more and number % 7 == 0:
                 connection.take(frames.frame(other, 1000 + number), now)
             connection.take(frames.frame(read, number + (500 if more else 0)), now)
-        return [round(one.at - (0.01 if more else 0.0), 3) for one in faults.done if one.frame and one.frame[9] == 0]
+        return [round(one.at - (0.01 if more else 0.0), 3) for one in faults.strikes if one.frame and one.frame[9] == 0]
 
     assert struck(more=False) == struck(more=True)
     assert 10 < len(struck(more=False)) < 50

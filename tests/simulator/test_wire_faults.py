@@ -161,7 +161,7 @@ def mismatch(fault: WireFault, request: Request) -> str:
     """What the client's check says."""
     with pytest.raises(Mismatch) as caught:
         frames.check(request, only(Far(fault).ask(request)))
-    return f"{caught.value.expected} / {caught.value.came}"
+    return f"{caught.value.expected} / {caught.value.received}"
 
 
 def test_a_wrong_unit_and_a_wrong_function_are_seen() -> None:

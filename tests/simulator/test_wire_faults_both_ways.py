@@ -259,7 +259,7 @@ def test_the_link_sees_the_same_in_memory_and_over_tcp(way: Way, case: Case) -> 
                 seen.append(await outcome(link, request))
             assert seen == [case.first, case.second, "answer"]
         assert bench.written() == case.carried_out
-        assert [struck.fault for struck in bench.faults.done] == [case.fault]
+        assert [struck.fault for struck in bench.faults.strikes] == [case.fault]
 
     way([case.fault], check)
 
@@ -298,7 +298,7 @@ def test_one_client_too_many_gets_in_when_another_has_left(way: Way) -> None:
         async with asyncio.TaskGroup() as group, bench.link(LONG_S) as link:
             await answered(link)
             waiting = group.create_task(too_many())
-            while not bench.faults.done:
+            while not bench.faults.strikes:
                 assert await outcome(link, SECOND) == "answer"
             assert not waiting.done()
 

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from register_maps.check import check
-from register_maps.check_places import unreadable
+from register_maps.check_places import find_unreadable
 from register_maps.schema import RegisterMap
 
 Data = dict[str, Any]
@@ -253,6 +253,6 @@ def any_map(draw: st.DrawFn) -> RegisterMap:
         "at_floor_evidence": {"kind": "position_stable", "for_s": 1.0},
     }
     made = RegisterMap.model_validate(data)
-    problems = [problem for problem in (*unreadable(made), *check(made)) if not problem.warning]
+    problems = [problem for problem in (*find_unreadable(made), *check(made)) if not problem.warning]
     assert not problems, problems
     return made

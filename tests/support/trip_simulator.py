@@ -12,7 +12,7 @@ from register_maps.codec import Cell, Point
 from register_maps.command_codec import payload_counts
 from register_maps.errors import BadRequest
 from register_maps.frames import Request
-from simulator import asks
+from simulator import network_commands
 from simulator.registers import RegisterFace
 from simulator.state import ShownState
 from tests.support.spine import SimulatedDevice
@@ -95,7 +95,7 @@ class Mirror:
                 for point in command.points if command.spec.ends_itself and value else ():
                     if point.cell == (device, request.table, address):
                         self._ends[point] = at + (command.spec.width_s or 0.0)
-        return asks.asked(self._site.codec, self._image, tuple(self._site.floors.values()))
+        return network_commands.present_commands(self._site.codec, self._image, tuple(self._site.floors.values()))
 
     def _written(self, device: str, request: Request) -> dict[int, int]:
         if request.function == frames.MASK_WRITE:

@@ -42,7 +42,7 @@ class _Sheet:
         spec = self._codec.map.signals[signal.name]
         points = wording.in_order(signal, spec)
         parts = self._parts(spec)
-        if spec.wide:
+        if spec.is_wide:
             points, parts = points[:1], [""]
         for point, printed, part in zip(points, spec.addresses, parts, strict=True):
             yield IoPoint(
@@ -51,7 +51,7 @@ class _Sheet:
                 direction=FROM_LIFT,
                 printed=printed,
                 table=point.table.value,
-                wire=_address(point, wide=spec.wide),
+                wire=_address(point, wide=spec.is_wide),
                 unit_id=self._devices[point.endpoint].unit_id,
                 function=wording.functions(wording.read_functions([point])),
                 values=self._signal_values(signal, spec, part),
@@ -172,7 +172,7 @@ def _joined(*parts: str) -> str:
 def _address(point: Point, *, wide: bool = False) -> str:
     if wide:
         return f"{point.address} and {point.address + 1}"
-    if point.table in BIT_TABLES or point.whole:
+    if point.table in BIT_TABLES or point.is_whole:
         return str(point.address)
     last = point.low + point.width - 1
     return f"{point.address} bit {point.low}" if last == point.low else f"{point.address} bits {point.low} to {last}"

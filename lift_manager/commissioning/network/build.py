@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable, Iterator
 from ipaddress import ip_address
 
-from drivers.modbus.plan import plan_reads, polled
+from drivers.modbus.plan import plan_reads, polled_points
 from drivers.modbus.writes import read_back_blocks
 from lift_manager.commissioning.network.errors import NetworkRefused
 from lift_manager.commissioning.network.model import MapUse, Network, Span, Station, Unit, Write, joined
@@ -109,13 +109,13 @@ def _reads(loaded: LoadedSite, lift: Lift, codec: Codec) -> Iterator[Block]:
     needs = [loaded.links[device.controller] for device in placed]
     registers = min(need.max_registers_per_read for need in needs)
     bits = min(need.max_bits_per_read for need in needs)
-    yield from plan_reads(polled(codec), codec.served, max_registers=registers, max_bits=bits)
+    yield from plan_reads(polled_points(codec), codec.served, max_registers=registers, max_bits=bits)
     if lift.access != "control":
         return
     for command in codec.commands.values():
         planned = plan_reads(command.read_points, codec.served, max_registers=registers, max_bits=bits)
         yield from read_back_blocks(command, codec.written, planned)
-        if command.shared:
+        if command.is_shared:
             yield from command.blocks  # read afresh before each write
 
 

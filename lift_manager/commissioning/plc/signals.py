@@ -224,7 +224,7 @@ def _chain(signal: SignalCodec, cases: Cases) -> Iterator[str]:
 
 
 def _put(point: Point, raw: int) -> str:
-    if point.whole:
+    if point.is_whole:
         return f"{cells.cell(point)} := {cells.literal(point, raw)};"
     return f"{_word(point)} := {_word(point)} OR {cells.literal(point, raw << point.low)};"
 
@@ -245,7 +245,7 @@ def _alive(signal: SignalCodec) -> Part:
 
 def _shared(codec: Codec) -> tuple[Point, ...]:
     """Registers that are composed of several signals, each as one of its points."""
-    parts = [point for point in codec.signal_points if not point.whole]
+    parts = [point for point in codec.signal_points if not point.is_whole]
     return tuple({(point.table, point.address): point for point in parts}.values())
 
 

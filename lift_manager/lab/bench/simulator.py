@@ -92,7 +92,7 @@ class Plant:
         """Step the lift to this moment, note what has changed, and return what it really does."""
         now = _now()
         self.face.advance(now)
-        before, truth = self.history.last, truth_of(self.face, self.floors, self.face.asked)
+        before, truth = self.history.last, truth_of(self.face, self.floors, self.face.commands)
         self._note(now)
         if truth != before:
             self.history.add(now, truth)
@@ -154,7 +154,7 @@ class Plant:
         self._next_scan = asyncio.get_running_loop().call_later(self.face.parameters.scan_s, self._scan)
 
     def _note(self, now: float) -> None:
-        given = frozenset(self.face.asked.items())
+        given = frozenset(self.face.commands.items())
         if given == self._given:
             return
         for on, changed in ((False, self._given - given), (True, given - self._given)):

@@ -143,7 +143,7 @@ class ModbusFaults:
     def struck(self) -> tuple[StruckFault, ...]:
         """Everything that has been struck, in order of time: the fault, the request, and when by `time.monotonic`."""
         return self._thread.call(
-            lambda: tuple(sorted((one for wire in self._mine() for one in wire.done), key=attrgetter("at")))
+            lambda: tuple(sorted((one for wire in self._mine() for one in wire.strikes), key=attrgetter("at")))
         )
 
     def _mine(self) -> list[WireFaults]:

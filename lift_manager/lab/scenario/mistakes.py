@@ -10,7 +10,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from register_maps.errors import Finding
-from register_maps.plain import plain_words
+from register_maps.plain import explain_error
 from register_maps.source import KeyPath, Source
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -38,7 +38,7 @@ class Mistakes:
         except ValidationError as error:
             schema, written = model.model_json_schema(), _below(self.source.written, path)
             for entry in error.errors(include_url=False):
-                place, message = plain_words(entry, schema, raw, written)
+                place, message = explain_error(entry, schema, raw, written)
                 self.say((*path, *place), message)
             return None
 

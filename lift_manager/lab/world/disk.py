@@ -148,7 +148,7 @@ class DiskJobs:
         """Of the job under way."""
         self._killed = False
 
-    def do(self, work: Callable[[], Result]) -> Future[Result]:
+    def submit(self, work: Callable[[], Result]) -> Future[Result]:
         """Do a job; its result is there when the disk has taken as long as it takes, and CommitFailed where it fails."""
         done: Future[Result] = asyncio.get_running_loop().create_future()
         if self._killed:

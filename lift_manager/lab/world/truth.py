@@ -89,7 +89,7 @@ def _fallen(face: RegisterFace, given: Mapping[str, int], mode: Mode) -> frozens
         name
         for name in given
         if name in lost
-        or (name not in believed and name in face.asked)
+        or (name not in believed and name in face.commands)
         or (name.startswith("hold_door") and not serves_doors)
     )
 

@@ -90,13 +90,13 @@ class SimulatedLift:
         taken out of them, as their map says.
         """
         face, raw = self.face, self.outputs.raw(self.face.cells)
-        taken = dict.fromkeys(face.taken, 1)
+        taken = dict.fromkeys(face.cleared_holds, 1)
         picture = face.picture
         if self._seen is not None and self._seen[0] is picture and self._seen[1] == (raw, taken):
             return self._seen[2]
         given = {**taken, **self.outputs.asked(raw)}
-        if any(given.get(name) != value for name, value in face.asked.items()):
-            raise WorldError(f"{self.name} obeys {dict(face.asked)}, and its registers ask for {dict(given)}")
+        if any(given.get(name) != value for name, value in face.commands.items()):
+            raise WorldError(f"{self.name} obeys {dict(face.commands)}, and its registers ask for {dict(given)}")
         truth = truth_of(face, self.floors, given)
         if self._seen is not None and self._seen[2] == truth:
             truth = self._seen[2]
@@ -276,7 +276,7 @@ class World:
     def forget(self) -> None:
         """Drop the record of what faults did to the wires: it grows for as long as a world lasts."""
         for faults in self.weather.values():
-            faults.done.clear()
+            faults.strikes.clear()
 
     def _build(self) -> None:
         # a recorder of its own: what a killed manager still learns of its presses changes nothing on the disk

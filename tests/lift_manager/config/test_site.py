@@ -295,7 +295,7 @@ FLOORS: list[Mistake] = [
     (
         "a code at which the call register rests",
         [("L2: 2", "L2: 0")],
-        [said(9, "lifts.main.floors.L2", "rests at 0", "called by letting go")],
+        [said(9, "lifts.main.floors.L2", "rests at 0", "a release would call a floor")],
     ),
     (
         "a code that means no floor, on a lift that is only watched",

@@ -144,7 +144,7 @@ FLOORS: list[tuple[str, str, list[tuple[str, str]], list[Said]]] = [
         "a code at which call and go rest",
         HANDSHAKE,
         [("{L1: 1, L2: 2}", "{L1: 0, L2: 2}")],
-        [said(10, "lifts.goods.floors.L1", "call rests at 0", "called by letting go")],
+        [said(10, "lifts.goods.floors.L1", "call rests at 0", "a release would call a floor")],
     ),
     (
         "a code for which there is no button",

@@ -48,12 +48,12 @@ def test_a_commit_takes_the_same_time_however_many_there_were_before_it() -> Non
 
     async def one(disk: SimulatedDisk) -> None:
         await elapse(9.0 - asyncio.get_running_loop().time())
-        await DiskJobs(disk).do(lambda: None)
+        await DiskJobs(disk).submit(lambda: None)
         took.append(asyncio.get_running_loop().time() - 9.0)
 
     async def many(disk: SimulatedDisk) -> None:
         for _ in range(3):
-            await DiskJobs(disk).do(lambda: None)
+            await DiskJobs(disk).submit(lambda: None)
         await one(disk)
 
     slow = Pace(0.002, 2.0)

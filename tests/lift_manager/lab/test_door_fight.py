@@ -116,6 +116,6 @@ def test_a_door_fight_is_an_alarm_ends_after_four_drops_and_never_says_open_for_
 
     run_virtual(main)
     assert seen.alarms[0][0] <= seen.dropped_at[0] + ALARM_WITHIN_S
-    assert "was let go by the controller or by somebody else" in seen.alarms[0][1]
-    assert any("was let go 4 times within 60 s" in text for _, text in seen.alarms)
+    assert "was released by the controller or by somebody else" in seen.alarms[0][1]
+    assert any("was released 4 times within 60 s" in text for _, text in seen.alarms)
     assert seen.lies == []

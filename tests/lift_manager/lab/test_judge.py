@@ -262,7 +262,7 @@ def test_a_press_into_a_lift_that_keeps_robots_off_is_found_where_it_tells_so() 
 def test_a_read_back_of_our_own_call_confirms_nothing_where_the_car_has_to() -> None:
     oracle = judge(shows=MapEvidence(proofs={"go_to": frozenset({Proof.EFFECT})}))
     polled(oracle, 1.0, replace(STANDS_OPEN, calls=frozenset({"L1"})))
-    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False)
     oracle.heard(1.1, CommandEnded("lift", outcome))
     assert found(oracle) == ["confirmed by what proves nothing"]
 

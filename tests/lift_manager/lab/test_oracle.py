@@ -176,7 +176,7 @@ def test_a_press_long_after_the_mode_forbade_it_is_found_and_one_before_anybody_
 def test_a_confirmed_call_that_the_lift_never_had_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0, DRIVES)
-    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), grant_missing=False)
     oracle.heard(4.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
@@ -185,7 +185,7 @@ def test_a_confirmed_call_that_the_lift_never_had_is_found() -> None:
 def test_a_confirmed_call_that_was_registered_is_right() -> None:
     oracle = judge()
     polled(oracle, 4.0, replace(DRIVES, calls=frozenset({"L1"})))
-    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.LAMP, (), grant_missing=False)
     oracle.heard(4.1, CommandEnded("lift", outcome))
     assert rules(oracle) == []
 
@@ -194,7 +194,9 @@ def test_a_confirmed_hold_that_the_controller_never_had_is_found() -> None:
     oracle = judge()
     polled(oracle, 4.0)
     hold = Command(CommandKind.HOLD_DOOR, side=Side.FRONT)
-    oracle.heard(4.1, CommandEnded("lift", Outcome(hold, Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)))
+    oracle.heard(
+        4.1, CommandEnded("lift", Outcome(hold, Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False))
+    )
     polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
 
@@ -210,7 +212,7 @@ def test_a_call_that_reads_on_in_a_mode_without_robots_is_let_pass_where_nothing
     oracle = judge(shows=MapEvidence(modes=modes))
     inspected = replace(DRIVES, mode=Mode.INSPECTION)
     polled(oracle, 4.0, inspected)
-    outcome = Outcome(Command(CommandKind.CALL, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.CALL, "L1"), Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False)
     oracle.heard(4.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, inspected, since=8.0)
     assert rules(oracle) == findings
@@ -345,7 +347,7 @@ def test_a_call_that_was_served_before_it_was_pressed_confirms_nothing() -> None
     polled(oracle, 6.0, DRIVES, since=2.2)
     oracle.pressed(6.0, "lift", frozenset({"go_to"}))
     polled(oracle, 7.0, DRIVES, since=6.2)
-    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), grant_missing=False)
     oracle.heard(7.1, CommandEnded("lift", outcome))
     polled(oracle, 9.0, DRIVES, since=8.0)
     assert rules(oracle) == ["confirmed without effect"]
@@ -368,7 +370,7 @@ def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_ou
     at_the_press: Truth, afterwards: Truth, found: list[str]
 ) -> None:
     lost = {"lost_press": Excuse(frozenset({SuspectValues.EFFECT}), None)}
-    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), grant_missing=False)
     oracle = judge(excuses=lost)
     polled(oracle, 6.0, at_the_press)
     oracle.struck(6.0, FaultChange("lift", LostPress(), began=True))
@@ -383,7 +385,7 @@ def test_a_lost_call_is_no_excuse_for_a_confirmation_unless_the_car_then_sets_ou
 def test_a_car_that_set_out_before_a_press_is_let_pass_only_where_nobody_could_see_that_it_had(
     *, tells_motion: bool
 ) -> None:
-    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), not_granted=False)
+    outcome = Outcome(Command(CommandKind.GO_TO, "L1"), Result.CONFIRMED, "", Proof.EFFECT, (), grant_missing=False)
     oracle = judge(shows=MapEvidence(motion=tells_motion))
     polled(oracle, 5.0, replace(STANDS_OPEN, open_at=None, doors_shut=True, passed="L2"))
     polled(oracle, 7.0, replace(DRIVES, passed="L2", heading=-1), since=5.2)

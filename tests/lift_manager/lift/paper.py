@@ -61,7 +61,7 @@ PLAIN = Capabilities(
     granted_within_s=60.0,
     arrive_within_s=120.0,
     until={},
-    levels=frozenset({"hold_door.front", "robot_mode"}),
+    held_commands=frozenset({"hold_door.front", "robot_mode"}),
     max_hold_s={},
     excludes={},
     needs_occupancy=False,
@@ -82,7 +82,7 @@ HANDSHAKE = replace(
     commands=frozenset({"call", "go", "robot_in_place", "robot_left"}),
     signals=frozenset({"car_floor", "motion", "door.front"}),
     until={"call": "robot_in_place", "go": "robot_left"},
-    levels=frozenset({"call", "go"}),
+    held_commands=frozenset({"call", "go"}),
     needs_occupancy=True,
 )
 """Calls that stay on until the robot is in place or has left, and pulses for both (elevator-interfaces 1.1)."""
@@ -206,10 +206,10 @@ class PaperLift:
         """Let every press so far have its outcome."""
         for press in tuple(self.pressed):
             self.pressed.remove(press)
-            stays = press.command.name in self.able.levels and result is Result.CONFIRMED
+            stays = press.command.name in self.able.held_commands and result is Result.CONFIRMED
             self.status[press.command.name] = OutputState.HELD if stays else OutputState.AT_REST
             proof = Proof.LAMP if result is Result.CONFIRMED else Proof.NONE
-            outcome = Outcome(press.command, result, reason, proof, not_granted=not_granted)
+            outcome = Outcome(press.command, result, reason, proof, grant_missing=not_granted)
             self.take(PressEnded(press.id, outcome))
 
     # -- what callers do

@@ -27,7 +27,7 @@ ANY = Command(CommandKind.CLOSE_DOOR)
 LAMP = Outcome(ANY, Result.CONFIRMED, proof=Proof.LAMP)
 NO = Outcome(ANY, Result.REJECTED, "the controller said no")
 SILENT = Outcome(ANY, Result.UNCONFIRMED, "nothing came back")
-NOT_SENT = Outcome(ANY, Result.REJECTED, "may not be pressed", not_granted=True)
+NOT_SENT = Outcome(ANY, Result.REJECTED, "may not be pressed", grant_missing=True)
 IDLE = SessionOnLift(
     floor="L1",
     call=CommandProgress(),

@@ -167,7 +167,7 @@ def test_names_of_a_site_file_break_nothing() -> None:
     ("outcome", "result", "reason"),
     [
         (Outcome(GO, Result.CONFIRMED, proof=Proof.LAMP, frames=FRAMES), "confirmed", "lamp"),
-        (Outcome(GO, Result.REJECTED, "no robot mode", not_granted=True), "rejected", "not_granted"),
+        (Outcome(GO, Result.REJECTED, "no robot mode", grant_missing=True), "rejected", "not_granted"),
         (Outcome(GO, Result.REJECTED, "held by fleet/robot-9"), "rejected", "not_sent"),
         (Outcome(GO, Result.REJECTED, "illegal data address", frames=FRAMES), "rejected", "lift_refused"),
         (Outcome(GO, Result.UNCONFIRMED, "another call took its place"), "unconfirmed", "not_sent"),

@@ -15,7 +15,7 @@ WITH_MODE = replace(
     PLAIN,
     commands=PLAIN.commands | {"robot_mode"},
     signals=PLAIN.signals | {"robot_mode_on", "motion"},
-    levels=PLAIN.levels | {"robot_mode"},
+    held_commands=PLAIN.held_commands | {"robot_mode"},
     evidence="motion_stopped",
 )
 """A call, a door hold, and a robot mode that lasts as long as the session."""

@@ -50,7 +50,7 @@ PERMITTING = replace(
     signals=frozenset({"car_floor", "door.front", "may_enter", "may_leave"}),
     evidence="position_stable",
     until={"call": "robot_in_place", "go": "robot_left"},
-    levels=frozenset({"call", "go"}),
+    held_commands=frozenset({"call", "go"}),
     needs_occupancy=True,
 )
 """Calls that stay on until the robot is in place or has left, pulses for both, and permissions (elevator-interfaces 1.1)."""
@@ -60,7 +60,7 @@ TWO_STOP = replace(
     signals=frozenset({"car_floor", "door.front"}),
     evidence="door_limit",
     until={"call": "robot_in_place"},
-    levels=frozenset({"call", "robot_in_place"}),
+    held_commands=frozenset({"call", "robot_in_place"}),
     needs_occupancy=True,
 )
 """Only a call and a level for a robot in place, which sends the car on; the open door is the floor (1.3)."""
@@ -69,7 +69,7 @@ PLAIN = replace(
     commands=frozenset({"go_to", "hold_door.front"}),
     signals=frozenset({"car_floor", "door.front", "may_enter", "may_leave"}),
     evidence="position_stable",
-    levels=frozenset({"hold_door.front"}),
+    held_commands=frozenset({"hold_door.front"}),
 )
 """One call for the empty and the occupied car, a door hold, and permissions."""
 
@@ -166,7 +166,7 @@ class ScriptedDriver:
         before, self._declared = self._declared, known
         if self._is_fenced:
             return
-        for name in sorted((self.capabilities.levels | before.keys() | known.keys()) - self._unwritten):
+        for name in sorted((self.capabilities.held_commands | before.keys() | known.keys()) - self._unwritten):
             if name not in known:
                 self._used.pop(name, None)
                 self._let_go(name)
@@ -253,7 +253,7 @@ class ScriptedDriver:
         if self._flying.get(name, (None, None))[0] != press:
             return
         result = self.answers.get(name, Result.CONFIRMED)
-        if name not in self.capabilities.levels or result is Result.REJECTED:
+        if name not in self.capabilities.held_commands or result is Result.REJECTED:
             self.on.discard(name)
         self._end(name, result, "" if result is Result.CONFIRMED else "as told")
 
@@ -262,7 +262,7 @@ class ScriptedDriver:
         press, command = self._flying.pop(name, (0, None))
         if command is not None:
             self._report_states()
-            self.above.report(Outcome(command, result, reason, not_granted=not_granted, press=press))
+            self.above.report(Outcome(command, result, reason, grant_missing=not_granted, press=press))
 
     def _state(self, name: str) -> OutputState:
         if name in self._unwritten or (name in self._declared and name in self.adopted and not self._was_read):

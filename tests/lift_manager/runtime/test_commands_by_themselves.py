@@ -18,7 +18,7 @@ REAR_HOLDS = replace(
     PLAIN,
     commands=frozenset({"go_to.front", "go_to.rear"}),
     signals=frozenset({"car_floor", "door.front", "door.rear"}),
-    levels=frozenset({"go_to.rear"}),
+    held_commands=frozenset({"go_to.rear"}),
     until={"go_to.rear": "arrived"},
     doors=(Side.FRONT, Side.REAR),
 )
@@ -86,7 +86,9 @@ def test_the_occupied_car_is_sent_on_only_with_what_its_own_call_needs() -> None
 
 def test_the_door_stays_held_until_the_robot_aboard_is_announced_whatever_the_next_call_needs() -> None:
     needs = replace(
-        go_needs("level"), commands=PERMITTING.commands | {"hold_door.front"}, levels=frozenset({"hold_door.front"})
+        go_needs("level"),
+        commands=PERMITTING.commands | {"hold_door.front"},
+        held_commands=frozenset({"hold_door.front"}),
     )
 
     async def check(made: Bench) -> None:
@@ -180,7 +182,7 @@ def test_after_a_spent_hold_only_a_call_that_keeps_the_door_open_is_not_pressed_
 
 
 def test_a_spent_hold_counts_against_the_call_of_the_occupied_car_where_that_one_keeps_the_door_open() -> None:
-    opens = replace(PERMITTING, until={"go": "robot_left"}, levels=frozenset({"go"}), same_floor_call=True)
+    opens = replace(PERMITTING, until={"go": "robot_left"}, held_commands=frozenset({"go"}), same_floor_call=True)
 
     async def check(made: Bench) -> None:
         await made.called_to("L1")

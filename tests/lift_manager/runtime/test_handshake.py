@@ -254,7 +254,7 @@ def test_a_call_that_waits_for_robots_in_place_ends_on_arrival_with_the_robot_ab
         PLAIN,
         commands=frozenset({"go_to", "robot_in_place", "robot_left"}),
         until={"go_to": "robot_in_place"},
-        levels=frozenset({"go_to"}),
+        held_commands=frozenset({"go_to"}),
     )
 
     async def check(made: Bench) -> None:
@@ -270,7 +270,7 @@ def test_a_call_that_waits_for_robots_in_place_ends_on_arrival_with_the_robot_ab
 
 
 def test_a_call_that_stays_on_until_the_robot_left_gives_way_to_the_one_that_takes_it_along() -> None:
-    able = replace(PERMITTING, until={"call": "robot_left"}, levels=frozenset({"call"}))
+    able = replace(PERMITTING, until={"call": "robot_left"}, held_commands=frozenset({"call"}))
 
     async def check(made: Bench) -> None:
         await made.called_to("L1")
@@ -282,7 +282,11 @@ def test_a_call_that_stays_on_until_the_robot_left_gives_way_to_the_one_that_tak
 
 
 def test_robot_mode_stays_until_the_lift_has_been_told_that_the_robot_left() -> None:
-    able = replace(PERMITTING, commands=PERMITTING.commands | {"robot_mode"}, levels=PERMITTING.levels | {"robot_mode"})
+    able = replace(
+        PERMITTING,
+        commands=PERMITTING.commands | {"robot_mode"},
+        held_commands=PERMITTING.held_commands | {"robot_mode"},
+    )
 
     async def check(made: Bench) -> None:
         await made.called_to("L1")
@@ -297,7 +301,7 @@ def test_robot_mode_stays_until_the_lift_has_been_told_that_the_robot_left() -> 
 
 
 def test_a_level_that_says_left_ends_when_the_next_robot_is_in_place() -> None:
-    able = replace(PERMITTING, levels=PERMITTING.levels | {"robot_left"})
+    able = replace(PERMITTING, held_commands=PERMITTING.held_commands | {"robot_left"})
 
     async def check(made: Bench) -> None:
         await made.called_to("L1")

@@ -191,7 +191,7 @@ async def ridden(lift: Spine) -> str:
     await lift.until(lambda state: state.robot_door is RobotDoor.OPEN)
     lift.accept(last, RobotWord.IN_PLACE)
     await lift.until(lambda state: state.robot_door is RobotDoor.OPEN and state.floor == last)
-    assert "go" in lift.face.asked
+    assert "go" in lift.face.commands
     return last
 
 
@@ -204,7 +204,7 @@ def test_a_person_who_ends_the_word_ends_the_call_that_was_on_until_then() -> No
         lift.device.refuses = False
         lift.site.acknowledge("lift", "A. Novak")
         await elapse(8)
-        assert "go" not in lift.face.asked
+        assert "go" not in lift.face.commands
 
     on_spine(check, "seer-siemens-chengdu")
 

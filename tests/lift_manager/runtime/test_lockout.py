@@ -202,7 +202,7 @@ REPORTING = replace(
     PERMITTING,
     commands=PERMITTING.commands | {"robot_mode"},
     signals=PERMITTING.signals | {"robot_mode_on"},
-    levels=PERMITTING.levels | {"robot_mode"},
+    held_commands=PERMITTING.held_commands | {"robot_mode"},
 )
 """A lift with a robot mode that is told when a robot left."""
 
@@ -351,7 +351,7 @@ def test_a_hold_that_the_controller_loses_after_a_persons_word_is_not_pressed_ag
         await door_held(made)
         withdraw(made)
         await elapse(1)
-        assert "hold_door.front" in made.face.asked
+        assert "hold_door.front" in made.face.commands
         lost = PowerLoss()
         made.face.begin(lost, asyncio.get_running_loop().time())
         made.device.silent = True
@@ -360,7 +360,7 @@ def test_a_hold_that_the_controller_loses_after_a_persons_word_is_not_pressed_ag
         made.device.silent = False
         await made.until(lambda state: state.quality is Quality.LIVE)
         for _ in range(30):
-            assert not {"hold_door.front", "robot_mode"} & set(made.face.asked)
+            assert not {"hold_door.front", "robot_mode"} & set(made.face.commands)
             await elapse(0.1)
         assert made.state.quality is Quality.LIVE
 

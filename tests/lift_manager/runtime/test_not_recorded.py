@@ -52,7 +52,7 @@ def test_a_held_door_is_let_go_and_its_session_ends_whatever_the_disk_does() -> 
             lift.accept("L2", hold=False)
             await elapse(1.0)
             assert lift.state.holder is None
-            assert "hold_door.front" not in lift.face.asked
+            assert "hold_door.front" not in lift.face.commands
 
     run_virtual(main)
 

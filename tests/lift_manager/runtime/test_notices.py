@@ -29,7 +29,7 @@ async def alarms(made: Spine) -> list[Alarm]:
 
 
 TEXT = (
-    "somebody else writes close_door.front at holding:19: it reads 1, we wrote 0; it is let go of, once in 60 s at most"
+    "somebody else writes close_door.front at holding:19: it reads 1, we wrote 0; it is released, once in 60 s at most"
 )
 
 

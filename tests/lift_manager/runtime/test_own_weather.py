@@ -102,7 +102,7 @@ class Building:
 
     def seen(self, name: str, since: float) -> tuple[list[float], list[float]]:
         """When a lift was polled and when a call was pressed."""
-        heard = [each for each in self.devices[name].heard if each.at_s >= since]
+        heard = [each for each in self.devices[name].received if each.at_s >= since]
         polls = [each.at_s for each in heard if not each.request.is_write and each.request.address == BEATS]
         press = [each.at_s for each in heard if each.request.address == GO_TO and any(each.request.values)]
         return polls, press

@@ -42,7 +42,7 @@ def test_a_robot_goes_in_only_once_every_door_of_the_floor_stands_open() -> None
     both = (Side.FRONT, Side.REAR)
     commands = frozenset({"go_to", "hold_door.front", "hold_door.rear"})
     holds = frozenset({"hold_door.front", "hold_door.rear"})
-    able = replace(PLAIN, commands=commands, levels=holds, doors=both)
+    able = replace(PLAIN, commands=commands, held_commands=holds, doors=both)
 
     async def check(made: Building) -> None:
         ride = made.begin("A")

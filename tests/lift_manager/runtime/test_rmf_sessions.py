@@ -46,7 +46,7 @@ def test_a_request_of_rmf_with_the_door_closed_lets_the_door_go_and_releases_not
 
 
 def test_a_door_that_the_call_holds_is_let_go_and_held_again_as_rmf_says() -> None:
-    able = replace(LEVEL_CALL, levels=frozenset({"call", "go"}))
+    able = replace(LEVEL_CALL, held_commands=frozenset({"call", "go"}))
 
     async def check(made: Bench) -> None:
         await open_for_it(made)

@@ -321,7 +321,7 @@ def test_no_word_leaves_once_the_manager_is_stopping() -> None:
 
 
 def test_what_stays_on_until_the_leaving_is_told_stays_permitted_though_the_session_is_over() -> None:
-    able = replace(PERMITTING, levels=PERMITTING.levels | {"robot_in_place"})
+    able = replace(PERMITTING, held_commands=PERMITTING.held_commands | {"robot_in_place"})
 
     async def check(made: Bench) -> None:
         await boarded(made)
@@ -339,7 +339,7 @@ def test_what_stays_on_until_the_leaving_is_told_stays_permitted_though_the_sess
 
 
 def test_nothing_is_held_anew_for_a_leaving_that_is_still_to_be_told() -> None:
-    able = replace(PERMITTING, levels=PERMITTING.levels | {"robot_in_place"})
+    able = replace(PERMITTING, held_commands=PERMITTING.held_commands | {"robot_in_place"})
 
     async def check(made: Bench) -> None:
         await boarded(made)
@@ -368,7 +368,7 @@ def test_a_mode_of_people_while_the_lift_is_being_told_that_the_robot_left_lets_
     on_bench(check)
 
 
-KEPT = replace(PERMITTING, levels=PERMITTING.levels | {"robot_left"})
+KEPT = replace(PERMITTING, held_commands=PERMITTING.held_commands | {"robot_left"})
 """The word that the robot left stays on until the next one boards."""
 
 

@@ -27,7 +27,7 @@ WITH_MODE = replace(
     PLAIN,
     commands=PLAIN.commands | {"robot_mode"},
     signals=PLAIN.signals | {"robot_mode_on", "motion"},
-    levels=PLAIN.levels | {"robot_mode"},
+    held_commands=PLAIN.held_commands | {"robot_mode"},
     evidence="motion_stopped",
     max_hold_s={"robot_mode": 5.0},
 )
@@ -45,10 +45,10 @@ def test_a_robot_that_lets_go_under_way_leaves_robot_mode_on_until_the_car_stand
         made.accept(last, hold=False)
         made.accept(made.state.floor or last, hold=False)
         while made.face.picture.motion is not Motion.STOPPED:
-            assert "robot_mode" in made.face.asked
+            assert "robot_mode" in made.face.commands
             await elapse(0.1)
         await elapse(4)
-        assert "robot_mode" not in made.face.asked
+        assert "robot_mode" not in made.face.commands
 
     on_spine(check, name)
 
@@ -68,11 +68,11 @@ def test_a_controller_that_consumes_each_request_keeps_robot_mode_under_way_if_i
         made.site.force_release("lift", "M. Weber", "ropes")
         asked = []
         while made.face.picture.motion is not Motion.STOPPED:
-            asked.append("robot_mode" in made.face.asked)
+            asked.append("robot_mode" in made.face.commands)
             await elapse(0.1)
         assert all(asked) is map_says_so
         await elapse(8)
-        assert "robot_mode" not in made.face.asked
+        assert "robot_mode" not in made.face.commands
 
     on_spine(check, codec=consuming if map_says_so else plain, really=consuming)
 
@@ -86,11 +86,11 @@ def test_a_key_switch_that_keeps_robots_off_drops_robot_mode_under_way(*, in_ses
         if not in_session:
             made.site.force_release("lift", "M. Weber", "ropes")
             await elapse(1)
-        assert "robot_mode" in made.face.asked
+        assert "robot_mode" in made.face.commands
         made.people(Inputs(robots_allowed=False))
         await elapse(1)
         assert made.face.picture.motion is not Motion.STOPPED
-        assert "robot_mode" not in made.face.asked
+        assert "robot_mode" not in made.face.commands
 
     on_spine(check, "generic-coils")
 
@@ -112,12 +112,12 @@ def test_robot_mode_that_fell_while_the_lift_was_unreadable_is_not_pressed_once_
         made.device.silent = False
         seen = 0
         while made.face.picture.motion is not Motion.STOPPED:
-            assert ("robot_mode" in made.face.asked) is outputs_held
+            assert ("robot_mode" in made.face.commands) is outputs_held
             seen += made.state.quality is Quality.LIVE
             await elapse(0.1)
         assert seen > 10, "the car was read under way"
         await elapse(4)
-        assert "robot_mode" not in made.face.asked
+        assert "robot_mode" not in made.face.commands
 
     on_spine(check, "robotnik-il-eth", lease_s=3.0)
 
@@ -143,7 +143,7 @@ def test_robot_mode_that_waits_for_its_row_is_not_pressed_after_its_session(ends
             end = made.site.force_release if ends == "force_release" else made.site.lock_out
             end("lift", "M. Weber", "ropes")
             for _ in range(100):
-                assert made.face.asked == {}
+                assert made.face.commands == {}
                 await elapse(0.1)
 
     run_virtual(main)

@@ -92,7 +92,7 @@ def test_the_holder_lets_go_after_the_restart_as_before_it(before: Callable[[Wor
         await until(world, lambda state: state.standing and state.floor in ("L2", "L3"))
         ask(world, state(world).floor or "", hold=False)
         await elapse(5)
-        assert world.lifts["lift"].face.asked == {}
+        assert world.lifts["lift"].face.commands == {}
 
     seen, _ = in_a_restart(before, after)
     assert [event.reason for event in seen.events if isinstance(event, SessionEnded)] == [EndReason.RELEASED]

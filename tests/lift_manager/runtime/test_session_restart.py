@@ -38,10 +38,10 @@ WITH_MODE = replace(
     PLAIN,
     commands=PLAIN.commands | {"robot_mode"},
     signals=PLAIN.signals | {"robot_mode_on", "motion"},
-    levels=PLAIN.levels | {"robot_mode"},
+    held_commands=PLAIN.held_commands | {"robot_mode"},
     evidence="motion_stopped",
 )
-LEVEL_CALL = replace(PLAIN, until={"go_to": "arrived"}, levels=PLAIN.levels | {"go_to"})
+LEVEL_CALL = replace(PLAIN, until={"go_to": "arrived"}, held_commands=PLAIN.held_commands | {"go_to"})
 OPEN_AT_L1 = LiftValues(floor="L1", mode=Mode.NORMAL, doors={FRONT: Door.OPEN}, flags={"may_enter": True})
 UNDER_WAY = LiftValues(floor=None, mode=Mode.NORMAL, doors={FRONT: Door.CLOSED})
 

@@ -15,7 +15,7 @@ WITH_MODE = replace(
     PLAIN,
     commands=PLAIN.commands | {"robot_mode"},
     signals=PLAIN.signals | {"robot_mode_on"},
-    levels=PLAIN.levels | {"robot_mode"},
+    held_commands=PLAIN.held_commands | {"robot_mode"},
 )
 KEYED = replace(PLAIN, signals=PLAIN.signals | {"robots_allowed"})
 

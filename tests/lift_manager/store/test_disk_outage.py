@@ -41,7 +41,7 @@ class SlowDisk:
         """Take so long for the commits that follow, and then `then_s` for every other."""
         self.commits, self.then_s, self.count = list(commits), then_s, 0
 
-    def do(self, work: Callable[[], Result]) -> Future[Result]:
+    def submit(self, work: Callable[[], Result]) -> Future[Result]:
         loop = asyncio.get_running_loop()
         done: Future[Result] = loop.create_future()
         self._takes_s = 0.0

@@ -47,7 +47,7 @@ FOLLOWED = CommandStatus(
     requested_at=AT,
     ended_at=None,
 )
-OUTCOME = Outcome(Command(CommandKind.GO_TO, "L2"), Result.CONFIRMED, "", Proof.READBACK, (), not_granted=False)
+OUTCOME = Outcome(Command(CommandKind.GO_TO, "L2"), Result.CONFIRMED, "", Proof.READBACK, (), grant_missing=False)
 LOCKOUT = Restriction(RestrictionKind.LOCKOUT, "A. Beck", "new ropes", AT)
 DRAIN = Restriction(RestrictionKind.DRAIN, "A. Beck", "new ropes", AT)
 CASES: tuple[tuple[Event, str, dict[str, object]], ...] = (

@@ -1,8 +1,7 @@
-"""What to write when: every output of one lift as a small state machine. Pure; time is a number handed in.
+"""Decides what to write when: each output of one lift is a small state machine. Pure; the caller passes the time.
 
-An output rests, is due to be pressed, is on, or is being let go. Letting go comes first, is repeated until it is verified,
-and needs nobody's permission. A press is tried once. A hold is a level: writing it again within its limit is the same
-command, not another one.
+An output is at rest, due to be pressed, on, or being released. Releases come first, are repeated until verified, and need no
+permission. A press is tried once. A hold may be written again within its limit: that is the same command, not another one.
 """
 
 from __future__ import annotations
@@ -22,17 +21,17 @@ from drivers.modbus.output import (
     Output,
     period_s,
 )
-from drivers.modbus.steps import ONLY_LOOK, Phase, Step, StepKind
+from drivers.modbus.steps import READ_ONLY_KINDS, Phase, Step, StepKind
 from drivers.model import Hold, PressId
 from register_maps.codec import Cell, CommandCodec
 from register_maps.command_codec import Written
 
 
 class Outputs:
-    """All outputs of one lift and what is to be done about them."""
+    """All outputs of one lift, and the writes they need."""
 
     def __init__(self, commands: Mapping[str, CommandCodec], written: Sequence[Written] = ()) -> None:
-        """Every output is taken to be at rest until `reconnected` says what the controller holds."""
+        """Assume that every output is at rest until `record_reconnect` shows what the controller holds."""
         self._outputs = {
             name: Output(codec, period_s(codec, written))
             for name, codec in commands.items()
@@ -54,7 +53,7 @@ class Outputs:
     def press(
         self, name: str, code: int | None, now: float, *, press: PressId | None = None, leave_by: float = math.inf
     ) -> None:
-        """Want a press, to be written by `leave_by` and the pauses of its map. A press of the same output that is still on is let go first."""
+        """Request a press, to be written by `leave_by` plus the pauses of its map. The same output, if still on, is released first."""
         output = self._outputs[name]
         self._clear_excluded(name)
         output.adopt_by, output.press = -math.inf, press
@@ -62,34 +61,34 @@ class Outputs:
         if output.phase in (Phase.REST, Phase.DUE):
             output.phase, output.code = Phase.DUE, code
         else:
-            output.again, output.next_code = True, code
+            output.has_next_press, output.next_code = True, code
             output.release()
-        if output.phase is not Phase.ON:  # a pulse that the device ends still lasts as long as it lasts
-            output.fall_at = now + (output.spec.max_hold_s or math.inf)
+        if output.phase is not Phase.ON:  # the device ends its pulse, not we
+            output.expires_at = now + (output.spec.max_hold_s or math.inf)
 
     def hold(self, name: str, now: float, *, until: float = math.inf, begin: bool = True) -> None:
-        """Want a hold, or renew it, for `max_hold_s` from now at most; what is only kept is pressed again once it may `begin`."""
+        """Request a hold, or renew it, for at most `max_hold_s` from now; one that is only kept is pressed again once it may `begin`."""
         output = self._outputs[name]
-        if output.renewed(min(until, now + (output.spec.max_hold_s or math.inf)), begin=begin):
+        if output.renew(min(until, now + (output.spec.max_hold_s or math.inf)), begin=begin):
             return
         if output.phase is Phase.REST:
             self._clear_excluded(name)
             output.phase, output.code, output.leave_by = Phase.DUE, 1, math.inf
-        elif output.phase is Phase.LETTING_GO:
-            output.again, output.next_code, output.leave_by = True, output.code or 1, math.inf
+        elif output.phase is Phase.RELEASING:
+            output.has_next_press, output.next_code, output.leave_by = True, output.code or 1, math.inf
             output.press = None
 
     def adopt(self, name: str, code: int, now: float, *, until: float = math.inf) -> None:
-        """Keep what is found on at the first look; what it excludes may not be kept as well."""
+        """Keep an output that the first look finds on; the outputs it excludes are released."""
         output = self._outputs[name]
         if output.can_be_adopted and output.phase is Phase.REST and now < until:
             self._clear_excluded(name)
             output.code, output.adopt_by = code, min(until, now + (output.spec.max_hold_s or math.inf))
 
     def declare(self, name: str, code: int, hold: Hold, now: float, *, adopts: bool) -> bool:
-        """Hold an output as declared. Returns whether it was let go, because it is on for something else.
+        """Hold an output as declared. Returns whether it was released because it is on for another floor.
 
-        `adopts` says that the lift was not read yet, so that it may be on from before.
+        With `adopts` the lift has not been read yet, so the output may be on from before.
         """
         output = self._outputs[name]
         kept_from_now = output.begin > 0 and not hold.begin
@@ -98,9 +97,9 @@ class Outputs:
             return False
         is_on = output.phase is Phase.ON or output.awaits_look
         if is_on and output.code != code:
-            self.let_go(name)
+            self.release(name)
             return True
-        if is_on or output.again or output.phase in (Phase.DUE, Phase.LEAVING):
+        if is_on or output.has_next_press or output.phase in (Phase.DUE, Phase.LEAVING):
             self.hold(name, now, until=hold.until, begin=hold.begin > 0)
             if kept_from_now:
                 output.keep()
@@ -111,52 +110,54 @@ class Outputs:
         return False
 
     def withhold(self, name: str, hold: Hold | None = None) -> bool:
-        """Let an output go although it is declared; presses that are on their way are left alone. Returns whether it was on or wanted."""
+        """Release an output although it is declared, except for a press under way. Returns whether it was on or requested."""
         output = self._outputs[name]
         if hold is not None:
             output.begin = hold.begin
-        wanted = output.again or output.awaits_look or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
-        if output.press_waits or not (wanted and output.is_level):
+        is_requested = (
+            output.has_next_press or output.awaits_look or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
+        )
+        if output.press_waits or not (is_requested and output.is_level):
             return False
-        self.let_go(name)
+        self.release(name)
         return True
 
     def undeclare(self, name: str) -> bool:
-        """Hold an output no longer; presses that are on their way are left alone. Returns whether it was let go."""
+        """Stop holding an output, except for a press under way. Returns whether it was released."""
         released = self.withhold(name)
-        self._outputs[name].begin = self._outputs[name].begun = 0
+        self._outputs[name].begin = self._outputs[name].used_begin = 0
         return released
 
     @property
-    def first_fall_at(self) -> float:
-        """When the first output falls that is on, waits to be, or may be from before."""
+    def first_expiry_at(self) -> float:
+        """When the first output expires that is on, due, or may be on from before."""
         outputs = self._outputs.values()
-        falls = [output.fall_at for output in outputs if output.phase in (Phase.DUE, Phase.ON)]
-        return min([*falls, *(output.adopt_by for output in outputs if output.awaits_look)], default=math.inf)
+        expiries = [output.expires_at for output in outputs if output.phase in (Phase.DUE, Phase.ON)]
+        return min([*expiries, *(output.adopt_by for output in outputs if output.awaits_look)], default=math.inf)
 
-    def let_go(self, name: str) -> None:
-        """Want rest, now."""
+    def release(self, name: str) -> None:
+        """Release an output, now."""
         output = self._outputs[name]
-        output.again = False
+        output.has_next_press = False
         output.release()
 
     def clear(self, name: str, now: float) -> None:
-        """Let go of what somebody else has pressed here; after a few tries that do not show it is left as it is."""
+        """Release an output that somebody else has pressed; give up after a few tries without effect."""
         output = self._outputs[name]
         if output.phase is Phase.REST:
-            output.phase, output.try_at, output.failures, output.foreign = Phase.LETTING_GO, now, 0, MOST_PRESSES
+            output.phase, output.try_at, output.failures, output.foreign = Phase.RELEASING, now, 0, MOST_PRESSES
 
-    def let_all_go(self) -> None:
-        """Want rest everywhere."""
+    def release_all(self) -> None:
+        """Release every output."""
         for name in self._outputs:
-            self.let_go(name)
+            self.release(name)
 
     def phase(self, name: str) -> Phase:
-        """Where this output is."""
+        """Return the phase of an output."""
         return self._outputs[name].phase
 
-    def verified(self, name: str) -> bool:
-        """Whether it is on and the controller was seen to hold it."""
+    def is_verified(self, name: str) -> bool:
+        """Whether it is on, and verified by a read-back."""
         output = self._outputs[name]
         return output.phase is Phase.ON and output.verified
 
@@ -168,49 +169,44 @@ class Outputs:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every output."""
+        """The names of all outputs."""
         return tuple(self._outputs)
 
     def output(self, name: str) -> Output:
-        """Return one output as it stands."""
+        """Return one output."""
         return self._outputs[name]
 
     @property
-    def at_rest(self) -> bool:
-        """Whether nothing is on, due or being let go."""
+    def all_at_rest(self) -> bool:
+        """Whether no output is on, due or being released."""
         return all(output.phase is Phase.REST for output in self._outputs.values())
 
-    def pending(self, name: str) -> bool:
-        """Whether it is on, or will be as far as it goes."""
+    def is_pending(self, name: str) -> bool:
+        """Whether it is on or still to be pressed."""
         output = self._outputs[name]
-        return output.again or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
+        return output.has_next_press or output.phase in (Phase.DUE, Phase.LEAVING, Phase.ON)
 
-    def looks_first(self, name: str) -> bool:
+    def is_looked_at_first(self, name: str) -> bool:
         """Whether an output is read back before each refresh instead of after it."""
         output = self._outputs[name]
-        return output.is_looked_at_first and not output.codec.shared
+        return output.is_looked_at_first and not output.codec.is_shared
 
-    def rests(self, name: str) -> bool:
-        """Whether there is nothing to let go of."""
-        output = self._outputs[name]
-        return output.phase is Phase.REST and not output.awaits_look
-
-    def about_to_press(self, name: str, code: int) -> tuple[Step, Cells]:
-        """Return the press of an output and our cells with it, once what it excludes is let go."""
+    def plan_press(self, name: str, code: int) -> tuple[Step, Cells]:
+        """Return the press of an output and our cells with it, as if the outputs it excludes were released."""
         step = Step(StepKind.PRESS, name, code)
         return step, self.cells(step, without=self._excluded[name])
 
-    def still_wanted(self, step: Step) -> bool:
-        """Whether somebody still wants what a press or refresh asks for."""
+    def is_needed(self, step: Step) -> bool:
+        """Whether a press or refresh is still requested."""
         output = self._outputs[step.name]
         if step.kind is StepKind.PRESS and output.phase is not Phase.ON:
-            return output.phase is Phase.LEAVING and not output.unwanted
+            return output.phase is Phase.LEAVING and not output.is_abandoned
         return output.phase is Phase.ON
 
-    def next(self, now: float, endpoint: str = "") -> Step | None:
-        """Hand out the write to one device that is due now, releases first; None when there is none.
+    def next_step(self, now: float, endpoint: str = "") -> Step | None:
+        """Return the write to one device that is due now, releases first, or None.
 
-        A press that is handed out is on its way: its fate is told by `written` or `failed`.
+        A press that is returned counts as leaving until `record_write` or `record_failure` reports its result.
         """
         self._expire(now)
         due = self._release_due(now, endpoint) or self._other_due(now, endpoint)
@@ -219,51 +215,51 @@ class Outputs:
         return due
 
     def _expire(self, now: float) -> None:
-        """End what has lasted, or waited, for as long as it may."""
+        """End outputs whose time is over, and presses that have waited too long."""
         for output in self._outputs.values():
-            output.try_again(now)
+            output.end_yielding(now)
             if now >= output.adopt_by:
                 output.adopt_by = -math.inf
-            if output.phase is Phase.ON and now >= output.fall_at:
+            if output.phase is Phase.ON and now >= output.expires_at:
                 if output.spec.ends_itself:
-                    output.rest(now)
+                    output.come_to_rest(now)
                 else:
                     output.release()
-            elif (output.again or output.phase is Phase.DUE) and now >= output.give_up_at:
-                output.again = False
+            elif (output.has_next_press or output.phase is Phase.DUE) and now >= output.give_up_at:
+                output.has_next_press = False
                 if output.phase is Phase.DUE:
                     output.release()
 
     def _release_due(self, now: float, endpoint: str) -> Step | None:
-        """Return the release that has waited longest: one that fails again and again does not keep others waiting."""
-        due = [(name, output) for name, output in self._at(endpoint) if now >= output.let_go_at]
+        """Return the release that has waited longest, so that one that fails repeatedly does not delay the others."""
+        due = [(name, output) for name, output in self._at(endpoint) if now >= output.release_at]
         if not due:
             return None
-        name, output = min(due, key=lambda item: item[1].let_go_at)
+        name, output = min(due, key=lambda item: item[1].release_at)
         kind = StepKind.PAUSE if output.phase is Phase.ON else StepKind.VERIFY if output.echoed else StepKind.RELEASE
         return Step(kind, name, None, was=output.code)
 
-    def looked_at_later(self, step: Step, now: float) -> bool:
-        """Whether the look at a release that was answered waits, because another output was not even written to rest yet."""
+    def defer_verification(self, step: Step, now: float) -> bool:
+        """Postpone the read-back of an answered release while another output still waits for its first. Returns whether it is postponed."""
         if step.kind is not StepKind.RELEASE:
             return False
         output = self._outputs[step.name]
         others = (other for _, other in self._at(output.codec.endpoint) if other is not output)
-        if any(now >= other.let_go_at and not other.echoed for other in others):
+        if any(now >= other.release_at and not other.echoed for other in others):
             output.echoed, output.try_at = True, now
         return output.echoed
 
     def _at(self, endpoint: str) -> Iterator[tuple[str, Output]]:
-        """Yield the outputs that are written to one device."""
+        """Return the outputs that are written to one device."""
         return ((name, output) for name, output in self._outputs.items() if output.codec.endpoint == endpoint)
 
     def _other_due(self, now: float, endpoint: str) -> Step | None:
-        """Return what has waited longest of everything else: what is written often keeps nothing from being written at all."""
+        """Return the other write that has waited longest, so that frequent writes do not starve the rest."""
         due = [(at, step) for at, step in self._others(now, endpoint) if now >= at]
         return min(due, key=lambda item: item[0])[1] if due else None
 
     def _others(self, now: float, endpoint: str) -> Iterator[tuple[float, Step]]:
-        """Yield what is to be written but for releases, and when."""
+        """Yield all writes except releases, each with the time it is due."""
         for name, beat in self._beats.items():
             if beat.codec.endpoint == endpoint:
                 yield beat.at, Step(StepKind.BEAT, name, beat.next_count)
@@ -273,50 +269,50 @@ class Outputs:
                 kind, code = (StepKind.PRESS, output.code) if armed else (StepKind.RESET, None)
                 yield self._free_at(name), Step(kind, name, code)
             if output.phase is Phase.ON:
-                again = StepKind.PRESS if output.gone else StepKind.REFRESH
-                yield output.due_at, Step(StepKind.LOOK if output.looks else again, name, output.code)
+                again = StepKind.PRESS if output.is_found_off else StepKind.REFRESH
+                yield output.due_at, Step(StepKind.LOOK if output.is_read_next else again, name, output.code)
         for cycle in self._cycles:
-            if cycle.block.endpoint == endpoint and self._image.idle(cycle.block):
+            if cycle.block.endpoint == endpoint and self._image.is_idle(cycle.block):
                 yield cycle.at, Step(StepKind.CYCLE, "", None, cycle.block)
 
     def wake_at(self, endpoint: str = "") -> float:
-        """Earliest time at which `next` may have something; infinity when only an event can change that."""
+        """Return the earliest time at which `next_step` may return a step; infinity if only an event can change that."""
         times = [math.inf, *(beat.at for beat in self._beats.values() if beat.codec.endpoint == endpoint)]
         times += [
-            cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._image.idle(cycle.block)
+            cycle.at for cycle in self._cycles if cycle.block.endpoint == endpoint and self._image.is_idle(cycle.block)
         ]
         for name, output in self._at(endpoint):
-            times.append(output.let_go_at)
+            times.append(output.release_at)
             if output.awaits_look:
                 times.append(output.adopt_by)
             if output.phase is Phase.DUE:
                 times.append(self._free_at(name))
-            if output.phase is Phase.DUE or output.again:
+            if output.phase is Phase.DUE or output.has_next_press:
                 times.append(output.give_up_at)
             if output.phase is Phase.ON:
-                times += [output.fall_at, output.due_at]
+                times += [output.expires_at, output.due_at]
         return min(times)
 
     def cells(self, step: Step, without: Collection[str] = ()) -> Cells:
-        """Contents of our cells with this step applied: of everything else, only what is on is pressed."""
+        """Return our cells with this step applied; of the other outputs only those that are on are pressed."""
         return self._image.cells(step, without)
 
-    def covered(self, step: Step) -> list[Cell]:
-        """List every address that the writes of a step cover."""
-        return self._image.covered(step)
+    def covered_cells(self, step: Step) -> list[Cell]:
+        """Return every cell that the writes of a step cover."""
+        return self._image.covered_cells(step)
 
-    def beside(self, step: Step) -> tuple[str, ...]:
-        """Other outputs in the cells of a step, on or not."""
-        return self._image.beside(step)
+    def others_in_cells(self, step: Step) -> tuple[str, ...]:
+        """Return the other outputs in the cells of a step, on or not."""
+        return self._image.others_in_cells(step)
 
     def neighbours(self, step: Step) -> tuple[str, ...]:
-        """Other outputs in the cells of a step that it has to write as pressed, because they are on, or may be."""
+        """Return the other outputs that a step has to write as pressed, because they are on or may be."""
         return self._image.neighbours(step)
 
-    def written(self, step: Step, now: float) -> None:
-        """The controller echoed the write. That proves nothing yet."""
-        if step.kind not in ONLY_LOOK:
-            self._restart_cycles(self.covered(step), now)
+    def record_write(self, step: Step, now: float) -> None:
+        """Record that the controller echoed the write of a step. That proves nothing yet."""
+        if step.kind not in READ_ONLY_KINDS:
+            self._restart_cycles(self.covered_cells(step), now)
         if step.block is not None:
             return
         if step.kind is StepKind.BEAT:
@@ -329,46 +325,48 @@ class Outputs:
                 output.armed_at = now + output.spec.reset_first_s
             case StepKind.PAUSE:
                 output.pause_at, output.paused = math.inf, True
-            case StepKind.PRESS if output.phase is Phase.LEAVING or output.gone:
+            case StepKind.PRESS if output.phase is Phase.LEAVING or output.is_found_off:
                 output.phase, output.verified, output.armed_at, output.set_at = Phase.ON, False, None, now
-                output.paused = output.unwanted = False
+                output.paused = output.is_abandoned = False
                 output.not_before = max(output.not_before, now + output.spec.min_repeat_s)
                 if output.spec.width_s is not None and output.spec.repeat_pulse_s is None:
-                    output.fall_at = now + output.spec.width_s
+                    output.expires_at = now + output.spec.width_s
             case _:
                 pass
         if output.phase is Phase.ON and step.kind is not StepKind.PAUSE:
-            output.asserted(now, looked=step.kind is StepKind.LOOK)
+            output.record_write(now, was_read=step.kind is StepKind.LOOK)
 
-    def looked(self, step: Step, *, holds: bool, now: float, excused: bool = False) -> None:
-        """The cells were read back, or cannot be; `holds` says whether they hold what the step wrote.
+    def record_look(self, step: Step, *, holds: bool, now: float, excused: bool = False) -> None:
+        """Record a read-back, or that none is possible; `holds` tells whether the cells hold what the step wrote.
 
-        `excused` says that the lift tells itself why an output was let go: then it counts for no fight.
+        With `excused` the lift itself reports why an output was released; then the drop does not count as a fight.
         """
         output = self._outputs[step.name]
         if output.phase is Phase.ON and step.kind is not StepKind.RELEASE:
-            if output.only_kept and not holds:
+            if output.is_only_kept and not holds:
                 output.release()
                 return
             if holds:
-                output.verified = output.was_seen = True
-                output.dropped = output.dropped and step.kind is not StepKind.LOOK
+                output.verified = output.was_found_on = True
+                output.was_dropped = output.was_dropped and step.kind is not StepKind.LOOK
                 return
-            # one that did not come back at the first try is not tried at that pace: each try is a rising edge
-            output.fall(now, pause_s=RETRY_S if output.verified or not output.was_seen else LOOK_S, excused=excused)
-        elif output.phase is Phase.LETTING_GO and step.kind in (StepKind.RELEASE, StepKind.VERIFY):
+            # if the first try fails, later ones are slower: each try is a rising edge
+            output.press_again_later(
+                now, pause_s=RETRY_S if output.verified or not output.was_found_on else LOOK_S, excused=excused
+            )
+        elif output.phase is Phase.RELEASING and step.kind in (StepKind.RELEASE, StepKind.VERIFY):
             if holds or output.foreign == 1:
-                output.rest(now)
+                output.come_to_rest(now)
             else:
                 output.foreign = max(0, output.foreign - 1)
-                output.retry(now)
+                output.retry_later(now)
 
-    def failed(
+    def record_failure(
         self, step: Step, *, maybe_sent: bool, now: float, rejected: bool = False, arrived: bool = False
     ) -> None:
-        """The write or its read-back failed. What may have been pressed is let go; a release is tried again.
+        """Record that a write or its read-back failed: release what may have been pressed, try a release again.
 
-        `arrived` says that the controller has answered it, though it did nothing.
+        With `arrived` the controller has answered, but did nothing.
         """
         if step.block is not None:
             self._restart_cycles(step.block.cells, now)
@@ -382,10 +380,10 @@ class Outputs:
             output.not_before = max(output.not_before, now + REJECTED_PAUSE_S)
         match step.kind:
             case StepKind.RELEASE | StepKind.VERIFY:
-                output.retry(now)
+                output.retry_later(now)
             case StepKind.RESET:
                 if output.phase is Phase.DUE:
-                    output.rest(output.rested_at)
+                    output.come_to_rest(output.rested_at)
                 output.try_at = now + RETRY_S
             case StepKind.PAUSE:
                 output.pause_at = now + RETRY_S
@@ -395,18 +393,18 @@ class Outputs:
                 slowly_s = min(REJECTED_PAUSE_S, max(RETRY_S, output.every_s))
                 output.refresh_at = now + (slowly_s if rejected else RETRY_S)
             case _:
-                output.press_failed(maybe_sent=maybe_sent, arrived=arrived, now=now)
+                output.record_failed_press(maybe_sent=maybe_sent, arrived=arrived, now=now)
 
-    def reconnected(self, cells: Cells, now: float, endpoints: Collection[str] = ("",)) -> None:
-        """Compare with what the controller holds after a new connection to these devices; `cells` are those of `read_points`.
+    def record_reconnect(self, cells: Cells, now: float, endpoints: Collection[str] = ("",)) -> None:
+        """Compare the outputs with what the controller holds after a new connection to these devices; `cells` are those of `read_points`.
 
-        What was to be adopted and is there is kept; what is not there is at rest. A hold that is wanted and is there is adopted; one that is gone is written again as the level it is. A
-        call is never repeated. Everything else of ours that is not at rest is let go. At a point that shows a lamp nobody
-        can see a leftover of ours, and a passenger's call is not to be cleared.
+        An output to be adopted is kept if it is on, else at rest. A declared hold that is on is kept; one that is off is written
+        again. A call is never repeated. All other outputs that are not at rest are released, except at points that show a lamp:
+        there a leftover of ours looks like a passenger's call, which must not be cleared.
         """
         for output in self._outputs.values():
             if not output.spec.ends_itself and {point.endpoint for point in output.codec.points} & set(endpoints):
-                output.connected(cells, now)
+                output.reconnect(cells, now)
 
     def _restart_cycles(self, cells: Sequence[Cell], now: float) -> None:
         for cycle in self._cycles:
@@ -414,7 +412,7 @@ class Outputs:
                 cycle.at = now + cycle.every_s
 
     def _mutual(self, name: str) -> dict[str, float]:
-        """Return what may not be on together with an output, whichever of the two says so, and the pause between them."""
+        """Return the outputs that may not be on together with this one, whichever of the two excludes the other, with the pause between them."""
         own = self._outputs[name].spec
         pauses = dict.fromkeys(own.excludes, own.gap_s)
         for other, output in self._outputs.items():
@@ -428,14 +426,14 @@ class Outputs:
 
     def _clear_excluded(self, name: str) -> None:
         for other in self._excluded[name]:
-            self.let_go(other)
+            self.release(other)
 
     def _free_at(self, name: str) -> float:
-        """Return when the outputs that this one excludes will have rested for the gap; infinity while one is on."""
+        """Return when the outputs that this one excludes have been at rest for the gap; infinity while one is on."""
         output = self._outputs[name]
         free = max(output.try_at, output.not_before, -math.inf if output.armed_at is None else output.armed_at)
         for other, gap_s in self._excluded[name].items():
-            if self._outputs[other].phase in (Phase.ON, Phase.LEAVING, Phase.LETTING_GO):
+            if self._outputs[other].phase in (Phase.ON, Phase.LEAVING, Phase.RELEASING):
                 return math.inf
             free = max(free, self._outputs[other].rested_at + gap_s)
         return free

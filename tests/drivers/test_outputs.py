@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drivers.modbus.output import RETRY_S
-from drivers.modbus.recipe import Outputs
+from drivers.modbus.outputs import Outputs
 from drivers.modbus.steps import Phase, Step, StepKind
 from register_maps.words import Table
 from tests.support.shipped_maps import compiled
@@ -16,10 +16,10 @@ def outputs(name: str = "generic-registers") -> Outputs:
 
 
 def carry_out(made: Outputs, now: float) -> Step:
-    step = made.next(now)
+    step = made.next_step(now)
     assert step is not None
-    made.written(step, now)
-    made.looked(step, holds=True, now=now)
+    made.record_write(step, now)
+    made.record_look(step, holds=True, now=now)
     return step
 
 
@@ -27,56 +27,56 @@ def test_a_pulse_is_pressed_stays_on_for_its_width_and_is_let_go() -> None:
     made = outputs()
     made.press("go_to", 3, 10.0)
     assert carry_out(made, 10.0) == Step(StepKind.PRESS, "go_to", 3)
-    assert made.next(10.49) is None
+    assert made.next_step(10.49) is None
     assert made.wake_at() == 10.5
     assert carry_out(made, 10.5) == Step(StepKind.RELEASE, "go_to", None)
-    assert made.at_rest
+    assert made.all_at_rest
     assert made.wake_at() == math.inf
 
 
 def test_a_press_is_tried_once() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
-    step = made.next(0.0)
+    step = made.next_step(0.0)
     assert step is not None
-    made.failed(step, maybe_sent=False, now=0.5)
-    assert made.at_rest
-    assert made.next(100.0) is None
+    made.record_failure(step, maybe_sent=False, now=0.5)
+    assert made.all_at_rest
+    assert made.next_step(100.0) is None
 
 
 def test_a_press_that_may_have_arrived_is_let_go_and_not_pressed_again() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
-    step = made.next(0.0)
+    step = made.next_step(0.0)
     assert step is not None
-    made.failed(step, maybe_sent=True, now=0.5)
+    made.record_failure(step, maybe_sent=True, now=0.5)
     assert carry_out(made, 0.5).kind is StepKind.RELEASE
-    assert made.next(100.0) is None
+    assert made.next_step(100.0) is None
 
 
 def test_a_release_is_tried_again_until_it_is_seen_to_hold() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
     carry_out(made, 0.0)
-    release = made.next(0.5)
+    release = made.next_step(0.5)
     assert release is not None
-    made.failed(release, maybe_sent=True, now=1.0)
-    assert made.next(1.0) is None
-    again = made.next(1.0 + RETRY_S)
+    made.record_failure(release, maybe_sent=True, now=1.0)
+    assert made.next_step(1.0) is None
+    again = made.next_step(1.0 + RETRY_S)
     assert again == release
-    made.written(release, 1.3)
-    made.looked(release, holds=False, now=1.3)
-    assert not made.at_rest
-    assert made.next(1.3 + RETRY_S) is None, "each try waits longer"
+    made.record_write(release, 1.3)
+    made.record_look(release, holds=False, now=1.3)
+    assert not made.all_at_rest
+    assert made.next_step(1.3 + RETRY_S) is None, "each try waits longer"
     assert carry_out(made, 1.3 + 2 * RETRY_S) == release
-    assert made.at_rest
+    assert made.all_at_rest
 
 
 def test_releases_go_before_presses() -> None:
     made = outputs()
     made.hold("hold_door.front", 0.0)
     carry_out(made, 0.0)
-    made.let_go("hold_door.front")
+    made.release("hold_door.front")
     made.press("go_to", 2, 0.1)
     assert [carry_out(made, 0.1).kind for _ in range(2)] == [StepKind.RELEASE, StepKind.PRESS]
 
@@ -86,10 +86,10 @@ def test_a_hold_is_refreshed_on_time_and_falls_at_its_limit() -> None:
     made.hold("hold_door.front", 0.0)
     assert carry_out(made, 0.0).kind is StepKind.PRESS
     for second in range(1, 30):
-        assert made.next(second - 0.01) is None
+        assert made.next_step(second - 0.01) is None
         assert carry_out(made, float(second)).kind is StepKind.REFRESH
     assert carry_out(made, 30.0).kind is StepKind.RELEASE
-    assert made.at_rest
+    assert made.all_at_rest
 
 
 def test_renewing_a_hold_moves_its_limit() -> None:
@@ -116,12 +116,12 @@ def test_what_excludes_each_other_is_let_go_first() -> None:
 def test_a_hold_that_does_not_stick_is_written_again_soon_and_does_not_count_as_verified() -> None:
     made = outputs()
     made.hold("hold_door.front", 0.0)
-    step = made.next(0.0)
+    step = made.next_step(0.0)
     assert step is not None
-    made.written(step, 0.0)
-    made.looked(step, holds=False, now=0.0)
-    assert not made.verified("hold_door.front")
-    assert made.next(RETRY_S) is None, "it waits for another beginning"
+    made.record_write(step, 0.0)
+    made.record_look(step, holds=False, now=0.0)
+    assert not made.is_verified("hold_door.front")
+    assert made.next_step(RETRY_S) is None, "it waits for another beginning"
     made.output("hold_door.front").begin += 1
     assert made.wake_at() == pytest.approx(RETRY_S)
     assert carry_out(made, RETRY_S) == Step(StepKind.PRESS, "hold_door.front", 1)
@@ -142,9 +142,9 @@ def test_letting_everything_go_forgets_what_was_due_and_what_was_to_follow() -> 
     carry_out(made, 0.0)
     made.press("go_to", 3, 0.1)
     made.hold("hold_door.front", 0.1)
-    made.let_all_go()
+    made.release_all()
     assert carry_out(made, 0.1).kind is StepKind.RELEASE
-    assert made.at_rest
+    assert made.all_at_rest
 
 
 def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_is_not() -> None:
@@ -155,8 +155,8 @@ def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_
         carry_out(made, 0.0)
         made.press("go_to", 2, 0.0)
         carry_out(made, 0.0)
-        made.reconnected(cells | {("", Table.HOLDING, 17): int(still_on)}, 5.0)
-        assert made.verified("hold_door.front") is still_on
+        made.record_reconnect(cells | {("", Table.HOLDING, 17): int(still_on)}, 5.0)
+        assert made.is_verified("hold_door.front") is still_on
         assert carry_out(made, 5.0) == Step(StepKind.RELEASE, "go_to", None)
         made.output("hold_door.front").begin += 1
         again = StepKind.REFRESH if still_on else StepKind.PRESS
@@ -166,7 +166,7 @@ def test_after_a_reconnect_a_wanted_hold_is_adopted_or_written_again_and_a_call_
 
 def test_after_a_reconnect_what_nobody_wants_is_let_go() -> None:
     made = outputs()
-    made.reconnected(
+    made.record_reconnect(
         {
             ("", Table.HOLDING, 16): 3,
             ("", Table.HOLDING, 17): 0,
@@ -176,48 +176,48 @@ def test_after_a_reconnect_what_nobody_wants_is_let_go() -> None:
         5.0,
     )
     assert {carry_out(made, 5.0).name for _ in range(2)} == {"go_to", "robot_mode"}
-    assert made.at_rest
+    assert made.all_at_rest
 
 
 def test_a_level_call_that_the_controller_still_holds_is_adopted() -> None:
     made = outputs("two-stop-agv")
     made.press("go_to", 1, 0.0)
     carry_out(made, 0.0)
-    made.reconnected({("", Table.COIL, n): int(n == 1) for n in range(4)}, 1.0)
+    made.record_reconnect({("", Table.COIL, n): int(n == 1) for n in range(4)}, 1.0)
     assert made.phase("go_to") is Phase.ON
-    made.reconnected({("", Table.COIL, n): 0 for n in range(4)}, 2.0)
+    made.record_reconnect({("", Table.COIL, n): 0 for n in range(4)}, 2.0)
     assert carry_out(made, 2.0) == Step(StepKind.RELEASE, "go_to", None)
-    assert made.at_rest
+    assert made.all_at_rest
 
 
 def test_a_press_that_is_let_go_while_it_is_on_its_way_is_released_when_it_has_arrived() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
-    step = made.next(0.0)
+    step = made.next_step(0.0)
     assert step is not None
-    made.let_go("go_to")
-    assert not made.at_rest
-    made.written(step, 0.1)
+    made.release("go_to")
+    assert not made.all_at_rest
+    made.record_write(step, 0.1)
     assert carry_out(made, 0.1) == Step(StepKind.RELEASE, "go_to", None)
-    assert made.at_rest
+    assert made.all_at_rest
 
 
 def test_a_press_that_is_let_go_on_its_way_and_never_left_needs_no_release() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
-    step = made.next(0.0)
+    step = made.next_step(0.0)
     assert step is not None
-    made.let_go("go_to")
-    made.failed(step, maybe_sent=False, now=0.1)
-    assert made.at_rest
+    made.release("go_to")
+    made.record_failure(step, maybe_sent=False, now=0.1)
+    assert made.all_at_rest
 
 
 def test_a_newer_press_waits_for_the_one_on_its_way_to_be_let_go() -> None:
     made = outputs()
     made.press("go_to", 3, 0.0)
-    first = made.next(0.0)
+    first = made.next_step(0.0)
     assert first is not None
     made.press("go_to", 2, 0.05)
-    made.written(first, 0.1)
+    made.record_write(first, 0.1)
     assert carry_out(made, 0.1) == Step(StepKind.RELEASE, "go_to", None)
     assert carry_out(made, 0.1) == Step(StepKind.PRESS, "go_to", 2)

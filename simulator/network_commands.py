@@ -1,4 +1,4 @@
-"""What a map's commands ask of the controller, and what the map says about how the controller takes them. Pure."""
+"""Reads the commands of a map from the registers, and applies the map's rules to the controller. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WATCHDOG_REFRESHES = 3
 many of its beats. Chosen: one lost write must not open a grip, and people wait no longer than that for their lift."""
 
 
-def asked(codec: Codec, written: Image, codes: Sequence[int]) -> dict[str, int]:
+def present_commands(codec: Codec, written: Image, codes: Sequence[int]) -> dict[str, int]:
     """Return the commands that are present: the index of the floor for a call, 1 for others; unknown floors are no call."""
     found: dict[str, int] = {}
     for name, command in codec.commands.items():
@@ -27,14 +27,14 @@ def asked(codec: Codec, written: Image, codes: Sequence[int]) -> dict[str, int]:
     return found
 
 
-def beat(codec: Codec, written: Image) -> int | None:
-    """Return what the client's heartbeat stands at; None where the map has none."""
+def heartbeat_count(codec: Codec, written: Image) -> int | None:
+    """Return the count of the client's heartbeat; None if the map has none."""
     command = codec.commands.get("heartbeat")
     return None if command is None else command.decode(written)
 
 
 def watchdog_s(codec: Codec) -> float | None:
-    """Return when watched commands fall without a sign of life; None where the map says that all of them last."""
+    """Return after how long without a sign of life watched commands end; None if no command of the map is watched."""
     watched = [codec.commands[name].spec for name in _watched(codec)]
     if not watched:
         return None
@@ -44,11 +44,11 @@ def watchdog_s(codec: Codec) -> float | None:
     return max(spec.refresh_s or 1.0 for spec in watched) * WATCHDOG_REFRESHES
 
 
-def as_the_map_says(parameters: Parameters, codec: Codec) -> Parameters:
-    """Set a controller to what its map says of watchdog, robot mode and handshake.
+def apply_map(parameters: Parameters, codec: Codec) -> Parameters:
+    """Apply the map's watchdog, robot mode and handshake to a controller.
 
-    A `hold_watchdog_s` that is given goes before that of the map, and infinity is no watchdog at all. What is given as
-    `watched` is watched beside what the map says.
+    A given `hold_watchdog_s` overrides that of the map; infinity is no watchdog at all. Commands given as `watched` are
+    watched in addition to those of the map.
     """
     limit_s = watchdog_s(codec) if parameters.hold_watchdog_s is None else parameters.hold_watchdog_s
     commands = codec.map.commands

@@ -1,4 +1,4 @@
-"""Which writes a map declares: the guard behind every write that leaves. Pure."""
+"""Knows which writes a map declares; guards every write that is sent. Pure."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Shape = tuple[int, int, int, int, int | None]
 
 
 class UndeclaredWrite(RuntimeError):
-    """A write to an address that no command of a loaded map has: a bug of ours, not a fault of the controller.
+    """A write that no command of a loaded map declares: a bug of ours, not a fault of the controller.
 
-    No DriverError, so nothing that deals with faults can pass over it. Nothing of the write has left.
+    Not a DriverError, so fault handling cannot swallow it. Nothing of the write was sent.
     """
 
     def __init__(self, link: str, request: Request) -> None:
@@ -28,16 +28,16 @@ class UndeclaredWrite(RuntimeError):
         self.request = request
 
 
-class Declared:
-    """The writes that commands of maps consist of: whole shapes, so neither a longer block nor another function passes."""
+class DeclaredWrites:
+    """The writes that the commands of maps consist of, as whole shapes: neither a longer block nor another function passes."""
 
     def __init__(self) -> None:
-        """Nothing may be written."""
+        """Allow nothing."""
         self._bits: dict[Shape, int] = {}
-        """Per shape the bits that function 22 may change; with every other function they are of no account."""
+        """The bits of each shape that function 22 may change; not used with other functions."""
 
     def add(self, commands: Iterable[CommandCodec], units: Mapping[str, int]) -> None:
-        """Allow what writes these commands; `units` gives the unit id of each endpoint on this link, and no others count."""
+        """Allow the writes of these commands to the endpoints on this link; `units` has their unit ids."""
         for command in commands:
             for block, function in zip(command.blocks, command.functions, strict=True):
                 unit = units.get(block.endpoint)
@@ -49,7 +49,7 @@ class Declared:
                 self._bits[shape] = reduce(or_, bits, self._bits.get(shape, 0))
 
     def allows(self, request: Request) -> bool:
-        """Whether a write has the shape of a declared one. What function 22 keeps must be everything but declared bits."""
+        """Whether a write has the shape of a declared one. Function 22 must keep all but declared bits."""
         shape = (request.unit, request.function, request.address, request.count, request.duration)
         bits = self._bits.get(shape)
         if bits is None:
