@@ -22,7 +22,7 @@ from lift_manager.lift.journal import RowKind
 from lift_manager.store.chain import StoredRow
 from lift_manager.store.errors import ChainBroken, JournalUnreadable
 from lift_manager.store.read import (
-    ALL,
+    ALL_ROWS,
     Follower,
     RowFilter,
     microseconds,
@@ -165,14 +165,14 @@ def _show(source: Source, wanted: RowFilter, last: int | None) -> None:
 
 def _follow(source: Source, wanted: RowFilter, count: int) -> None:
     with open_journal(source.path, copy=source.copy) as reader:
-        newest = next(iter(reader.newest(ALL, 1)), None)
+        newest = next(iter(reader.newest(ALL_ROWS, 1)), None)
         rows = reader.newest(wanted, count, newest.seq if newest is not None else None)
     sheet = Sheet(out, source.zone, rows, _lifts(source))
     follower = Follower(source.path, wanted, newest, copy=source.copy)
     try:
         sheet.show(rows)
         while True:
-            news = follower.news()
+            news = follower.poll()
             if news.replaced:
                 err.print(
                     f"{source.path}: another journal is in its place; these are its rows", markup=False, soft_wrap=True
@@ -282,7 +282,7 @@ def _lifts(source: Source) -> Iterable[str]:
 def _nothing(source: Source, wanted: RowFilter, *, any_rows: bool) -> str:
     if wanted.lift is not None and source.site is not None and wanted.lift not in source.site.lifts:
         return f"no row is of a lift {wanted.lift!r}; the lifts of this site are {', '.join(source.site.lifts)}"
-    if any_rows or wanted == ALL:
+    if any_rows or wanted == ALL_ROWS:
         return "no rows"
     return "no row is like that"
 

@@ -28,7 +28,7 @@ from lift_manager.store.committer import Committer
 from lift_manager.store.errors import StoreError
 from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.store.retention import Limits
-from lift_manager.store.site import opened
+from lift_manager.store.site import open_store
 from lift_manager.web.errors import ListenError
 from lift_manager.web.limits import allow_files
 from lift_manager.web.server import listen
@@ -73,7 +73,7 @@ def serve(
     place, keeps = store_path_of(loaded), loaded.site.journal
     try:
         limits = Limits(keeps.keep_days, keeps.max_mb)
-        committer = opened(place, loaded.site.name, loaded.site.lifts.keys(), limits)
+        committer = open_store(place, loaded.site.name, loaded.site.lifts.keys(), limits)
         sock = listen(api.host, api.port if port is None else port)
     except (StoreError, ListenError) as error:
         raise fail(str(error)) from error

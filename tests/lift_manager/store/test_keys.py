@@ -103,7 +103,7 @@ GOOD = {"format": "lift-manager keys", "version": 1, "site": SITE, "keys": []}
         ("", "is damaged"),
         ("{}", "is damaged"),
         (json.dumps(GOOD | {"format": "lift-manager state"}), "is damaged"),
-        (json.dumps(GOOD | {"version": 2}), "is version 2"),
+        (json.dumps(GOOD | {"version": 2}), "has version 2"),
         (json.dumps(GOOD | {"site": "Clinic"}), "belongs to the site 'Clinic'"),
         (json.dumps(GOOD | {"keys": [{"id": "x"}]}), "is damaged"),
         (json.dumps(GOOD | {"more": 1}), "is damaged"),
@@ -161,7 +161,7 @@ class Watch:
         self.rows.append(row)
         self._news.set()
 
-    async def news(self) -> None:
+    async def poll(self) -> None:
         async with asyncio.timeout(1.0):
             await self._news.wait()
         self._news.clear()
@@ -172,10 +172,10 @@ def test_a_running_manager_knows_of_a_made_and_a_revoked_key_within_a_second(pat
         watch = Watch(path)
         running = asyncio.create_task(watch.keys.run(watch.note))
         secret = made(path, "amr-1", Role.ROBOT, ("east", "west"))
-        await watch.news()
+        await watch.poll()
         assert watch.keys.find(secret) is not None
         revoke_key(path, SITE, "amr-1", by="beck", at=AT)
-        await watch.news()
+        await watch.poll()
         assert watch.keys.find(secret) is None
         running.cancel()
         assert [row.text for row in watch.rows] == [
@@ -206,8 +206,8 @@ def test_a_file_that_is_gone_at_a_start_although_there_were_keys_is_refused_in_w
     path.unlink()
     with pytest.raises(KeysUnusable) as caught:
         watched(path, open_without=open_without)
-    assert f"{path} is gone, though there were keys" in str(caught.value)
-    assert "put back a copy of it, or make keys" in str(caught.value)
+    assert f"{path} is gone, although there were keys" in str(caught.value)
+    assert "restore a copy of it, or make keys" in str(caught.value)
     made(path)
     assert watched(path, open_without=open_without).needed
 
@@ -291,7 +291,7 @@ def test_a_file_that_goes_bad_under_way_neither_opens_the_door_nor_shuts_it(
         assert watch.keys.find(secret) is not None
         replace_file(path, good)
         revoke_key(path, SITE, "amr-1", by="beck", at=AT)
-        await watch.news()
+        await watch.poll()
         assert watch.keys.find(secret) is None
         running.cancel()
 
