@@ -30,7 +30,7 @@ from lift_manager.store.keys import KeyFile, keys_path
 from lift_manager.store.retention import Limits
 from lift_manager.store.site import open_store
 from lift_manager.web.errors import ListenError
-from lift_manager.web.limits import allow_files
+from lift_manager.web.limits import raise_file_limit
 from lift_manager.web.server import listen
 from register_maps.errors import MapFileError
 
@@ -60,7 +60,7 @@ def serve(
     """Run the lift manager for a site."""
     stopped_early = remember_sigterm()
     log_to_stderr(log_format)
-    allow_files()
+    raise_file_limit()
     loaded = loaded_site(site, for_rmf=rmf)
     if loaded.unusable:
         raise refused(MapFileError(loaded.unusable))
