@@ -64,9 +64,9 @@ async def _print(states: States, *, as_json: bool) -> None:
     silent = False
     async for lift in states:
         say([lift.model_dump_json() if as_json else _line(lift)])
-        if not silent and not states.heard(lift.name):
+        if not silent and not states.is_current(lift.name):
             say_aside("the manager is not heard; this goes on by itself once it is")
-        silent = not states.heard(lift.name)
+        silent = not states.is_current(lift.name)
         await asyncio.sleep(0)
 
 
