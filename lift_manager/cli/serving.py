@@ -94,7 +94,7 @@ def _keys(loaded: LoadedSite, place: Path, sock: socket) -> KeyFile:
     site, host = loaded.site, sock.getsockname()[0]
     path = keys_path(place)
     try:
-        keys = KeyFile(path, site.name, open_without=lets_in_without_keys(site.api, host))
+        keys = KeyFile(path, site.name, open_without_keys=lets_in_without_keys(site.api, host))
     except StoreError as error:
         raise fail(str(error)) from error
     live = f"every request needs one of {counted(len(keys.names), 'key')}" if keys.names else "no request needs a key"

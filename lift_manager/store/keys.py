@@ -241,11 +241,11 @@ def _unwritable(path: Path, error: OSError) -> KeysUnusable:
 class KeyFile:
     """The keys of a running manager, at most a second behind the file. Implements Keys."""
 
-    def __init__(self, path: Path, site: str, *, open_without: bool) -> None:
-        """Read the file. `open_without`: no key is required while there is no live key. Raises KeysUnusable."""
+    def __init__(self, path: Path, site: str, *, open_without_keys: bool) -> None:
+        """Read the file. `open_without_keys`: no key is required while there is no live key. Raises KeysUnusable."""
         self.path = path
         self._site = site
-        self._open_without = open_without
+        self._open_without = open_without_keys
         self._last_signature: object = None
         self._live: dict[str, KeyEntry] = {}
         self._trouble = ""
@@ -253,9 +253,9 @@ class KeyFile:
         self._use(read_kept_keys(path, site))
 
     @property
-    def needed(self) -> bool:
+    def are_required(self) -> bool:
         """Whether a request needs a key."""
-        return self._ring.needed
+        return self._ring.are_required
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -266,9 +266,9 @@ class KeyFile:
         """Return the live key with this token; None for any other token."""
         return self._ring.find(secret)
 
-    def named(self, name: str) -> Key | None:
+    def find_by_name(self, name: str) -> Key | None:
         """Return the live key of this name."""
-        return self._ring.named(name)
+        return self._ring.find_by_name(name)
 
     def admits(self, key: Key | None) -> bool:
         """Whether a caller that was admitted with this key, or without one, would still be admitted."""
@@ -311,7 +311,7 @@ class KeyFile:
     def _use(self, form: KeysForm) -> None:
         self._live = {entry.id: entry for entry in form.live}
         keys = ((_key(entry), entry.sha256) for entry in form.live)
-        self._ring = KeyRing(keys, open_without=self._open_without)
+        self._ring = KeyRing(keys, open_without_keys=self._open_without)
 
     def _log_trouble(self, trouble: str) -> None:
         if trouble and trouble != self._trouble:

@@ -96,7 +96,7 @@ class Authenticator:
         if holds_key(path) or holds_key(unquote_plus(scope["query_string"].decode("latin-1"))):
             raise self._refuse(scope, RequestError("key_in_address", KEY_IN_ADDRESS), "a key in its address")
         route, lift, methods = self._match_route(path, scope["method"])
-        if not self._keys.needed and names_unknown_host(Request(scope), self._host_names):
+        if not self._keys.are_required and names_unknown_host(Request(scope), self._host_names):
             error = RequestError("another_site", UNKNOWN_HOST)
             raise self._refuse(scope, error, "it names a host that is not known to be the manager", lifts=[lift])
         if route is not None and route.need is AccessLevel.NOTHING:
@@ -121,7 +121,7 @@ class Authenticator:
     def _authenticate(self, scope: Scope) -> Key | None:
         """Return the key of a request; None if it needs and sends none. Raises RequestError for an invalid key."""
         sent = Headers(scope=scope).getlist("authorization")
-        if not self._keys.needed and not any(map(_BEARER.match, sent)):
+        if not self._keys.are_required and not any(map(_BEARER.match, sent)):
             return None
         if not sent:
             error = RequestError("key_needed", NO_KEY, headers={"www-authenticate": _CHALLENGE})

@@ -104,7 +104,7 @@ def require_successor_key(request: Request, keys: Keys, to: str, lift: str) -> N
     """Raise RequestError if `to` does not name a live key that may command the lift."""
     if caller_key(request) is None:
         return
-    successor = keys.named(to)
+    successor = keys.find_by_name(to)
     if successor is None:
         raise RequestError(
             "malformed", "to is not the name of a live key; `lift-manager keys list` shows them", field="to"

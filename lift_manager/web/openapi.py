@@ -163,7 +163,7 @@ def describe_access(app: FastAPI, routes: Sequence[Route], keys: Keys, lifts: Se
                 if not operations:
                     del document["paths"][path]
             documents.extend((_without_keys(document), document))
-        return documents[keys.needed]
+        return documents[keys.are_required]
 
     app.openapi = openapi  # type: ignore[method-assign]  # the way documented by FastAPI
 

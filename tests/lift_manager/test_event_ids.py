@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lift_manager.app import Building, build
+from lift_manager.app import ManagerParts, build
 from lift_manager.cli.logs import JsonFormatter
 from lift_manager.config.load import load_site
 from lift_manager.runtime.recorder import Recorder
@@ -28,7 +28,7 @@ SITE = {
 }
 
 
-def of_site(folder: Path, recorder: Recorder) -> Building:
+def of_site(folder: Path, recorder: Recorder) -> ManagerParts:
     file = folder / "site.yaml"
     file.write_text(json.dumps(SITE), "utf-8")  # JSON is YAML
     return build(load_site(file), recorder=recorder)

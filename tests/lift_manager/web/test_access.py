@@ -115,9 +115,10 @@ def test_a_key_that_may_not_is_403_and_says_which_role_or_lift_it_takes(
 
 @everywhere
 def test_a_site_that_is_closed_without_keys_lets_nobody_in(method: str, url: str) -> None:
-    assert ask(FakeSite(), method, url, keys=ring(open_without=False)).status_code == 401
+    assert ask(FakeSite(), method, url, keys=ring(open_without_keys=False)).status_code == 401
     assert (
-        ask(FakeSite(), method, url, keys=ring(open_without=False), headers=bearing(Role.OPERATOR)).status_code == 401
+        ask(FakeSite(), method, url, keys=ring(open_without_keys=False), headers=bearing(Role.OPERATOR)).status_code
+        == 401
     )
 
 
