@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from lift_manager.cli.common import say
-from lift_manager.config.check_rmf import is_in_rmf, unheld_doors
+from lift_manager.config.check_rmf import unheld_doors, uses_rmf_names
 from lift_manager.config.load import LoadedSite, load_site
 from lift_manager.rmf.building import SiteLift, compare
 from lift_manager.rmf.building_file import read_building, read_graph
@@ -39,7 +39,7 @@ def check_names(site: Path, building_map: Path, nav_graphs: Sequence[Path]) -> N
 def _cautions(loaded: LoadedSite) -> Iterator[str]:
     """Yield those of lifts that RMF calls as the site does; the others are cautioned about at every start."""
     for lift, spec in loaded.site.lifts.items():
-        if not is_in_rmf(spec):
+        if not uses_rmf_names(spec):
             yield from unheld_doors(lift, spec, loaded.maps[lift].map)
 
 

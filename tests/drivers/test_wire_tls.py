@@ -119,7 +119,7 @@ def test_a_certificate_from_the_future_points_at_the_clock(run: Run, authority: 
     async def test() -> None:
         async with plc.listening() as port:
             error = await refusal(PymodbusWire("127.0.0.1", port, tls=tls))
-        assert "is not valid yet; look whether the clock of this computer is right" in str(error)
+        assert "is not valid yet; check the clock of this computer" in str(error)
 
     run(test)
 

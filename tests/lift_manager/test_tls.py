@@ -157,7 +157,7 @@ def test_a_manager_does_not_start_with_files_that_cannot_be_used(tmp_path: Path,
     (tmp_path / "link.key").unlink()
     done = run("serve", tmp_path / "site.yaml", "--port", "0")
     assert done.returncode == 2
-    assert f"controllers.secured.tls.key: {tmp_path / 'link.key'} is not there" in done.stderr
+    assert f"controllers.secured.tls.key: {tmp_path / 'link.key'} does not exist" in done.stderr
     assert "Traceback" not in done.stderr
 
 
